@@ -1,0 +1,1 @@
+"""The relightable avatar: model, losses, training, checkpoints."""

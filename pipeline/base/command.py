@@ -1,0 +1,24 @@
+"""The command line that every stage shares."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable
+
+import tyro
+
+from pipeline.base.errors import InputError
+
+
+def run_as_command(run: Callable[..., None]) -> None:
+    """Turn a stage's `run` into its command line: flags, help and defaults come from its signature and docstring.
+
+    Prints an `InputError` as it stands and exits with 1; anything else is a defect and keeps its traceback.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
+    try:
+        tyro.cli(run, config=(tyro.conf.OmitArgPrefixes,))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)

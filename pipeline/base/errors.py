@@ -1,0 +1,43 @@
+"""Errors that are a person's to mend: one clear message each, all of them in one go."""
+
+from __future__ import annotations
+
+
+class InputError(Exception):
+    """Something outside the code is wrong; the message says what, where, and what to do.
+
+    Stages raise it before any long work starts. The command line prints it without a traceback and exits with 1.
+    """
+
+
+class Complaints:
+    """Collects everything that is wrong with an input, so that a person mends it in one go.
+
+    >>> complaints = Complaints("captures/demo")
+    >>> complaints.add("frames.csv", "frame 3", expected="one row", found="two rows", mend="delete one")
+    >>> complaints.raise_if_any()
+    Traceback (most recent call last):
+    ...
+    pipeline.base.errors.InputError: captures/demo: 1 problem
+      frames.csv: frame 3: expected one row, found two rows; delete one
+    """
+
+    def __init__(self, subject: object) -> None:
+        self.subject = subject
+        self.messages: list[str] = []
+
+    def add(self, file: object, key: str, *, expected: str, found: str, mend: str = "") -> None:
+        """Note one complaint: file, key, expected, found, and what to do about it."""
+        self.messages.append(f"{file}: {key}: expected {expected}, found {found}" + (f"; {mend}" if mend else ""))
+
+    def __bool__(self) -> bool:
+        return bool(self.messages)
+
+    def raise_if_any(self) -> None:
+        """Raises:
+        InputError: naming every complaint, if there is any.
+        """
+        if self.messages:
+            count = len(self.messages)
+            lines = [f"{self.subject}: {count} problem{'s' if count > 1 else ''}", *self.messages]
+            raise InputError("\n  ".join(lines))

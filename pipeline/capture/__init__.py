@@ -1,0 +1,1 @@
+"""The native capture format and everything that reads it."""

@@ -1,0 +1,1 @@
+"""Cameras, rotations, meshes, skins and texels."""

@@ -1,0 +1,1 @@
+"""Light patterns, radiance transfer, lobes and traced visibility."""
