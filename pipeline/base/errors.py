@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+
 
 class InputError(Exception):
     """Something outside the code is wrong; the message says what, where, and what to do.
@@ -30,6 +33,14 @@ class Complaints:
         """Note one complaint: file, key, expected, found, and what to do about it."""
         self.messages.append(f"{file}: {key}: expected {expected}, found {found}" + (f"; {mend}" if mend else ""))
 
+    @contextmanager
+    def collecting(self) -> Iterator[None]:
+        """Note an `InputError` that the block raises, instead of letting it end the run."""
+        try:
+            yield
+        except InputError as error:
+            self.messages.append(str(error))
+
     def __bool__(self) -> bool:
         return bool(self.messages)
 
@@ -41,3 +52,9 @@ class Complaints:
             count = len(self.messages)
             lines = [f"{self.subject}: {count} problem{'s' if count > 1 else ''}", *self.messages]
             raise InputError("\n  ".join(lines))
+
+
+def listed(items: Collection[object], limit: int = 5) -> str:
+    """The items for a message, the first `limit` of them: `3, 4, 5, 6, 7 ... (12 in all)`."""
+    text = ", ".join(str(item) for item in list(items)[:limit])
+    return f"{text} ... ({len(items)} in all)" if len(items) > limit else text

@@ -51,7 +51,7 @@ def read_json(path: Path) -> Any:
     """
     try:
         return json.loads(Path(path).read_text())
-    except (OSError, json.JSONDecodeError) as error:
+    except (OSError, ValueError) as error:  # ValueError: not JSON, or not even text.
         raise InputError(f"{path}: expected a JSON file, found: {error}") from error
 
 
@@ -94,4 +94,15 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 def digest_file(path: Path) -> str:
     """BLAKE2b-128 of a file's bytes, in hexadecimal: what 'the same content' means in this project."""
     with open(path, "rb") as file:
-        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+        return hashlib.file_digest(file, _new_digest).hexdigest()
+
+
+def digest_bytes(content: bytes) -> str:
+    """`digest_file` of a file that is already in memory."""
+    digest = _new_digest()
+    digest.update(content)
+    return digest.hexdigest()
+
+
+def _new_digest() -> hashlib.blake2b:
+    return hashlib.blake2b(digest_size=16)

@@ -26,18 +26,18 @@ class Camera:
     """
 
     R: Float64[np.ndarray, "3 3"]
-    t: Float64[np.ndarray, "3"]
+    t: Float64[np.ndarray, " 3"]
     K: Float64[np.ndarray, "3 3"]
-    dist: Float64[np.ndarray, "5"]
+    dist: Float64[np.ndarray, " 5"]
     width: int
     height: int
 
     @property
-    def center(self) -> Float64[np.ndarray, "3"]:
+    def center(self) -> Float64[np.ndarray, " 3"]:
         """Centre of projection in the world, metres."""
         return -self.R.T @ self.t
 
-    def downsampled(self, factor: float) -> Camera:
+    def downsampled(self, factor: int | float) -> Camera:
         """The same camera for images `factor` times smaller (conventions: intrinsics divide exactly)."""
         K = self.K / np.array([[factor], [factor], [1.0]])
         return replace(self, K=K, width=round(self.width / factor), height=round(self.height / factor))
@@ -95,15 +95,25 @@ def read_cameras(path: Path) -> dict[str, Camera]:
     Raises:
         InputError: naming the camera and the key, if one is missing or has the wrong shape.
     """
-    shapes = {"R": (3, 3), "t": (3,), "K": (3, 3), "dist": (5,)}
-    cameras = {}
-    for name, entry in read_json(path).get("cameras", {}).items():
-        arrays = {}
-        for key, shape in shapes.items():
-            arrays[key] = np.asarray(entry.get(key), dtype=np.float64)
-            if arrays[key].shape != shape or not np.isfinite(arrays[key]).all():
-                raise InputError(f"{path}: camera {name}: {key}: expected {shape} finite numbers, found {entry.get(key)}")
-        cameras[name] = Camera(**arrays, width=int(entry["width"]), height=int(entry["height"]))
-    if not cameras:
+    content = read_json(path)
+    entries = content.get("cameras") if isinstance(content, dict) else None
+    if not isinstance(entries, dict) or not entries:
         raise InputError(f"{path}: expected at least one camera under 'cameras', found none")
-    return cameras
+    return {name: _camera_from(f"{path}: camera {name}", entry) for name, entry in entries.items()}
+
+
+def _camera_from(where: str, entry: object) -> Camera:
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}: expected the keys R, t, K, dist, width, height, found {entry!r}")
+    arrays = {}
+    for key, shape in {"R": (3, 3), "t": (3,), "K": (3, 3), "dist": (5,)}.items():
+        try:
+            arrays[key] = np.asarray(entry.get(key), dtype=np.float64)
+        except (TypeError, ValueError):  # Text, or rows of unequal length.
+            arrays[key] = np.array(np.nan)
+        if arrays[key].shape != shape or not np.isfinite(arrays[key]).all():
+            raise InputError(f"{where}: {key}: expected {shape} finite numbers, found {entry.get(key)}")
+    for key in ("width", "height"):
+        if not isinstance(entry.get(key), int) or entry[key] <= 0:
+            raise InputError(f"{where}: {key}: expected a positive number of pixels, found {entry.get(key)}")
+    return Camera(**arrays, width=entry["width"], height=entry["height"])

@@ -29,7 +29,7 @@ def mirror_direction(normal: Float[Tensor, "*n 3"], to_camera: Float[Tensor, "*n
     return 2 * (normal * to_camera).sum(-1, keepdim=True) * normal - to_camera
 
 
-def angle_between(p: Float[Tensor, "*n 3"], q: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n"]:
+def angle_between(p: Float[Tensor, "*#n 3"], q: Float[Tensor, "*#n 3"]) -> Float[Tensor, "*out"]:
     """Angle between unit vectors in [0, pi], as atan2(|p x q|, p . q).
 
     acos(p . q) has infinite slope at p = q, exactly where a glint sits, and loses half the digits there.
@@ -40,7 +40,7 @@ def angle_between(p: Float[Tensor, "*n 3"], q: Float[Tensor, "*n 3"]) -> Float[T
 
 
 def angular_gaussian(
-    p: Float[Tensor, "*n 3"], q: Float[Tensor, "*n 3"], sigma: Float[Tensor, "*n"]
-) -> Float[Tensor, "*n"]:
+    p: Float[Tensor, "*#n 3"], q: Float[Tensor, "*#n 3"], sigma: Float[Tensor, "*#n"]
+) -> Float[Tensor, "*out"]:
     """G(p; q, sigma) = C / sigma exp(-(angle(p, q) / sigma)^2 / 2)  (RFGCA 13); broadcasts like its arguments."""
     return LOBE_CONSTANT / sigma * torch.exp(-0.5 * (angle_between(p, q) / sigma).square())

@@ -12,6 +12,7 @@ Degree 8 is the papers' choice. The constant sqrt(4 pi / (2 l + 1)) of the usual
 from __future__ import annotations
 
 import math
+from typing import no_type_check
 
 import numba
 import numpy as np
@@ -84,6 +85,7 @@ class _GatherLight(torch.autograd.Function):
 
 
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _gather_forward(points, axes, lights, intensities, normalisation, out):
     channels = intensities.shape[1]
     for p in numba.prange(points.shape[0]):
@@ -113,6 +115,7 @@ def _gather_forward(points, axes, lights, intensities, normalisation, out):
 
 
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _gather_backward(points, axes, lights, intensities, grad_out, normalisation, grad_points, grad_axes):
     channels = intensities.shape[1]
     for p in numba.prange(points.shape[0]):

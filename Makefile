@@ -1,0 +1,51 @@
+# `make results/<subject>/metrics.csv` makes that file; so with any other file or rule of the Snakefile.
+# The environment, .venv, is set up on first use and again when pyproject.toml changes.
+CORES ?= 2
+PYTHON ?= python3
+# More options for snakemake, e.g. FLAGS='--config captures=/data/captures' or FLAGS='--configfile config/presets/draft.yaml'
+FLAGS ?=
+
+BIN := .venv/bin
+READY := .venv/.ready
+
+MAKEFLAGS += --no-builtin-rules
+.SUFFIXES:
+.NOTPARALLEL:
+.DEFAULT_GOAL := help
+.PHONY: help test hard-cases lint schema FORCE
+
+help:
+	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
+	@echo 'make test                          run all tests'
+	@echo 'make hard-cases                    run the table of hard cases'
+	@echo 'make lint                          check style of code and workflow'
+	@echo 'make schema                        write config/config.yaml and its schema from the models'
+	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
+
+test: $(READY)
+	$(BIN)/python -m pytest -q
+
+hard-cases: $(READY)
+	$(BIN)/python -m pytest tests/hard_cases -v
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/snakefmt --check Snakefile workflow
+	$(BIN)/snakemake --lint
+
+schema: $(READY)
+	$(BIN)/python -m pipeline.config.schema
+
+$(READY): pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --editable '.[dev]'
+	touch '$@'
+
+# Everything else is Snakemake's to make, and to decide whether it is up to date.
+Makefile pyproject.toml: ;
+
+%: $(READY) FORCE
+	$(BIN)/snakemake --cores $(CORES) $(FLAGS) -- '$@'
+
+FORCE: ;

@@ -1,0 +1,76 @@
+"""Avatars and training states on disk: safetensors and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import safetensors
+import safetensors.torch
+import torch
+from torch import Tensor
+
+from pipeline.avatar.model import Avatar, AvatarSpec
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, write_json, written_whole
+from pipeline.capture.records import FrameRecord, ImageRecord
+from pipeline.geometry.texels import Atlas, read_atlas
+
+
+def save_avatar(folder: Path, avatar: Avatar, config: Mapping) -> None:
+    """Write avatar.safetensors, then config.json with what was built and how it was trained."""
+    with written_whole(folder / "avatar.safetensors") as temporary:
+        safetensors.torch.save_file(avatar.state_dict(), temporary)
+    write_json(folder / "config.json", {"spec": avatar.spec.as_json(), **config})
+
+
+class LoadedAvatar:
+    """An avatar with its atlas, ready to render the frames and cameras of shards."""
+
+    def __init__(self, avatar: Avatar, atlas: Atlas) -> None:
+        self.avatar, self.atlas = avatar.eval(), atlas
+        self._frame: tuple[FrameRecord, dict] | None = None  # cameras of one frame share its light and shadow
+
+    @torch.no_grad()
+    def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[Tensor, Tensor]:
+        """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
+        if self._frame is None or self._frame[0] is not frame:
+            inputs = FrameInputs(self.atlas, frame)
+            self._frame = (frame, self.avatar.prepare(inputs.posed, inputs.irradiance, *inputs.lights))
+        picture = self.avatar.view(self._frame[1], *camera_tensors(image), image.width, image.height)
+        return picture["rgb"], picture["alpha"]
+
+
+def camera_tensors(image: ImageRecord) -> tuple[Tensor, Tensor, Tensor]:
+    """R, t, K of a crop as float32 tensors."""
+    return tuple(torch.tensor(array, dtype=torch.float32) for array in (image.R, image.t, image.K))
+
+
+def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
+    """Raises:
+    InputError: if the folder holds no avatar, or one trained on another atlas.
+    """
+    atlas = read_atlas(atlas_path)
+    spec = AvatarSpec(**read_json(folder / "config.json")["spec"])
+    avatar = Avatar(atlas, texel_spacing(atlas), spec)
+    state = load_tensors(folder / "avatar.safetensors")[0]
+    if state["albedo"].shape != avatar.albedo.shape:
+        raise InputError(
+            f"{folder}: expected {len(avatar.albedo)} texels as in {atlas_path}, found {len(state['albedo'])}; train again"
+        )
+    avatar.load_state_dict(state)
+    return LoadedAvatar(avatar, atlas)
+
+
+def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors and text metadata of a safetensors file.
+
+    Raises:
+        InputError: if the file is missing or damaged.
+    """
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            return {key: file.get_tensor(key) for key in file.keys()}, dict(file.metadata() or {})  # noqa: SIM118
+    except (OSError, safetensors.SafetensorError) as error:
+        raise InputError(f"{path}: expected a safetensors file, found: {error}") from error

@@ -1,0 +1,36 @@
+"""The sRGB transfer function (IEC 61966-2-1), for arrays and tensors: the space in which images are shown and scored.
+
+Neither direction clips: below zero both curves go on along their straight piece, above one along the power, so that
+noise and highlights survive a round trip. Where a display's range is meant, clip to [0, 1] first.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+Colors = TypeVar("Colors", Float[np.ndarray, "..."], Float[Tensor, "..."])
+
+BREAK_LINEAR = 0.0031308
+BREAK_SRGB = 0.04045
+SLOPE = 12.92
+"""Below the break the curve is a straight line of this slope: value and gradient are finite at zero."""
+
+
+def srgb_from_linear(rgb_linear: Colors) -> Colors:
+    """Encode linear RGB of any shape."""
+    power = 1.055 * rgb_linear.clip(BREAK_LINEAR, None) ** (1 / 2.4) - 0.055
+    return _choose(rgb_linear <= BREAK_LINEAR, SLOPE * rgb_linear, power)
+
+
+def linear_from_srgb(rgb_srgb: Colors) -> Colors:
+    """Decode sRGB of any shape."""
+    power = ((rgb_srgb.clip(BREAK_SRGB, None) + 0.055) / 1.055) ** 2.4
+    return _choose(rgb_srgb <= BREAK_SRGB, rgb_srgb / SLOPE, power)
+
+
+def _choose(condition, below, above):
+    return below.where(condition, above) if isinstance(below, Tensor) else np.where(condition, below, above)

@@ -1,0 +1,87 @@
+"""Reading csv tables with typed columns; what is wrong in them is named by line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.capture.paths import locate
+
+Kind = Literal["name", "text", "whole", "number"]
+
+DTYPES = {"name": "str", "text": "str", "whole": "int64", "number": "float64"}
+
+NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
+"""Names of cameras and lights become parts of paths: nothing in them may climb or hide."""
+
+
+def read_csv(root: Path, path: str, columns: Mapping[str, Kind], complaints: Complaints) -> pd.DataFrame | None:
+    """The wanted columns of a csv file, other columns left out; None if a column is missing or holds something else."""
+    try:
+        text = pd.read_csv(
+            locate(root, path), dtype=str, keep_default_na=False, skipinitialspace=True, encoding="utf-8-sig"
+        )
+    except (InputError, ValueError) as error:  # ValueError: pandas' parser errors and text that is not UTF-8.
+        complaints.add(path, "table", expected=f"the columns {', '.join(columns)}", found=str(error))
+        return None
+    if missing := [column for column in columns if column not in text.columns]:
+        found = f"no {', '.join(missing)} among {', '.join(map(str, text.columns))}"
+        complaints.add(path, "columns", expected=", ".join(columns), found=found)
+        return None
+    return _typed(path, text, columns, complaints)
+
+
+def _typed(path: str, text: pd.DataFrame, columns: Mapping[str, Kind], complaints: Complaints) -> pd.DataFrame | None:
+    table, good = {}, True
+    for column, kind in columns.items():
+        values = text[column].str.strip()
+        if kind == "name":
+            valid, expected = values.map(lambda value: bool(NAME.fullmatch(value))), "letters, digits, _ - and ."
+        elif kind == "text":
+            valid, expected = values != "", "text"
+        elif kind == "whole":
+            valid, expected = values.str.fullmatch(r"[+-]?\d{1,15}"), "a whole number"
+        else:
+            numbers = pd.to_numeric(values, errors="coerce").astype(np.float64)
+            valid, expected = np.isfinite(numbers), "a finite number"
+        if not valid.all():
+            good = False
+            complain_rows(complaints, path, column, ~valid, expected, values)
+        elif kind == "number":
+            # One parser for all digits: pandas' own rounds the last one differently.
+            table[column] = values.map(float).astype(np.float64)
+        else:
+            table[column] = values.astype(DTYPES[kind])
+    return pd.DataFrame(table) if good else None
+
+
+def complain_rows(
+    complaints: Complaints, path: str, key: str, bad: pd.Series, expected: str, values: pd.Series
+) -> None:
+    """Name the file's lines (the header is line 1) and what stands there."""
+    rows = np.flatnonzero(bad)
+    found = listed([f"'{values.iloc[row]}' in line {row + 2}" for row in rows])
+    complaints.add(path, key, expected=expected, found=found)
+
+
+def complain_repeats(complaints: Complaints, path: str, table: pd.DataFrame, keys: list[str]) -> None:
+    """Name the rows that repeat another row's keys."""
+    repeated = table.duplicated(keys)
+    if repeated.any():
+        named = table.loc[repeated, keys].drop_duplicates().astype(str).agg(" ".join, axis=1)
+        complaints.add(path, " and ".join(keys), expected="each once", found=f"repeated: {listed(list(named))}")
+
+
+def complain_unknown(
+    complaints: Complaints, path: str, key: str, values: Iterable[object], known: Collection[object], where: str
+) -> None:
+    """Name the values that another table does not list."""
+    known = set(known)
+    if unknown := [value for value in dict.fromkeys(values) if value not in known]:
+        complaints.add(path, key, expected=f"one that {where} lists", found=listed(unknown))

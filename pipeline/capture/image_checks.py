@@ -1,0 +1,110 @@
+"""Decoding every image of a capture once: its digest, and whether it is what the tables say."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.base.files import digest_bytes
+from pipeline.base.progress import progress
+from pipeline.capture.images import decode_image, decode_mask, decode_stored, read_bytes
+from pipeline.capture.paths import locate
+
+NAMED_UNREADABLE = 5
+"""Unreadable images that are named for each camera before the rest are only counted."""
+
+
+@dataclass(frozen=True)
+class ExpectedImage:
+    """One image that a capture should hold.
+
+    Attributes:
+        path: relative to the capture.
+        what: `color` is finite R, G, B; `mask` one 8-bit channel; `pattern` anything that decodes (calibration).
+        camera: whose image it is.
+        size: (width, height) in pixels, None if any will do.
+        table: what says so, for messages.
+    """
+
+    path: str
+    what: Literal["color", "mask", "pattern"]
+    camera: str
+    size: tuple[int, int] | None
+    table: str = "the table of cameras"
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """Why an image is not as expected; images with equal flaws share one complaint."""
+
+    camera: str
+    key: str
+    expected: str
+    found: str
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """An image's content digest, its flaws, and what kept it from being decoded, if anything did."""
+
+    digest: str
+    flaws: tuple[Flaw, ...] = ()
+    unreadable: str = ""
+
+
+def inspect_image(root: Path, image: ExpectedImage) -> Inspection:
+    """Read an image once: digest and checks."""
+    try:
+        content = read_bytes(locate(root, image.path))
+    except InputError as error:
+        return Inspection("", unreadable=str(error))
+    digest = digest_bytes(content)
+    try:
+        decode = {"color": decode_image, "mask": decode_mask, "pattern": decode_stored}[image.what]
+        pixels = decode(content, Path(image.path))
+    except InputError as error:
+        return Inspection(digest, unreadable=str(error))
+    return Inspection(digest, tuple(_flaws(image, pixels)))
+
+
+def _flaws(image: ExpectedImage, pixels: np.ndarray) -> Iterable[Flaw]:
+    size = (pixels.shape[1], pixels.shape[0])
+    if image.size is not None and size != image.size:
+        expected = f"{image.size[0]} x {image.size[1]} pixels, as {image.table} says"
+        yield Flaw(image.camera, "size", expected, f"{size[0]} x {size[1]}")
+    if image.what == "color" and (count := int(np.count_nonzero(~np.isfinite(pixels).all(-1)))):
+        yield Flaw(image.camera, "pixels", "finite numbers", f"{count} of {size[0] * size[1]} pixels NaN or infinite")
+    if image.what == "mask" and pixels.max(initial=0) == 1:
+        yield Flaw(image.camera, "pixels", "0 to 255, 255 = subject", "none above 1")
+
+
+def inspect_images(root: Path, images: list[ExpectedImage], complaints: Complaints, threads: int) -> dict[str, str]:
+    """Inspect all images; complaints are gathered by camera and flaw. Returns path to digest.
+
+    Threads are enough: OpenCV, OpenEXR and BLAKE2 release Python's lock.
+    """
+    digests, alike, unreadable = {}, defaultdict(list), defaultdict(list)
+    with ThreadPoolExecutor(threads) as pool:
+        inspections = pool.map(lambda image: inspect_image(root, image), images)
+        for image, inspection in zip(images, progress(inspections, "images checked", len(images)), strict=True):
+            digests[image.path] = inspection.digest
+            if inspection.unreadable:
+                unreadable[image.camera].append(inspection.unreadable)
+            for flaw in inspection.flaws:
+                alike[flaw].append(image.path)
+    for camera, messages in unreadable.items():
+        complaints.messages += messages[:NAMED_UNREADABLE]
+        if (more := len(messages) - NAMED_UNREADABLE) > 0:
+            complaints.add("images", camera, expected="whole images", found=f"{more} more that cannot be read")
+    for flaw, paths in alike.items():
+        key = f"{flaw.camera}: {flaw.key}"
+        found = f"{flaw.found} in {len(paths)} images" if len(paths) > 1 else flaw.found
+        complaints.add(listed(paths), key, expected=flaw.expected, found=found)
+    return digests

@@ -1,0 +1,162 @@
+"""Reading and writing images: OpenEXR and PNG as linear RGB, masks, single channels.
+
+Reading decodes the whole file: one that is truncated or of another kind is an error that names it, never a partly grey
+image. Every reader has a twin that works on bytes already in memory, so that a file's digest and its pixels can come
+from one read.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+import OpenEXR
+from jaxtyping import Float, Float32, UInt8
+
+from pipeline.base.color import linear_from_srgb, srgb_from_linear
+from pipeline.base.errors import InputError
+from pipeline.base.files import written_whole
+
+Transfer = Literal["linear", "srgb"]
+
+HALF_MAX = 65504.0
+"""Largest finite half-precision number: brighter pixels are stored as this, so that a highlight stays finite."""
+
+
+def read_image(path: Path, transfer: Transfer = "linear", black_level: float = 0.0) -> Float32[np.ndarray, "h w 3"]:
+    """A colour image as linear RGB: `decode_image` of a file.
+
+    Raises:
+        InputError: if the file cannot be read or is not a colour image.
+    """
+    return decode_image(read_bytes(path), path, transfer, black_level)
+
+
+def decode_image(
+    content: bytes, path: Path, transfer: Transfer = "linear", black_level: float = 0.0
+) -> Float32[np.ndarray, "h w 3"]:
+    """Linear RGB of an .exr (R, G, B, half or float) or .png (8 or 16 bit) file's bytes.
+
+    The black level is subtracted in the units that the file stores (counts for .png), then counts are divided by
+    their maximum, then the transfer function is undone. Noise below the black level stays negative.
+
+    Args:
+        content: the file's bytes.
+        path: names the file in messages; its suffix says the format.
+        transfer: how stored values relate to light.
+        black_level: stored value of no light at all.
+    """
+    stored = decode_stored(content, path)
+    if stored.ndim != 3 or stored.shape[2] != 3:
+        raise InputError(f"{path}: expected an image of the three channels R, G, B, found {_channels(stored)}")
+    scale = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
+    image = (stored.astype(np.float32) - np.float32(black_level)) / np.float32(scale)
+    return linear_from_srgb(image) if transfer == "srgb" else image
+
+
+def read_mask(path: Path) -> UInt8[np.ndarray, "h w"]:
+    """A mask, 0..255, 255 being the subject.
+
+    Raises:
+        InputError: if the file cannot be read or is not one channel of 8 bits.
+    """
+    return decode_mask(read_bytes(path), path)
+
+
+def decode_mask(content: bytes, path: Path) -> UInt8[np.ndarray, "h w"]:
+    """A mask from its file's bytes."""
+    stored = decode_stored(content, path)
+    if stored.ndim != 2 or stored.dtype != np.uint8:
+        raise InputError(f"{path}: expected a mask of one 8-bit channel, found {_channels(stored)} of {stored.dtype}")
+    return stored
+
+
+def read_stored(path: Path) -> np.ndarray:
+    """What the file holds, no conversion but to RGB order: [h, w] or [h, w, channels] of its own dtype."""
+    return decode_stored(read_bytes(path), path)
+
+
+def decode_stored(content: bytes, path: Path) -> np.ndarray:
+    """`read_stored` of a file's bytes; .exr must have the channels R, G, B or one channel of any name."""
+    if Path(path).suffix.lower() == ".exr":
+        channels = _decode_exr(content, path)
+        if len(channels) == 1:
+            return next(iter(channels.values()))
+        if set(channels) != {"R", "G", "B"}:
+            raise InputError(f"{path}: expected the channels R, G, B, found {', '.join(sorted(channels)) or 'none'}")
+        return np.stack([channels[name] for name in "RGB"], -1)
+    # OpenCV answers None for anything it cannot decode to the end, and crashes on an empty buffer.
+    stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    if stored is None:
+        raise InputError(
+            f"{path}: expected a whole image, found {len(content)} bytes that end early or are of another kind"
+        )
+    if stored.ndim == 3:
+        stored = np.ascontiguousarray(stored[..., [2, 1, 0, *range(3, stored.shape[2])]])
+    return stored
+
+
+def read_exr_channel(path: Path, channel: str = "Y") -> Float32[np.ndarray, "h w"]:
+    """One named channel of an OpenEXR file.
+
+    Raises:
+        InputError: if the file cannot be read or has no such channel.
+    """
+    channels = _decode_exr(read_bytes(path), path)
+    if channel not in channels:
+        raise InputError(f"{path}: expected a channel {channel}, found {', '.join(sorted(channels)) or 'none'}")
+    return channels[channel].astype(np.float32)
+
+
+def write_exr(path: Path, image: Float[np.ndarray, "h w *channels"], *, half: bool = True) -> None:
+    """Write [h, w, 3] as channels R, G, B or [h, w] as channel Y, half (clamped to its finite range) or float."""
+    if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+        raise ValueError(f"write_exr: expected shape [h, w] or [h, w, 3], found {list(image.shape)}")
+    pixels = np.clip(image, -HALF_MAX, HALF_MAX).astype(np.float16) if half else image.astype(np.float32)
+    planes = {"Y": pixels} if image.ndim == 2 else dict(zip("RGB", np.moveaxis(pixels, 2, 0), strict=True))
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with written_whole(path) as temporary:
+        OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in planes.items()}).write(
+            str(temporary)
+        )
+
+
+def write_png(path: Path, image: np.ndarray) -> None:
+    """Write a .png: unsigned integers ([h, w] or RGB [h, w, 3]) as they are, floats as linear light in 8-bit sRGB."""
+    if image.dtype.kind == "f":
+        image = np.round(np.clip(srgb_from_linear(image), 0, 1) * 255).astype(np.uint8)
+    encoded, content = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image)
+    if not encoded:
+        raise ValueError(
+            f"write_png: expected 8 or 16 bits and 1 or 3 channels, found {image.dtype} {list(image.shape)}"
+        )
+    with written_whole(path) as temporary:
+        temporary.write_bytes(content.tobytes())
+
+
+def read_bytes(path: Path) -> bytes:
+    """Raises:
+    InputError: if the file cannot be read.
+    """
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: expected a readable file, found: {error.strerror}") from error
+
+
+def _decode_exr(content: bytes, path: Path) -> dict[str, np.ndarray]:
+    """Channel name to pixels [h, w]."""
+    try:
+        # No threads of its own: callers read many small images at once.
+        channels = OpenEXR.File(io.BytesIO(content), separate_channels=True, num_threads=0).channels()
+    except (RuntimeError, ValueError) as error:
+        raise InputError(f"{path}: expected a whole OpenEXR image, found one that does not decode: {error}") from error
+    return {name: channel.pixels for name, channel in channels.items()}
+
+
+def _channels(stored: np.ndarray) -> str:
+    count = 1 if stored.ndim == 2 else stored.shape[2]
+    return f"{count} channel{'s' if count > 1 else ''}"

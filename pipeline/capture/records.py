@@ -1,0 +1,63 @@
+"""The two records that training and evaluation work on: an image crop, and what all images of a frame share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+
+@dataclass(frozen=True)
+class ImageRecord:
+    """One foreground crop, undistorted and colour-corrected.
+
+    Attributes:
+        test_camera, test_frame, test_segment: why the image is held out; it trains when none is true.
+        x0, y0: first pixel of the crop in the undistorted full image.
+        image: linear RGB, black level removed.
+        mask: share of the subject in each pixel, 0..1.
+        K: intrinsics of the crop, first pixel centre (0.5, 0.5); no distortion is left.
+        R, t: camera-from-world, metres.
+    """
+
+    camera: str
+    frame: int
+    test_camera: bool
+    test_frame: bool
+    test_segment: bool
+    fully_lit: bool
+    x0: int
+    y0: int
+    width: int
+    height: int
+    image: Float32[np.ndarray, "h w 3"]
+    mask: Float32[np.ndarray, "h w"]
+    K: Float64[np.ndarray, "3 3"]
+    R: Float64[np.ndarray, "3 3"]
+    t: Float64[np.ndarray, " 3"]
+
+    @property
+    def is_test(self) -> bool:
+        """Whether any split holds this image out."""
+        return self.test_camera or self.test_frame or self.test_segment
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """What all images of one frame share.
+
+    Attributes:
+        vertices: posed template, glTF vertex order, metres.
+        irradiance: visible share of the light at each texel, about 0..1 (single samples may exceed 1).
+        light_positions: lit lights only, stage frame, metres.
+        light_intensities: radiant intensity of each, linear RGB.
+    """
+
+    frame: int
+    segment: str
+    fully_lit: bool
+    vertices: Float32[np.ndarray, "vertices 3"]
+    irradiance: Float32[np.ndarray, " texels"]
+    light_positions: Float32[np.ndarray, "lights 3"]
+    light_intensities: Float32[np.ndarray, "lights 3"]

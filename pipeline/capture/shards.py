@@ -1,0 +1,201 @@
+"""Shards: what training and evaluation read. Arrow IPC files, one record batch per row, read by memory map.
+
+An image shard has one row per image crop, a frame shard one row per frame. A row is found without reading its
+neighbours, so many processes can share one file through the page cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+import pyarrow as pa
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import written_whole
+from pipeline.capture.records import FrameRecord, ImageRecord
+
+IMAGE_SCHEMA = pa.schema(
+    [("camera", pa.string()), ("frame", pa.int64())]
+    + [(flag, pa.bool_()) for flag in ("test_camera", "test_frame", "test_segment", "fully_lit")]
+    + [(edge, pa.int32()) for edge in ("x0", "y0", "width", "height")]
+    + [("image", pa.binary()), ("mask", pa.binary())]
+    + [
+        ("K", pa.list_(pa.float64(), 9)),
+        ("R", pa.list_(pa.float64(), 9)),
+        ("t", pa.list_(pa.float64(), 3)),
+    ]
+)
+"""image: float16 little-endian [height, width, 3]; mask: uint8 [height, width]; K, R row-major."""
+
+FRAME_SCHEMA = pa.schema(
+    [("frame", pa.int64()), ("segment", pa.string()), ("fully_lit", pa.bool_())]
+    + [(name, pa.binary()) for name in ("vertices", "irradiance", "light_positions", "light_intensities")]
+)
+"""irradiance: float16 little-endian [texels]; the others float32 little-endian [., 3]."""
+
+FLOAT16_MAX = 65504.0
+"""Largest finite float16: brighter pixels (a light in view) are stored as this, not as infinity."""
+
+MASK_LEVELS = 255
+"""A mask is stored as 0..255 for 0..1: steps of 0.4 %, the precision of the masks that captures carry."""
+
+
+def write_image_shard(path: Path, records: Iterable[ImageRecord]) -> int:
+    """Write one image shard, a record at a time; returns the number of images."""
+    return _write(path, IMAGE_SCHEMA, (_image_row(record) for record in records))
+
+
+def write_frame_shard(path: Path, records: Iterable[FrameRecord]) -> int:
+    """Write one frame shard, a record at a time; returns the number of frames."""
+    return _write(path, FRAME_SCHEMA, (_frame_row(record) for record in records))
+
+
+def read_image_shards(paths: Iterable[Path]) -> ImageShards:
+    """The images of some shards (files, or folders of `*.arrow`) as one sequence, in sorted path order."""
+    return ImageShards(tuple(paths))
+
+
+def read_frame_shards(paths: Iterable[Path]) -> FrameShards:
+    """The frames of some shards (files, or folders of `*.arrow`) as one mapping from frame number to record."""
+    return FrameShards(tuple(paths))
+
+
+class _Rows:
+    """Random access to the rows of several memory-mapped shards; can be sent to a spawned process."""
+
+    def __init__(self, paths: Iterable[Path], schema: pa.Schema) -> None:
+        self.paths = tuple(file for path in paths for file in _shard_files(Path(path)))
+        self.readers = [_open(file, schema) for file in self.paths]
+        self.starts = np.cumsum([0] + [reader.num_record_batches for reader in self.readers])
+
+    def __len__(self) -> int:
+        return int(self.starts[-1])
+
+    def batch(self, index: int) -> pa.RecordBatch:
+        shard = int(np.searchsorted(self.starts, index, side="right")) - 1
+        return self.readers[shard].get_batch(index - int(self.starts[shard]))
+
+
+class ImageShards(Sequence[ImageRecord]):
+    """A sequence of image records; each access reads one row and returns arrays of its own.
+
+    Attributes:
+        table: every column but `image` and `mask`, to select images without reading their pixels.
+    """
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        self._rows = _Rows(paths, IMAGE_SCHEMA)
+        light = [name for name in IMAGE_SCHEMA.names if name not in ("image", "mask")]
+        batches = [self._rows.batch(i).select(light) for i in range(len(self._rows))]
+        self.table = pa.Table.from_batches(batches, pa.schema([IMAGE_SCHEMA.field(n) for n in light])).to_pandas()
+
+    def __reduce__(self) -> tuple:
+        return ImageShards, (self._rows.paths,)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, index: int) -> ImageRecord: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[ImageRecord]: ...
+    def __getitem__(self, index: int | slice) -> ImageRecord | list[ImageRecord]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(index)
+        return _image_record(self._rows.batch(index % len(self)))
+
+
+class FrameShards(Mapping[int, FrameRecord]):
+    """Frame records by frame number; each access reads one row and returns arrays of its own."""
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        self._rows = _Rows(paths, FRAME_SCHEMA)
+        self._index: dict[int, int] = {}
+        for i in range(len(self._rows)):
+            frame = self._rows.batch(i).column("frame")[0].as_py()
+            if frame in self._index:
+                raise InputError(f"frame {frame}: expected in one frame shard, found in two of {self._rows.paths}")
+            self._index[frame] = i
+
+    def __reduce__(self) -> tuple:
+        return FrameShards, (self._rows.paths,)
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._index)
+
+    def __getitem__(self, frame: int) -> FrameRecord:
+        return _frame_record(self._rows.batch(self._index[frame]))
+
+
+def _shard_files(path: Path) -> list[Path]:
+    files = sorted(path.glob("*.arrow")) if path.is_dir() else [path]
+    if not files:
+        raise InputError(f"{path}: expected shards *.arrow, found none; run pack_shards")
+    return files
+
+
+def _open(path: Path, schema: pa.Schema) -> pa.RecordBatchFileReader:
+    try:
+        reader = pa.ipc.open_file(pa.memory_map(str(path), "r"))
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(f"{path}: expected an Arrow IPC file, found: {error}") from error
+    if not reader.schema.equals(schema):
+        raise InputError(f"{path}: expected columns {schema.names}, found {reader.schema.names}; run pack_shards again")
+    return reader
+
+
+def _write(path: Path, schema: pa.Schema, rows: Iterable[dict]) -> int:
+    count = 0
+    with (
+        written_whole(path) as temporary,
+        pa.OSFile(str(temporary), "wb") as sink,
+        pa.ipc.new_file(sink, schema) as out,
+    ):
+        for row in rows:
+            out.write_batch(pa.RecordBatch.from_pylist([row], schema))
+            count += 1
+    return count
+
+
+def _image_row(record: ImageRecord) -> dict:
+    row = {name: getattr(record, name) for name in IMAGE_SCHEMA.names}
+    row["image"] = np.clip(record.image, -FLOAT16_MAX, FLOAT16_MAX).astype("<f2").tobytes()
+    row["mask"] = np.round(np.clip(record.mask, 0, 1) * MASK_LEVELS).astype(np.uint8).tobytes()
+    for name in ("K", "R", "t"):
+        row[name] = np.asarray(row[name]).ravel().tolist()
+    return row
+
+
+def _image_record(batch: pa.RecordBatch) -> ImageRecord:
+    row = {name: batch.column(name)[0] for name in IMAGE_SCHEMA.names}
+    height, width = row["height"].as_py(), row["width"].as_py()
+    image = np.frombuffer(row.pop("image").as_buffer(), "<f2").reshape(height, width, 3).astype(np.float32)
+    mask = np.frombuffer(row.pop("mask").as_buffer(), np.uint8).reshape(height, width) / np.float32(MASK_LEVELS)
+    plain = {name: value.as_py() for name, value in row.items()}
+    for name, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,))):
+        plain[name] = np.array(plain[name], dtype=np.float64).reshape(shape)
+    return ImageRecord(image=image, mask=mask.astype(np.float32), **plain)
+
+
+def _frame_row(record: FrameRecord) -> dict:
+    row = {name: getattr(record, name) for name in FRAME_SCHEMA.names}
+    row["irradiance"] = np.clip(record.irradiance, 0, FLOAT16_MAX).astype("<f2").tobytes()
+    for name in ("vertices", "light_positions", "light_intensities"):
+        row[name] = np.asarray(row[name]).astype("<f4").tobytes()
+    return row
+
+
+def _frame_record(batch: pa.RecordBatch) -> FrameRecord:
+    row = {name: batch.column(name)[0] for name in FRAME_SCHEMA.names}
+    arrays = {"irradiance": np.frombuffer(row.pop("irradiance").as_buffer(), "<f2").astype(np.float32)}
+    for name in ("vertices", "light_positions", "light_intensities"):
+        arrays[name] = np.frombuffer(row.pop(name).as_buffer(), "<f4").reshape(-1, 3).astype(np.float32)
+    return FrameRecord(**{name: value.as_py() for name, value in row.items()}, **arrays)

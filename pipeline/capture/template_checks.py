@@ -1,0 +1,67 @@
+"""Checking a capture's template mesh and its keypoints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.capture.csv_tables import complain_repeats, complain_rows, read_csv
+from pipeline.capture.paths import locate
+from pipeline.capture.schema import Template
+from pipeline.geometry.gltf import GltfFile
+
+
+def check_template(root: Path, template: Template, complaints: Complaints) -> list[str] | None:
+    """Check that the mesh loads and that each keypoint lies on a joint or vertex that it has.
+
+    Returns:
+        the keypoints' names; None if there is no table of them, or it is in doubt.
+    """
+    shape = None
+    with complaints.collecting():
+        mesh = GltfFile(locate(root, template.mesh))
+        vertices = sum(len(primitive.positions) for primitive in mesh.primitives())
+        shape = vertices, {joint for skin in mesh.document.skins or [] for joint in skin.joints}
+    table = read_keypoint_places(root, template.keypoints, complaints)
+    if table is None:
+        return None
+    complain_repeats(complaints, template.keypoints, table, ["keypoint"])
+    if shape is not None:
+        _check_places(template.keypoints, table, *shape, complaints)
+    return list(table["keypoint"])
+
+
+def read_keypoint_places(root: Path, path: str | None, complaints: Complaints) -> pd.DataFrame | None:
+    """The template's keypoints: `keypoint` and either `node_index` or `vertex`."""
+    if path is None:
+        return None
+    try:
+        header = pd.read_csv(locate(root, path), nrows=0, encoding="utf-8-sig", skipinitialspace=True)
+    except (InputError, ValueError) as error:
+        complaints.add(path, "table", expected="the columns keypoint and node_index or vertex", found=str(error))
+        return None
+    places = [column for column in ("node_index", "vertex") if column in header.columns]
+    if len(places) != 1:
+        found = ", ".join(map(str, header.columns))
+        complaints.add(path, "columns", expected="keypoint and either node_index or vertex", found=found)
+        return None
+    return read_csv(root, path, {"keypoint": "text", places[0]: "whole"}, complaints)
+
+
+def _check_places(path: str, table: pd.DataFrame, vertices: int, joints: set[int], complaints: Complaints) -> None:
+    if "vertex" in table.columns:
+        bad = ~table["vertex"].between(0, vertices - 1)
+        if bad.any():
+            complain_rows(
+                complaints, path, "vertex", bad, f"a vertex of the template, 0 to {vertices - 1}", table["vertex"]
+            )
+    elif not joints:
+        mend = "place keypoints by vertex"
+        complaints.add(path, "node_index", expected="a template with a skin", found="a template without one", mend=mend)
+    else:
+        bad = ~table["node_index"].isin(joints)
+        if bad.any():
+            expected = f"a joint of the template's skin, one of {listed(sorted(joints), 30)}"
+            complain_rows(complaints, path, "node_index", bad, expected, table["node_index"])

@@ -1,0 +1,24 @@
+"""Settings of the evaluation."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from pipeline.config.settings import Settings
+
+
+class EvaluateAvatar(Settings):
+    """How renderings are scored."""
+
+    lpips_net: Literal["alex", "vgg"] = Field(
+        "alex",
+        description="LPIPS backbone; alex is the authors' choice for scoring. Numbers of the two do not compare",
+    )
+    lpips_backbone: str = Field(
+        "",
+        description="File with the backbone's ImageNet weights (alexnet-owt-7be5be79.pth or vgg16-397923af.pth); "
+        "empty: torch's hub cache. Without it LPIPS stays empty",
+    )
+    pictures: bool = Field(True, description="Write the worst, median and best image of each avatar side by side")

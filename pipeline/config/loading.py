@@ -1,0 +1,170 @@
+"""Reading the configuration: defaults, then a subject's file, then the command line; all that is wrong at once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from pipeline.base.errors import Complaints
+from pipeline.config.project import NAME_PATTERN, PROJECT_ONLY, SECTIONS, ProjectSettings, SubjectSettings
+from pipeline.config.settings import Settings
+
+DEFAULTS_FILE = "config/config.yaml"
+COMMAND_LINE = "command line (--config, --configfile)"
+
+
+@dataclass(frozen=True)
+class Project:
+    """The validated configuration of the project and of every subject that has a file of its own."""
+
+    settings: ProjectSettings
+    subjects: Mapping[str, SubjectSettings]
+
+    def subject(self, name: str) -> SubjectSettings:
+        """The settings of any subject: a subject without a file has the project's."""
+        return self.subjects.get(name) or SubjectSettings(**_without(self.settings, PROJECT_ONLY))
+
+    @property
+    def synthetic_subjects(self) -> list[str]:
+        """Subjects that synthesize_capture makes."""
+        return sorted(name for name, settings in self.subjects.items() if settings.source == "synthetic")
+
+
+def load_project(config: Mapping[str, Any], command_line: Mapping[str, Any], subjects: Path) -> Project:
+    """Validate everything.
+
+    Args:
+        config: the defaults, with the command line's changes already in.
+        command_line: the command line's changes alone: they win over a subject's file, too.
+        subjects: folder of <name>.yaml files.
+
+    Raises:
+        InputError: naming, for every problem, file, key, what was expected and what was found.
+    """
+    complaints = Complaints("configuration")
+    origins = [(COMMAND_LINE, command_line), (DEFAULTS_FILE, config)]
+    settings = _validate(ProjectSettings, config, origins, complaints)
+    shared = {key: value for key, value in config.items() if key not in PROJECT_ONLY}
+    models = {}
+    for path in sorted(subjects.glob("*.yaml")):
+        if not re.fullmatch(NAME_PATTERN, path.stem):
+            complaints.add(path, "file name", expected=f"a subject's name, {NAME_PATTERN}", found=repr(path.stem))
+        own = _read_mapping(path, complaints)
+        if own is None:
+            continue
+        changes = {key: value for key, value in command_line.items() if key not in PROJECT_ONLY}
+        merged = merge(merge(shared, own), changes)
+        origins = [(COMMAND_LINE, changes), (str(path), own), (DEFAULTS_FILE, config)]
+        models[path.stem] = _validate(SubjectSettings, merged, origins, complaints)
+    complaints.messages[:] = dict.fromkeys(complaints.messages)
+    complaints.raise_if_any()
+    return Project(settings, models)
+
+
+def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """`base` with `changes`: mappings merge key by key, anything else is replaced.
+
+    `variants` is replaced, too: a subject that names its avatars wants those and no others.
+    """
+    merged = dict(base)
+    for key, value in changes.items():
+        old = merged.get(key)
+        both = isinstance(old, Mapping) and isinstance(value, Mapping) and key != "variants"
+        merged[key] = merge(old, value) if both else value
+    return merged
+
+
+def section_of(settings: SubjectSettings, stage: str, variant: str | None = None) -> Settings:
+    """The settings of a stage; for train_avatar with what `variant` changes."""
+    section = getattr(settings, stage)
+    return SECTIONS[stage](**merge(section.model_dump(), settings.variants[variant])) if variant else section
+
+
+def _read_mapping(path: Path, complaints: Complaints) -> dict[str, Any] | None:
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        complaints.add(path, "file", expected="YAML", found=" ".join(str(error).split()))
+        return None
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        complaints.add(path, "file", expected="keys with values", found=type(content).__name__)
+        return None
+    return content
+
+
+def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any]], complaints: Complaints) -> Any:
+    """The validated model, or None after complaining; `origins` say which file a key comes from, last writer first."""
+    try:
+        settings = model(**_with_words(model, content))
+    except ValidationError as error:
+        _complain(error, model, origins, complaints)
+        return None
+    for variant in settings.variants:
+        try:
+            section_of(settings, "train_avatar", variant)
+        except ValidationError as error:
+            own = [(where, _dig(given, ("variants", variant))) for where, given in origins]
+            _complain(error, SECTIONS["train_avatar"], own, complaints, prefix=f"variants.{variant}.")
+    return settings
+
+
+def _with_words(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:
+    """`content` with `on` and `off` where YAML has read them as true and false but the model asks for the words."""
+    words = dict(content)
+    for name, field in model.model_fields.items():
+        value = content.get(name)
+        if isinstance(value, bool) and {"on", "off"} <= set(get_args(field.annotation)):
+            words[name] = "on" if value else "off"
+        elif isinstance(value, Mapping) and name in SECTIONS:
+            words[name] = _with_words(SECTIONS[name], value)
+    return words
+
+
+def _complain(
+    error: ValidationError, model: type[BaseModel], origins: list, complaints: Complaints, prefix: str = ""
+) -> None:
+    for problem in error.errors(include_url=False):
+        where = next((name for name, given in origins if _dig(given, problem["loc"]) is not _ABSENT), origins[-1][0])
+        key = prefix + ".".join(str(part) for part in problem["loc"] if part != "[key]")
+        if problem["type"] == "extra_forbidden":
+            known = list(_model_at(model, problem["loc"][:-1]).model_fields)
+            close = get_close_matches(str(problem["loc"][-1]), known, n=1)
+            mend = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known) or 'none'}"
+            complaints.add(where, key, expected="a known key", found="an unknown one", mend=mend)
+        else:
+            expected = re.sub("^(Input|Value|String) should (be |have |match )?", "", problem["msg"])
+            complaints.add(where, key, expected=expected, found=repr(problem["input"]))
+
+
+_ABSENT = object()
+
+
+def _dig(given: Any, location: tuple) -> Any:
+    for part in location:
+        if part == "[key]":
+            return given
+        if isinstance(given, Mapping) and part in given:
+            given = given[part]
+        else:
+            # A position in a list, or a key below a value that is no mapping: whoever wrote the value wrote this.
+            return given if given is not _ABSENT and not isinstance(given, Mapping) else _ABSENT
+    return given
+
+
+def _model_at(model: type[BaseModel], location: tuple) -> type[BaseModel]:
+    for part in location:
+        model = model.model_fields[part].annotation
+    return model
+
+
+def _without(settings: BaseModel, keys: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(settings, name) for name in type(settings).model_fields if name not in keys}

@@ -1,0 +1,78 @@
+"""The whole configuration: one section per stage, and what belongs to no stage.
+
+`config/config.yaml` holds the defaults, generated from here (`python -m pipeline.config.schema`);
+`config/subjects/<name>.yaml` changes them for one subject, the command line for one run.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StringConstraints
+
+from pipeline.config.book_patterns import BookPatterns
+from pipeline.config.calibrate_cameras import CalibrateCameras
+from pipeline.config.calibrate_color import CalibrateColor
+from pipeline.config.calibrate_lights import CalibrateLights
+from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.config.index_capture import IndexCapture
+from pipeline.config.pack_shards import PackShards
+from pipeline.config.plan_effects import PlanEffects
+from pipeline.config.settings import Settings
+from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.config.track_mesh import TrackMesh
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.unwrap_atlas import UnwrapAtlas
+
+NAME_PATTERN = "[A-Za-z0-9_-]+"
+"""What subjects and variants may be called: they become folder names and wildcards."""
+
+Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
+
+
+class SubjectSettings(Settings):
+    """What holds for one subject: everything that may stand in config/subjects/<name>.yaml."""
+
+    source: Literal["native", "synthetic"] = Field(
+        "native", description="native: a recorded capture folder; synthetic: synthesize_capture makes it"
+    )
+    chunk_frames: int = Field(64, ge=1, le=9999, description="frames that one job handles together [frames]")
+    variants: dict[Name, dict[str, Any]] = Field(
+        {"full": {}}, min_length=1, description="avatars to train: name -> what it changes in train_avatar"
+    )
+
+    # The stages, in data order.
+    synthesize_capture: SynthesizeCapture = SynthesizeCapture()
+    index_capture: IndexCapture = IndexCapture()
+    calibrate_cameras: CalibrateCameras = CalibrateCameras()
+    calibrate_color: CalibrateColor = CalibrateColor()
+    calibrate_lights: CalibrateLights = CalibrateLights()
+    book_patterns: BookPatterns = BookPatterns()
+    unwrap_atlas: UnwrapAtlas = UnwrapAtlas()
+    track_mesh: TrackMesh = TrackMesh()
+    plan_effects: PlanEffects = PlanEffects()
+    trace_irradiance: TraceIrradiance = TraceIrradiance()
+    pack_shards: PackShards = PackShards()
+    train_avatar: TrainAvatar = TrainAvatar()
+    evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
+
+
+class ProjectSettings(SubjectSettings):
+    """Everything that may stand in config/config.yaml."""
+
+    captures: str = Field("captures", min_length=1, description="folder that holds one capture folder per subject")
+    track_capture_files: int = Field(
+        5000,
+        ge=0,
+        description="captures of at most so many files are watched file by file, larger ones by their tables",
+    )
+
+
+SECTIONS: dict[str, type[Settings]] = {
+    name: type(default) for name, default in SubjectSettings() if isinstance(default, Settings)
+}
+"""Stage -> its settings model, in data order."""
+
+PROJECT_ONLY = tuple(ProjectSettings.model_fields.keys() - SubjectSettings.model_fields.keys())
+"""Keys that cannot differ between subjects."""

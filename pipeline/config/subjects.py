@@ -1,0 +1,100 @@
+"""Which subjects there are, and what can be known of a capture before anything has run."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline.base.errors import InputError
+from pipeline.config.loading import Project
+
+
+def subject_names(project: Project) -> list[str]:
+    """Every subject: those whose folder has a capture.yaml, and the synthetic ones."""
+    recorded = [path.parent.name for path in Path(project.settings.captures).glob("*/capture.yaml")]
+    return sorted({*recorded, *project.synthetic_subjects})
+
+
+def require_subject(project: Project, subject: str) -> None:
+    """Raises:
+    InputError: if nothing is known of this subject.
+    """
+    names = subject_names(project)
+    if subject not in names:
+        expected = Path(project.settings.captures) / subject / "capture.yaml"
+        raise InputError(
+            f"subject {subject!r}: expected {expected}, found no such file; subjects: {', '.join(names) or 'none'}. "
+            f"Put the capture there, say `--config captures=FOLDER`, or write config/subjects/{subject}.yaml "
+            "with `source: synthetic`"
+        )
+
+
+def chunk_ids(project: Project, subject: str) -> list[str]:
+    """The names of a subject's chunks of frames: 0000, 0001, ...
+
+    A capture whose frames cannot be counted has one chunk: index_capture says what is wrong with it.
+    """
+    settings = project.subject(subject)
+    if settings.source == "synthetic":
+        frames = settings.synthesize_capture.frames
+    else:
+        frames = _count_frames(Path(project.settings.captures) / subject)
+    return [f"{chunk:04d}" for chunk in range(max(1, -(-frames // settings.chunk_frames)))]
+
+
+def watched_files(project: Project, subject: str) -> list[str]:
+    """The files whose content decides whether the capture is indexed anew.
+
+    All files of the folder if there are at most `track_capture_files`; else capture.yaml and the tables it names. Of a
+    synthetic capture, capture.yaml, which is written last.
+    """
+    folder = Path(project.settings.captures) / subject
+    description = folder / "capture.yaml"
+    if project.subject(subject).source == "synthetic":
+        return [str(description)]
+    limit = project.settings.track_capture_files
+    files = list(islice(_files_below(folder), limit + 1))
+    if len(files) > limit:
+        tables = [folder / path for path in _named_files(_read_description(description))]
+        files = [description, *(path for path in tables if path.is_file())]
+    return sorted(map(str, files))
+
+
+def _files_below(folder: Path) -> Iterator[Path]:
+    for where, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(where, name) for name in sorted(names) if not name.startswith("."))
+
+
+def _count_frames(folder: Path) -> int:
+    table = _read_description(folder / "capture.yaml").get("frames")
+    if not isinstance(table, str):
+        return 0
+    try:
+        with open(folder / table, newline="") as file:
+            return sum(1 for row in csv.reader(file) if row) - 1
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return 0
+
+
+def _read_description(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _named_files(content: Any) -> Iterator[str]:
+    """Relative paths among the values of a description: texts that are no pattern and stay inside."""
+    if isinstance(content, dict):
+        for value in content.values():
+            yield from _named_files(value)
+    elif isinstance(content, str) and "{" not in content and ".." not in Path(content).parts:
+        yield content.lstrip("/")

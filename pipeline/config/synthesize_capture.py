@@ -1,0 +1,61 @@
+"""Settings of the stage `synthesize_capture`."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.config.settings import Settings
+
+
+class SynthesizeCapture(Settings):
+    """A procedural figure in a procedural light stage; the defaults make `subjectA`."""
+
+    cameras: int = Field(8, ge=2, description="cameras on a ring around the subject")
+    lights: int = Field(24, ge=3, description="lights on the dome")
+    frames: int = Field(24, ge=2, description="frames of both segments together")
+    frames_b: int = Field(8, ge=1, description="frames of segment b, the last ones; it is the test segment")
+    fps: float = Field(12.0, gt=0, description="frames per second")
+    width: int = Field(120, ge=16, description="image width [pixels]")
+    height: int = Field(160, ge=16, description="image height [pixels]")
+    downsample_from_sensor: int = Field(4, ge=1, description="sensor pixels per image pixel along one axis")
+    test_cameras: int = Field(2, ge=0, description="cameras held out for testing")
+    test_frames: int = Field(2, ge=0, description="partially lit frames of segment a held out for testing")
+
+    fully_lit_every: int = Field(3, ge=2, description="every n-th frame has all lights on")
+    partial_lights_min: int = Field(4, ge=1, description="fewest lights on in a partially lit frame")
+    partial_lights_max: int = Field(8, ge=1, description="most lights on in a partially lit frame")
+    total_intensity: float = Field(
+        38.0, gt=0, description="sum of the radiant intensities of all lights that are on [image value * m^2 * pi]"
+    )
+    camera_distance_m: float = Field(2.5, gt=1, description="distance of the cameras from the stage's centre [m]")
+    light_distance_m: float = Field(2.2, gt=1, description="radius of the light dome [m]")
+    survey_error_m: float = Field(0.015, ge=0, description="standard deviation of a surveyed light coordinate [m]")
+    distortion: float = Field(1.0, ge=0, description="strength of lens distortion, 1 = a few sensor pixels")
+    color_spread: float = Field(0.05, ge=0, description="standard deviation of the cameras' colour response entries")
+
+    uvs: bool = Field(True, description="the template has texture coordinates")
+    vertex_spacing_m: float = Field(0.032, gt=0.005, lt=0.08, description="edge length of the figure's mesh [m]")
+    texture_size: int = Field(512, ge=64, description="size of the albedo texture that is rendered [texels]")
+    gloss_alpha: float = Field(0.25, gt=0.02, le=1, description="GGX width of the figure's gloss")
+    scale_to_m: float = Field(1.0, gt=0, description="metres per unit of the template file [m]")
+
+    spp: int = Field(128, ge=1, description="light paths per image pixel")
+    supersampling: int = Field(2, ge=1, le=8, description="rendered pixels per image pixel along one axis")
+    max_depth: int = Field(4, ge=2, description="path edges from camera to light; 2 is direct light only")
+    shot_gain: float = Field(1e-4, ge=0, description="noise variance per unit of signal [image value]")
+    read_noise: float = Field(0.001, ge=0, description="noise deviation in the dark [image value]")
+    saturation: float = Field(1.0, gt=0, description="largest value of an image above its black level [image value]")
+    black_level: float = Field(0.0, ge=0, description="value of a pixel that receives no light [image value]")
+
+    keypoint_noise_px: float = Field(0.35, ge=0, description="deviation of detected keypoints [image pixels]")
+    keypoint_outliers: float = Field(0.03, ge=0, le=1, description="share of keypoints detected in a wrong place")
+
+    board_squares_x: int = Field(7, ge=3, description="squares of the ChArUco board along its width")
+    board_squares_y: int = Field(5, ge=3, description="squares of the ChArUco board along its height")
+    board_square_m: float = Field(0.12, gt=0, description="side of a board square [m]")
+    board_marker_m: float = Field(0.09, gt=0, description="side of a board marker [m]")
+    board_poses: int = Field(32, ge=3, description="poses of the board; a camera sees about a third of them")
+    ball_positions: int = Field(3, ge=1, description="positions of the mirror ball")
+    ball_cameras: int = Field(3, ge=1, description="cameras that photograph the mirror ball")
+    ball_radius_m: float = Field(0.18, gt=0, description="radius of the mirror ball [m]")
+    light_radius_m: float = Field(0.05, gt=0, description="radius of a light as seen in the mirror ball [m]")

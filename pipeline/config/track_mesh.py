@@ -1,0 +1,33 @@
+"""Settings of the stage track_mesh."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.config.settings import Settings
+
+
+class TrackMesh(Settings):
+    """How keypoints and masks become poses."""
+
+    inlier_px: float = Field(
+        3.0, gt=0, description="keypoints further than this from their triangulated point are outliers [image px]"
+    )
+    min_keypoints: int = Field(3, ge=3, description="frames with fewer triangulated keypoints are interpolated")
+    rotation_acceleration: float = Field(
+        30.0, gt=0, description="typical angular acceleration of a joint; less is smoother [rad/s^2]"
+    )
+    translation_acceleration: float = Field(
+        10.0, gt=0, description="typical acceleration of the whole subject; less is smoother [m/s^2]"
+    )
+    rest_rotation: float = Field(1.0, gt=0, description="typical rotation of a joint away from the rest pose [rad]")
+    max_iterations: int = Field(30, ge=1, description="Gauss-Newton steps per solve; it mostly converges in ten")
+    outline_rounds: int = Field(
+        5, ge=0, description="rounds of fitting outlines to masks; 0: keypoints alone, heads and hands stay stiff"
+    )
+    outline_sigma_px: float = Field(1.0, gt=0, description="standard deviation of a mask's outline [mask px]")
+    outline_vertices: int = Field(600, ge=1, description="vertices, spread evenly, that may sit on an outline")
+    outline_cameras: int = Field(24, ge=1, description="at most this many cameras' masks are used, evenly chosen")
+    outline_size_px: int = Field(512, ge=16, description="longer side to which masks are reduced [px]")
+    context_frames: int = Field(8, ge=0, description="frames on either side of a chunk, solved along")
+    use_test_cameras: bool = Field(False, description="whether held-out cameras' keypoints and masks help tracking")

@@ -1,0 +1,106 @@
+"""Score avatars on the images that training never saw, and show the worst, the median and the best.
+
+In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
+pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
+stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet and
+images/VARIANT_{worst,median,best}.png.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.avatar.checkpoint import load_avatar
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, write_table
+from pipeline.capture.images import write_png
+from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
+from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.metrics.comparison import side_by_side
+from pipeline.metrics.evaluation import COLOR_SPACE, REGION, Render, display_pair, evaluate, summarize
+from pipeline.metrics.lpips import open_lpips
+
+log = logging.getLogger("evaluate_avatar")
+
+
+def run(
+    *,
+    atlas: Path,
+    shards: Path,
+    effects: Path,
+    avatars: tuple[Path, ...],
+    out: Path,
+    subject: str,
+    settings: EvaluateAvatar = EvaluateAvatar(),
+) -> None:
+    """Score avatars on held-out images.
+
+    Args:
+        atlas: atlas.safetensors of unwrap_atlas.
+        shards: folder with test/ and frames/ of pack_shards.
+        effects: effects.json of plan_effects; what is on is logged beside the scores.
+        avatars: folders of train_avatar; each folder's name is the variant.
+        out: folder for metrics.csv, metrics_per_image.parquet and images/.
+        subject: name of the subject, for the table.
+        settings: see the flags below.
+    """
+    variants = [folder.name for folder in avatars]
+    if len(set(variants)) < len(variants) or not variants:
+        raise InputError(
+            f"--avatars: expected folders of different names, found {variants}; a variant is its folder's name"
+        )
+    backbone = Path(settings.lpips_backbone) if settings.lpips_backbone else None
+    lpips, weights = open_lpips(settings.lpips_net, backbone)
+    if lpips is None:
+        log.warning("LPIPS stays empty: %s", weights)
+    images, frames = read_image_shards([shards / "test"]), read_frame_shards([shards / "frames"])
+    log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
+    protocol = {"color_space": COLOR_SPACE, "region": REGION, "lpips_net": settings.lpips_net, "lpips_weights": weights}
+
+    means, singles = [], []
+    for folder in avatars:
+        render = load_avatar(folder, atlas).render
+        per_image = evaluate(render, images, frames, lpips)
+        names = {"subject": subject, "variant": folder.name}
+        means.append(summarize(per_image).assign(**names, **protocol))
+        singles.append(per_image.assign(**names, lpips_net=settings.lpips_net, lpips_weights=weights))
+        log.info("%s: %s", folder.name, means[-1].iloc[0][["images", "psnr_db", "ssim", "lpips", "flip"]].to_dict())
+        if settings.pictures:
+            write_pictures(out / "images", folder.name, render, per_image, images, frames)
+    write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
+    write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
+
+
+def names_first(table: pd.DataFrame) -> pd.DataFrame:
+    """The same table, subject and variant leading."""
+    leading = ["subject", "variant"]
+    return table[leading + [column for column in table.columns if column not in leading]]
+
+
+def write_pictures(
+    folder: Path, variant: str, render: Render, per_image: pd.DataFrame, images: ImageShards, frames: FrameShards
+) -> None:
+    """Write VARIANT_worst.png, _median.png and _best.png by PSNR; nothing if no image has one."""
+    ranked = per_image[per_image.psnr_db.notna()].sort_values("psnr_db", kind="stable")
+    if ranked.empty:
+        return
+    for name, position in (("worst", 0), ("median", len(ranked) // 2), ("best", len(ranked) - 1)):
+        row = ranked.iloc[position]
+        image = images[int(row["index"])]
+        captured, rendered = display_pair(render, image, frames[image.frame])
+        lit = "fully lit" if image.fully_lit else "partially lit"
+        label = f"{variant}, {name}: {image.camera}, frame {image.frame}, {lit}, PSNR {row.psnr_db:.2f} dB"
+        write_png(folder / f"{variant}_{name}.png", side_by_side(captured, rendered, label))
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

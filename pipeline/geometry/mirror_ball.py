@@ -1,0 +1,110 @@
+"""A mirror ball of known radius: where it is, and where a light shows in it.
+
+The outline of a sphere fills a circular cone: every ray of the outline makes the angle asin(radius / distance) with
+the ray to the centre. A light at L shows where the surface normal halves the angle between the directions to the
+camera and to the light: Alhazen's problem, solved here by bisection in the plane of centre, camera and light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from pipeline.geometry.cameras import Camera
+from pipeline.geometry.least_squares import solve_least_squares
+
+LEAST_SIGMA_PX = 1e-3
+"""Outlines and highlights are never better known than this."""
+
+BISECTIONS = 52
+"""Halvings of an angle below pi: down to the last bit of a double."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A located ball: centre in metres, covariance of the centre, outline residual in pixels (root mean square)."""
+
+    center: Float64[np.ndarray, "3"]
+    covariance: Float64[np.ndarray, "3 3"]
+    rms_px: float
+
+
+def locate_ball(
+    cameras: Sequence[Camera], outlines: Sequence[Float64[np.ndarray, "_ 2"]], radius_m: float
+) -> Ball:  # fmt: skip
+    """Centre of a sphere from its outlines (pixels) in one or more cameras, jointly."""
+    rays = [camera.ray_directions(outline) for camera, outline in zip(cameras, outlines, strict=True)]
+    starts = []
+    for camera, ray in zip(cameras, rays, strict=True):
+        # The plane that cuts the cone: ray . axis = cos(half angle) for all rays.
+        axis = np.linalg.lstsq(ray, np.ones(len(ray)), rcond=None)[0]
+        half = np.arccos(min(1 / np.linalg.norm(axis), 1.0))
+        starts.append(camera.center + axis / np.linalg.norm(axis) * radius_m / np.sin(half))
+    origin = np.concatenate([np.tile(c.center, (len(r), 1)) for c, r in zip(cameras, rays, strict=True)])
+    focal = np.concatenate([np.full(len(r), c.K[0, 0]) for c, r in zip(cameras, rays, strict=True)])
+    ray = np.concatenate(rays)
+
+    def evaluate(center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        toward = center - origin
+        distance = np.linalg.norm(toward, axis=1)
+        axis = toward / distance[:, None]
+        cosine, sine = (ray * axis).sum(1), np.linalg.norm(np.cross(ray, axis), axis=1)
+        # Inside the ball there is no outline: the residual saturates and the step is refused.
+        ratio = np.minimum(radius_m / distance, 1 - 1e-9)
+        residual = np.arctan2(sine, cosine) - np.arcsin(ratio)
+        by_angle = -(ray - cosine[:, None] * axis) / np.maximum(sine, 1e-12)[:, None] / distance[:, None]
+        by_ratio = (ratio / np.sqrt(1 - ratio**2) / distance)[:, None] * axis
+        return (focal * residual)[:, None], focal[:, None] * (by_angle + by_ratio)
+
+    solution = solve_least_squares(evaluate, np.mean(starts, 0), LEAST_SIGMA_PX)
+    return Ball(solution.parameters, solution.covariance, float(np.sqrt(np.mean(solution.residual**2))))
+
+
+def reflection_points(
+    ball: Float64[np.ndarray, "n 3"],
+    radius_m: float,
+    camera: Float64[np.ndarray, "n 3"],
+    light: Float64[np.ndarray, "n 3"],
+) -> Float64[np.ndarray, "n 3"]:
+    """Points of spheres at `ball` where a camera sees the mirror image of a light, both outside the sphere."""
+    to_camera, to_light = camera - ball, light - ball
+    u = to_camera / np.linalg.norm(to_camera, axis=1, keepdims=True)
+    across = to_light - (to_light * u).sum(1, keepdims=True) * u
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    # Camera, light and centre on one line: any plane will do, the highlight is at u.
+    v = across / np.where(length > 0, length, 1.0)
+    camera_xy = np.stack([np.linalg.norm(to_camera, axis=1), np.zeros(len(u))], 1)
+    light_xy = np.stack([(to_light * u).sum(1), length[:, 0]], 1)
+    low, high = np.zeros(len(u)), np.arctan2(light_xy[:, 1], light_xy[:, 0])
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        normal = np.stack([np.cos(middle), np.sin(middle)], 1)
+        # Sine of the signed angle from the normal: to the camera (clockwise) and to the light (counterclockwise).
+        to_c, to_l = (xy - radius_m * normal for xy in (camera_xy, light_xy))
+        angle_c = np.arctan2(_cross(to_c, normal), (to_c * normal).sum(1))
+        angle_l = np.arctan2(_cross(normal, to_l), (to_l * normal).sum(1))
+        too_near_camera = angle_c < angle_l
+        low, high = np.where(too_near_camera, middle, low), np.where(too_near_camera, high, middle)
+    angle = ((low + high) / 2)[:, None]
+    return ball + radius_m * (np.cos(angle) * u + np.sin(angle) * v)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def reflected_rays(
+    ball: Float64[np.ndarray, "3"], radius_m: float, camera: Camera, pixels: Float64[np.ndarray, "n 2"]
+) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
+    """Points on the ball seen at `pixels` and unit directions in which they mirror; NaN where a ray misses the ball."""
+    ray = camera.ray_directions(pixels)
+    toward = ball - camera.center
+    along = ray @ toward
+    below_root = along**2 - toward @ toward + radius_m**2
+    with np.errstate(invalid="ignore"):
+        points = camera.center + (along - np.sqrt(below_root))[:, None] * ray
+    normal = (points - ball) / radius_m
+    return points, ray - 2 * (ray * normal).sum(1, keepdims=True) * normal

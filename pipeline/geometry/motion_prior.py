@@ -1,0 +1,137 @@
+"""What is expected of a motion before any image is seen: small accelerations, and local rotations near the rest pose.
+
+Rotations are differenced on the manifold: the velocity between two frames is log(R_f^T R_{f+1}) / dt, and its
+derivatives are the inverse Jacobians of the exponential map (Sola et al. 2018, "A micro Lie theory", eqs. 143-146).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from pipeline.geometry.kinematics import Pose, TrackedPoints
+from pipeline.geometry.rotations import (
+    conjugate_quaternion,
+    matrix_from_quaternion,
+    multiply_quaternions,
+    rotation_vector_from_quaternion,
+    skew,
+)
+
+DECORRELATION_S = 1 / 24
+"""Time over which accelerations count as independent. Costs are integrals over time divided by it, so that a capture
+at 90 frames per second is not smoothed more than one at 24."""
+
+SERIES_BELOW_RAD = 1e-2
+"""Angle below which the coefficient in `inverse_right_jacobian` is taken from its series; the error is below 1e-12."""
+
+
+@dataclass(frozen=True)
+class MotionPrior:
+    """Standard deviations of what the prior expects.
+
+    Attributes:
+        times_s: time of each frame, increasing.
+        rotation_acceleration: of every local rotation and the root's [rad/s^2].
+        translation_acceleration: of the root's pivot [m/s^2].
+        rest_rotation: of every local rotation from its rest [rad].
+    """
+
+    times_s: Float64[np.ndarray, " frames"]
+    rotation_acceleration: float
+    translation_acceleration: float
+    rest_rotation: float
+
+    def at(self, frames: np.ndarray) -> MotionPrior:
+        """The prior of some of the frames."""
+        return replace(self, times_s=self.times_s[frames])
+
+
+@dataclass(frozen=True)
+class BandedSystem:
+    """Normal equations of a chain of frames: `diagonal` H[f, f], `first` H[f + 1, f], `second` H[f + 2, f]."""
+
+    diagonal: Float64[np.ndarray, "frames unknowns unknowns"]
+    first: Float64[np.ndarray, "frames unknowns unknowns"]
+    second: Float64[np.ndarray, "frames unknowns unknowns"]
+    gradient: Float64[np.ndarray, "frames unknowns"]
+
+
+def inverse_right_jacobian(vector: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3 3"]:
+    """J with log(exp(v) exp(d)) = v + J d for small d; its transpose is the left one. For angles up to pi."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    safe = np.where(angle < SERIES_BELOW_RAD, 1.0, angle)
+    exact = (1 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2
+    coefficient = np.where(angle < SERIES_BELOW_RAD, 1 / 12 + angle**2 / 720, exact)
+    cross = skew(vector)
+    return np.eye(3) + 0.5 * cross + coefficient * cross @ cross
+
+
+def _states(points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    """Pivot in the world [F, 3] and the rotations that are solved for [F, 1 + free, 4], in the order of unknowns."""
+    pivot = matrix_from_quaternion(pose.root_rotation) @ points.pivot + pose.root_translation
+    return pivot, np.concatenate([pose.root_rotation[:, None], pose.joint_rotations[:, points.free]], 1)
+
+
+def _accelerations(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, ...]:
+    """Whitened accelerations [F - 2, parts, 3] and velocities [F - 1, parts, 3], dt [F - 1], scale [F - 2, parts]."""
+    pivot, rotations = _states(points, pose)
+    dt = np.diff(prior.times_s)
+    turned = rotation_vector_from_quaternion(multiply_quaternions(conjugate_quaternion(rotations[:-1]), rotations[1:]))
+    change = np.concatenate([np.diff(pivot, axis=0)[:, None], turned], 1)
+    between = 0.5 * (dt[1:] + dt[:-1])
+    sigma = np.full(change.shape[1], prior.rotation_acceleration)
+    sigma[0] = prior.translation_acceleration
+    scale = np.sqrt(between / DECORRELATION_S)[:, None] / between[:, None] / sigma
+    velocity = change / dt[:, None, None]
+    return np.diff(velocity, axis=0) * scale[..., None], change, dt, scale
+
+
+def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation vectors from the rest pose [F, free, 3], and the weight of each frame."""
+    rest = points.template.rest_rotations[points.free]
+    away = multiply_quaternions(conjugate_quaternion(rest)[None], pose.joint_rotations[:, points.free])
+    spacing = np.gradient(prior.times_s) if len(pose) > 1 else np.full(1, DECORRELATION_S)
+    return rotation_vector_from_quaternion(away), spacing / DECORRELATION_S / prior.rest_rotation**2
+
+
+def prior_cost(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> float:
+    """Half the sum of squared whitened residuals."""
+    away, weight = _from_rest(prior, points, pose)
+    cost = 0.5 * (weight[:, None, None] * away**2).sum()
+    if len(pose) > 2:
+        cost += 0.5 * (_accelerations(prior, points, pose)[0] ** 2).sum()
+    return float(cost)
+
+
+def prior_system(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> BandedSystem:
+    """Gauss-Newton normal equations of `prior_cost`."""
+    frames, unknowns = len(pose), points.unknowns
+    parts = unknowns // 3
+    blocks = [np.zeros((frames, parts, 3, 3)) for _ in range(3)]
+    gradient = np.zeros((frames, parts, 3))
+    away, weight = _from_rest(prior, points, pose)
+    jacobian = inverse_right_jacobian(away)
+    blocks[0][:, 2:] += weight[:, None, None, None] * jacobian.swapaxes(-1, -2) @ jacobian
+    gradient[:, 2:] += weight[:, None, None] * np.einsum("fpia,fpi->fpa", jacobian, away)
+    if frames > 2:
+        residual, change, dt, scale = _accelerations(prior, points, pose)
+        onward = inverse_right_jacobian(change)
+        onward[:, 0] = np.eye(3)
+        back = -onward.swapaxes(-1, -2)
+        onward, back = onward / dt[:, None, None, None], back / dt[:, None, None, None]
+        s = scale[..., None, None]
+        by_frame = [-s * back[:-1], s * (back[1:] - onward[:-1]), s * onward[1:]]
+        for a in range(3):
+            rows = slice(a, a + frames - 2)
+            gradient[rows] += np.einsum("fpia,fpi->fpa", by_frame[a], residual)
+            for b in range(a + 1):
+                blocks[a - b][b : b + frames - 2] += by_frame[a].swapaxes(-1, -2) @ by_frame[b]
+    dense = [np.zeros((frames, parts, 3, parts, 3)) for _ in range(3)]
+    index = np.arange(parts)
+    for whole, block in zip(dense, blocks, strict=True):
+        whole[:, index, :, index, :] = block.swapaxes(0, 1)
+    full = [whole.reshape(frames, unknowns, unknowns) for whole in dense]
+    return BandedSystem(full[0], full[1], full[2], gradient.reshape(frames, unknowns))

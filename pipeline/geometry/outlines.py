@@ -1,0 +1,108 @@
+"""Fitting a posed mesh to the outlines in masks: the cue for what keypoints leave open (heads, hands, twist of limbs).
+
+Around the current pose the mesh is drawn into each view, and the vertices that lie near its drawn outline are kept,
+each with its signed distance to that outline. They are then asked to have the same signed distance to the mask's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int64
+
+from pipeline.base.conventions import PIXEL_CENTER
+from pipeline.geometry.pose_solver import DataTerm, PointQuadratic, cauchy
+from pipeline.geometry.silhouettes import View, draw_silhouette, signed_distance
+from pipeline.geometry.triangulation import SMALLEST_DEPTH_M
+
+OUTLINE_PX = 1.5
+"""Vertices this near to the drawn outline move it; the next ring of vertices is hidden behind it."""
+
+EDGE_PX = 1e-3
+"""Keeps a bilinear look-up's right and lower neighbour inside the image."""
+
+
+def spread_vertices(vertices: Float64[np.ndarray, "vertices 3"], count: int) -> Int64[np.ndarray, " chosen"]:
+    """Up to `count` vertices spread evenly over the surface: farthest-point sampling, from the first vertex on."""
+    chosen = [0]
+    distance2 = ((vertices - vertices[0]) ** 2).sum(1)
+    while len(chosen) < min(count, len(vertices)) and distance2.max() > 0:
+        chosen.append(int(distance2.argmax()))
+        distance2 = np.minimum(distance2, ((vertices - vertices[chosen[-1]]) ** 2).sum(1))
+    return np.array(sorted(chosen), np.int64)
+
+
+def _sample(
+    stack: Float32[np.ndarray, "frames height width"],
+    frame: Int64[np.ndarray, " points"],
+    pixels: Float64[np.ndarray, "points 2"],
+) -> tuple[Float64[np.ndarray, " points"], Float64[np.ndarray, "points 2"]]:
+    """Bilinear value and gradient at pixels of the images stack[frame]; outside, those of the nearest edge."""
+    height, width = stack.shape[1:]
+    x = np.clip(pixels[:, 0] - PIXEL_CENTER, 0, width - 1 - EDGE_PX)
+    y = np.clip(pixels[:, 1] - PIXEL_CENTER, 0, height - 1 - EDGE_PX)
+    column, row = x.astype(np.int64), y.astype(np.int64)
+    u, v = x - column, y - row
+    a, b = stack[frame, row, column], stack[frame, row, column + 1]
+    c, d = stack[frame, row + 1, column], stack[frame, row + 1, column + 1]
+    value = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
+    return value, np.stack([(1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)], -1)
+
+
+@dataclass(frozen=True)
+class _OutlinePoints:
+    """Vertices near the drawn outline of one view: their frame, index among the chosen, and signed distance to it."""
+
+    view: View
+    frame: Int64[np.ndarray, " points"]
+    vertex: Int64[np.ndarray, " points"]
+    target: Float64[np.ndarray, " points"]
+
+
+def _outline_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> _OutlinePoints:
+    size = [view.camera.width, view.camera.height]
+    frames, indices, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    for frame in np.flatnonzero(view.usable):
+        drawn = signed_distance(draw_silhouette(view.camera, vertices[frame], faces))
+        pixels, depth = view.camera.project(vertices[frame, chosen])
+        candidates = np.flatnonzero((depth > 0) & (pixels > 0).all(1) & (pixels < size).all(1))
+        distance, _ = _sample(drawn[None], np.zeros(len(candidates), np.int64), pixels[candidates])
+        near = np.abs(distance) < OUTLINE_PX
+        frames.append(np.full(near.sum(), frame))
+        indices.append(candidates[near])
+        targets.append(distance[near])
+    return _OutlinePoints(view, np.concatenate(frames), np.concatenate(indices), np.concatenate(targets))
+
+
+def outline_term(
+    views: Sequence[View],
+    vertices: Float64[np.ndarray, "frames vertices 3"],
+    faces: Int64[np.ndarray, "faces 3"],
+    chosen: Int64[np.ndarray, " chosen"],
+    sigma_px: float,
+) -> DataTerm:
+    """Robust difference of signed distances, for the `chosen` vertices, linearised around the pose of `vertices`."""
+    outlines = [_outline_points(view, vertices, faces, chosen) for view in views]
+
+    def term(positions: np.ndarray) -> PointQuadratic:
+        cost, gradient, normal = 0.0, np.zeros_like(positions), np.zeros((*positions.shape, 3))
+        for outline in outlines:
+            camera, frame, vertex = outline.view.camera, outline.frame, outline.vertex
+            at = positions[frame, vertex]
+            in_camera = at @ camera.R.T + camera.t
+            depth = np.maximum(in_camera[:, 2:], SMALLEST_DEPTH_M)
+            value, slope = _sample(outline.view.distance, frame, camera.project(at)[0])
+            residual = (value - outline.target) / sigma_px
+            # Distortion changes the slope by a few percent at most: left out here, exact in the residual.
+            along = slope * np.diag(camera.K)[:2] / depth / sigma_px
+            row = along @ camera.R[:2] - ((along * in_camera[:, :2]).sum(1, keepdims=True) / depth) * camera.R[2]
+            losses, weight = cauchy(residual**2)
+            cost += losses.sum()
+            # A vertex occurs once per frame and view, so plain indexed addition loses nothing.
+            gradient[frame, vertex] += (weight * residual)[:, None] * row
+            normal[frame, vertex] += weight[:, None, None] * row[:, :, None] * row[:, None, :]
+        return PointQuadratic(float(cost), gradient, normal)
+
+    return term

@@ -1,0 +1,52 @@
+"""Pictures to look at: captured, rendered, and where they differ."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+ERROR_AT_TOP = 0.2
+"""Mean absolute sRGB error that the error picture shows as its brightest colour: 14 dB, a mistake no one overlooks."""
+
+SMALL_SIDE = 512
+"""Pictures lower than this, pixels, are enlarged three times, nearest pixel: what is shown is what was scored."""
+
+ENLARGE = 3
+LABEL_HEIGHT, BAR_WIDTH, GAP = 22, 64, 6
+WHITE = (255, 255, 255)
+
+
+def side_by_side(
+    captured: Float[np.ndarray, "h w 3"], rendered: Float[np.ndarray, "h w 3"], label: str
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Captured | rendered | error with its colour bar, under a label; sRGB in [0, 1] in, 8-bit sRGB out."""
+    error = np.abs(rendered - captured).mean(2)
+    pictures = [np.round(captured * 255), np.round(rendered * 255), _heat(error / ERROR_AT_TOP)]
+    times = ENLARGE if captured.shape[0] < SMALL_SIDE else 1
+    panels = [p.astype(np.uint8).repeat(times, 0).repeat(times, 1) for p in pictures]
+    gap = np.zeros((panels[0].shape[0], GAP, 3), np.uint8)
+    row = np.hstack([panels[0], gap, panels[1], gap, panels[2], _color_bar(panels[0].shape[0])])
+    titles = np.zeros((2 * LABEL_HEIGHT, row.shape[1], 3), np.uint8)
+    _write(titles, label, (4, LABEL_HEIGHT - 7))
+    step = panels[0].shape[1] + GAP
+    for i, title in enumerate(("captured", "rendered", "error")):
+        _write(titles, title, (4 + i * step, 2 * LABEL_HEIGHT - 7))
+    return np.vstack([titles, row])
+
+
+def _heat(share: np.ndarray) -> np.ndarray:
+    levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
+    return cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO)[..., ::-1]
+
+
+def _color_bar(height: int) -> np.ndarray:
+    bar = np.zeros((height, BAR_WIDTH, 3), np.uint8)
+    bar[:, GAP : GAP + 12] = _heat(np.linspace(1, 0, height)[:, None]).repeat(12, 1)
+    for share in (1.0, 0.5, 0.0):
+        _write(bar, f"{share * ERROR_AT_TOP:.2f}", (GAP + 16, int(10 + (1 - share) * (height - 14))))
+    return bar
+
+
+def _write(picture: np.ndarray, text: str, corner: tuple[int, int]) -> None:
+    cv2.putText(picture, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.4, WHITE, 1, cv2.LINE_AA)

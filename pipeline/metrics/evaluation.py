@@ -1,0 +1,149 @@
+"""Scores of renderings against held-out images, one by one and averaged, with their protocol written beside them.
+
+The protocol: the captured image times its mask and the rendering over black, both converted to sRGB and clipped.
+PSNR over the pixels whose mask is at least one half; SSIM, LPIPS and FLIP on the box around these pixels. Each image
+gets its scores; a group's score is the plain mean over its images. Neither a larger crop nor more background changes
+any of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import pandas as pd
+import torch
+from jaxtyping import Bool, Float
+
+from pipeline.base.color import srgb_from_linear
+from pipeline.base.progress import progress
+from pipeline.metrics.images import SSIM_WINDOW, flip, foreground_box, psnr_db, ssim
+from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips
+
+FOREGROUND_MASK = 0.5
+"""A pixel counts as subject if at least half of it is."""
+
+PSNR_CEILING_DB = 100.0
+"""What an exact match counts in a mean. Stored images are float16: near white their rounding alone is worth 77 dB, so
+no image that is not an exact match comes near; without a ceiling one exact (say, black) image makes a mean infinite."""
+
+REGION = (
+    f"psnr: pixels with mask >= {FOREGROUND_MASK}, per image, then mean over images "
+    f"(exact matches count {PSNR_CEILING_DB:g} dB); "
+    f"ssim, lpips, flip: box around these pixels (ssim, flip at least {SSIM_WINDOW}, lpips "
+    f"at least {SMALLEST_SIDE} px a side), mean over images; "
+    "captured x mask and rendering, both over black"
+)
+COLOR_SPACE = "sRGB"
+METRICS = ("psnr_db", "ssim", "lpips", "flip")
+SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
+    "test": lambda t: t.test_camera | t.test_frame | t.test_segment,
+    "test_cameras": lambda t: t.test_camera,
+    "test_frames": lambda t: t.test_frame,
+    "test_segments": lambda t: t.test_segment,
+}
+LIT: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
+    "all": lambda t: pd.Series(True, t.index),
+    "full": lambda t: t.fully_lit,
+    "partial": lambda t: ~t.fully_lit,
+}
+
+
+@runtime_checkable
+class ScoredImage(Protocol):
+    """What scoring reads of an image record (`pipeline.capture.records.ImageRecord` has it)."""
+
+    camera: str
+    frame: int
+    test_camera: bool
+    test_frame: bool
+    test_segment: bool
+    fully_lit: bool
+    image: Any
+    mask: Any
+
+
+Render = Callable[[Any, Any], tuple[Any, Any]]
+"""(frame record, image record) -> linear RGB [h, w, 3] over black and alpha [h, w]; tensors or arrays."""
+
+
+def evaluate(
+    render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any], lpips: Lpips | None = None
+) -> pd.DataFrame:
+    """Render and score every image that a split holds out: one row each, in the order of `images`.
+
+    LPIPS is NaN if `lpips` is None. Images without foreground get NaN for PSNR.
+
+    Raises:
+        ValueError: if a rendering has another shape than its image, or is not finite.
+    """
+    rows, number, frame = [], None, None
+    for index, image in enumerate(progress(images, "evaluate")):
+        if not (image.test_camera or image.test_frame or image.test_segment):
+            continue
+        if image.frame != number:  # one record for all images of a frame: renderers keep what depends on it only
+            number, frame = image.frame, frames[image.frame]
+        captured, rendered = display_pair(render, image, frame)
+        foreground = np.asarray(image.mask) >= FOREGROUND_MASK
+        flags = {name: getattr(image, name) for name in ("test_camera", "test_frame", "test_segment", "fully_lit")}
+        scores = score_pair(rendered, captured, foreground, lpips)
+        rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **scores})
+    columns = ["index", "camera", "frame", "test_camera", "test_frame", "test_segment", "fully_lit"]
+    flags = dict.fromkeys(columns[3:], bool)
+    return pd.DataFrame(rows, columns=[*columns, *METRICS, "foreground_pixels"]).astype(flags)
+
+
+def display_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndarray, np.ndarray]:
+    """(captured, rendered) as sRGB in [0, 1], float32 [h, w, 3], both over black."""
+    with torch.no_grad():
+        rgb, _ = render(frame, image)
+    rgb = np.asarray(rgb.detach().cpu() if isinstance(rgb, torch.Tensor) else rgb, dtype=np.float32)
+    name = f"rendering of camera {image.camera}, frame {image.frame}"
+    if rgb.shape != image.image.shape:
+        raise ValueError(f"{name}: expected shape {image.image.shape}, found {rgb.shape}")
+    if not np.isfinite(rgb).all():
+        raise ValueError(f"{name}: expected finite pixels, found {(~np.isfinite(rgb)).sum()} that are not")
+    return _displayed(image.image * image.mask[..., None]), _displayed(rgb)
+
+
+def _displayed(rgb_linear: np.ndarray) -> np.ndarray:
+    """sRGB of what a display can show: clipped to [0, 1] first, which is the same as clipping after."""
+    return srgb_from_linear(np.clip(rgb_linear, 0, 1)).clip(0, 1)
+
+
+def score_pair(
+    rendered: Float[np.ndarray, "h w 3"],
+    captured: Float[np.ndarray, "h w 3"],
+    foreground: Bool[np.ndarray, "h w"],
+    lpips: Lpips | None = None,
+) -> dict[str, float]:
+    """All metrics of one pair of sRGB images over black; NaN for those that need foreground if there is none."""
+    scores = {"psnr_db": psnr_db(rendered, captured, foreground), "ssim": math.nan, "lpips": math.nan, "flip": math.nan}
+    scores["foreground_pixels"] = int(foreground.sum())
+    if not foreground.any():
+        return scores
+    box = foreground_box(foreground, SSIM_WINDOW)
+    scores["ssim"], scores["flip"] = ssim(rendered[box], captured[box]), flip(rendered[box], captured[box])
+    if lpips is not None:
+        box = foreground_box(foreground, SMALLEST_SIDE)
+        if min(rendered[box].shape[:2]) >= SMALLEST_SIDE:
+            x, y = (torch.from_numpy(i[box].transpose(2, 0, 1).copy())[None].float() for i in (rendered, captured))
+            scores["lpips"] = float(lpips(x, y))
+    return scores
+
+
+def summarize(per_image: pd.DataFrame) -> pd.DataFrame:
+    """One row per split x lighting: columns split, lit, images, foreground_pixels and the mean of each metric.
+
+    An empty group keeps its row, with 0 images and NaN scores: an absent number must not look like a forgotten one.
+    """
+    capped = per_image.assign(psnr_db=per_image.psnr_db.clip(upper=PSNR_CEILING_DB))
+    rows = []
+    for split, in_split in SPLITS.items():
+        for lit, in_lit in LIT.items():
+            group = capped[in_split(capped) & in_lit(capped)]
+            counts = {"images": len(group), "foreground_pixels": int(group.foreground_pixels.sum())}
+            rows.append({"split": split, "lit": lit, **counts, **{m: group[m].astype(float).mean() for m in METRICS}})
+    return pd.DataFrame(rows)

@@ -1,0 +1,57 @@
+"""`njit(cache=True)` for kernels that call and inline functions of several modules.
+
+numba drops a cached binary only when the file of the function itself is newer; a changed helper or constant in another
+module would go unnoticed, and a wrong image come out. Here the stamp is the content of all kernel sources.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from numba import njit
+
+FAST_MATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
+"""fastmath without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
+
+SOURCES = ("*_kernels.py", "kernel_cache.py", "splat_conventions.py", "vector_intrinsics.py")
+
+
+@cache
+def sources_digest(folder: Path = Path(__file__).parent) -> str:
+    """Hash of the names and contents of all files that kernels are made of."""
+    digest = hashlib.sha256()
+    for path in sorted(path for pattern in SOURCES for path in folder.glob(pattern)):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def kernel(*, parallel: bool = False, fastmath: bool = False) -> Callable:
+    """Compile a kernel on first use and keep the binary until any kernel source changes."""
+
+    def compiled(function: Callable) -> Callable:
+        options = {"parallel": parallel, "fastmath": FAST_MATH if fastmath else False}
+        dispatcher = njit(cache=True, **options)(_plain(function))
+        # numba has no public way to say this. Should a version rename it, the next line fails at import, aloud.
+        dispatcher._cache._cache_file._source_stamp = sources_digest()
+        return dispatcher
+
+    return compiled
+
+
+def kernel_part(*, inline: bool = False, fastmath: bool = False) -> Callable:
+    """A function that kernels call; with `inline`, compiled as if its text stood in the caller."""
+
+    def compiled(function: Callable) -> Callable:
+        options = {"inline": "always" if inline else "never", "fastmath": FAST_MATH if fastmath else False}
+        return njit(**options)(_plain(function))
+
+    return compiled
+
+
+def _plain(function: Callable) -> Callable:
+    """What numba can compile: without the shape checks that the tests wrap around every function of the package."""
+    return inspect.unwrap(function)

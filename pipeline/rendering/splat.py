@@ -1,0 +1,132 @@
+"""Differentiable Gaussian splatting on the CPU: tiled, in parallel, the same numbers on every run.
+
+The slow twin that says what it computes is `pipeline.rendering.splat_reference`; the conventions and their constants
+are in `pipeline.rendering.splat_conventions`.
+
+Threads: numba's own, `numba.set_num_threads`; one thread per process is best when several processes share the
+cores. Start workers by spawn: a child forked after the first parallel region hangs.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pipeline.rendering.blending_gradient_kernels import blend_backward
+from pipeline.rendering.blending_kernels import blend
+from pipeline.rendering.projection_gradient_kernels import project_backward
+from pipeline.rendering.projection_kernels import FOOTPRINT_COLUMNS, MOMENT_COLUMNS, TILE, project
+from pipeline.rendering.splat_conventions import MIN_DILATION_PX2, Splatted, check_splat_inputs
+from pipeline.rendering.tile_kernels import depth_order, list_tiles
+
+_ONE_AT_A_TIME = threading.Lock()
+"""numba's `workqueue` layer, the only one on some machines, aborts when two Python threads enter parallel regions."""
+
+
+def splat(
+    means: Float[Tensor, "g 3"],
+    quaternions: Float[Tensor, "g 4"],
+    scales: Float[Tensor, "g 3"],
+    opacities: Float[Tensor, " g"],
+    features: Float[Tensor, "g d"],
+    R: Float[Tensor, "3 3"],
+    t: Float[Tensor, " 3"],
+    K: Float[Tensor, "3 3"],
+    width: int,
+    height: int,
+    *,
+    dilation_px2: float = 0.1,
+    compensate_opacity: bool = False,
+    near_m: float = 0.01,
+) -> Splatted:
+    """Splat Gaussians into one image, with gradients to the first five arguments.
+
+    Computed in float32, the projection in float64. Gaussians fainter than MIN_ALPHA everywhere (opacity 0: culled by
+    the caller) cost next to nothing and have gradient 0. Memory of the backward pass: (d + 7) floats per Gaussian and
+    16 x 16 tile within its bounding box.
+
+    Args:
+        means: world, m.
+        quaternions: (w, x, y, z) of any length; zero means no rotation.
+        scales: standard deviations along the rotated axes, m; may be zero.
+        opacities: in [0, 1].
+        features: blended as they are; any number of channels.
+        R, t: camera from world, m. No gradient.
+        K: intrinsics in pixels without skew; the first pixel centre is (0.5, 0.5). No gradient.
+        width, height: of the image, pixels.
+        dilation_px2: variance added to every footprint, px^2. 0.3 is gsplat's; it makes texels about a pixel wide
+            cover each other.
+        compensate_opacity: multiply opacities by sqrt(det(covariance) / det(covariance + dilation)), so that the
+            dilation spreads a footprint without adding to it (Yu et al. 2024, Mip-Splatting, eq. 9).
+        near_m: Gaussians whose mean is nearer to the camera plane, or behind it, are not drawn.
+
+    Returns:
+        features [h, w, d], alpha [h, w] and depth [h, w]; see `Splatted`.
+
+    Raises:
+        ValueError: for lengths that differ, numbers that are not finite, tensors not on the CPU, a K with skew.
+    """
+    tensors = {
+        "means": means,
+        "quaternions": quaternions,
+        "scales": scales,
+        "opacities": opacities,
+        "features": features,
+    }
+    check_splat_inputs({**tensors, "R": R, "t": t}, K, width, height, dilation_px2, near_m)
+    size = np.array([width, height], np.float64)
+    view = (*(_float64(a) for a in (R, t, K)), size, float(max(dilation_px2, MIN_DILATION_PX2)))
+    floats = [tensor.float() for tensor in tensors.values()]
+    return Splatted(*_Splat.apply(*floats, view, bool(compensate_opacity), float(near_m)))
+
+
+def _float64(tensor: Tensor) -> np.ndarray:
+    return np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float64)
+
+
+class _Splat(torch.autograd.Function):
+    """Kernels in the order they run; `view` is (R, t, K, size, dilation) as NumPy arrays."""
+
+    @staticmethod
+    def forward(ctx, means, quaternions, scales, opacities, features, view, compensate, near):
+        gaussians = [a.detach().contiguous().numpy() for a in (means, quaternions, scales, opacities)]
+        count = len(means)
+        width, height = (int(n) for n in view[3])
+        tiles_across, tiles_down = -(-width // TILE), -(-height // TILE)
+        footprints, depths = np.zeros((count, FOOTPRINT_COLUMNS)), np.zeros(count)
+        tiles = np.empty((count, 4), np.int32)
+        with _ONE_AT_A_TIME:
+            project(*gaussians, *view, compensate, near, footprints, depths, tiles)
+            tile_start, entries, slot_start = list_tiles(
+                depth_order(depths, tiles[:, 1] >= tiles[:, 0]), tiles, tiles_across, tiles_down
+            )
+            channels = np.empty((count, features.shape[1] + 1), np.float32)
+            channels[:, :-1], channels[:, -1] = features.detach().numpy(), depths
+            image = np.empty((height, width, features.shape[1]), np.float32)
+            depth, transmittance = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+            ends = np.empty((height, width), np.int32)
+            lists = (footprints, channels, tile_start, entries, tiles_across)
+            blend(*lists, image, depth, transmittance, ends)
+        ctx.gaussians, ctx.view, ctx.compensate = gaussians, view, compensate
+        ctx.lists, ctx.slots, ctx.pixels = lists, (tiles, slot_start), (transmittance, ends)
+        ctx.save_for_backward(means, quaternions, scales, opacities, features)  # complains if changed in place
+        return torch.from_numpy(image), torch.from_numpy(1 - transmittance), torch.from_numpy(depth)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, grad_features, grad_alpha, grad_depth):
+        _ = ctx.saved_tensors
+        tiles, slot_start = ctx.slots
+        gradients = [np.zeros_like(a) for a in ctx.gaussians]
+        footprints, channels = ctx.lists[:2]
+        gradients.append(np.zeros((len(channels), channels.shape[1] - 1), np.float32))
+        slots = np.zeros((slot_start[-1], channels.shape[1] + MOMENT_COLUMNS), np.float32)
+        incoming = (a.contiguous().numpy() for a in (grad_features, grad_depth, grad_alpha))
+        with _ONE_AT_A_TIME:
+            blend_backward(*ctx.lists, tiles, slot_start, *ctx.pixels, *incoming, slots)
+            project_backward(*ctx.gaussians, *ctx.view, ctx.compensate, footprints, slot_start, slots, *gradients)
+        return *(torch.from_numpy(a) for a in gradients), None, None, None

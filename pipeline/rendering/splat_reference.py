@@ -1,0 +1,186 @@
+"""Slow, readable twin of `pipeline.rendering.splat`: every pixel against every Gaussian, gradients by autograd.
+
+It is the oracle of the kernels and may run in float64. Conventions: `pipeline.rendering.splat_conventions`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Float64, Int64
+from torch import Tensor
+
+from pipeline.base.conventions import PIXEL_CENTER
+from pipeline.rendering.splat_conventions import (
+    FRUSTUM_MARGIN,
+    MAX_ALPHA,
+    MIN_ALPHA,
+    MIN_DILATION_PX2,
+    MIN_QUATERNION_NORM,
+    MIN_TRANSMITTANCE,
+    Splatted,
+    check_splat_inputs,
+)
+
+PAIRS_AT_ONCE = 1 << 22
+"""Pixels x Gaussians handled together: about 100 MB of float64 per intermediate with three components."""
+
+
+class Footprints(NamedTuple):
+    """Gaussians as one camera sees them, front to back; those behind `near_m` are gone.
+
+    Attributes:
+        index: which Gaussian each row is.
+        center_px: projected means.
+        factor: M = J R V diag(s), px; the covariance is M M^T + dilation.
+        dilation_px2: added variance.
+        opacity: after compensation.
+        depth_m: camera depth of the mean.
+    """
+
+    index: Int64[Tensor, " v"]
+    center_px: Float[Tensor, "v 2"]
+    factor: Float[Tensor, "v 2 3"]
+    dilation_px2: float
+    opacity: Float[Tensor, " v"]
+    depth_m: Float[Tensor, " v"]
+
+
+def splat_reference(
+    means: Float[Tensor, "g 3"],
+    quaternions: Float[Tensor, "g 4"],
+    scales: Float[Tensor, "g 3"],
+    opacities: Float[Tensor, " g"],
+    features: Float[Tensor, "g d"],
+    R: Float[Tensor, "3 3"],
+    t: Float[Tensor, " 3"],
+    K: Float[Tensor, "3 3"],
+    width: int,
+    height: int,
+    *,
+    dilation_px2: float = 0.1,
+    compensate_opacity: bool = False,
+    near_m: float = 0.01,
+) -> Splatted:
+    """Splat Gaussians into one image, in the dtype of `means`; otherwise as `pipeline.rendering.splat.splat`."""
+    gaussians = {
+        "means": means,
+        "quaternions": quaternions,
+        "scales": scales,
+        "opacities": opacities,
+        "features": features,
+    }
+    check_splat_inputs({**gaussians, "R": R, "t": t}, K, width, height, dilation_px2, near_m)
+    footprints = project_footprints(
+        means,
+        quaternions,
+        scales,
+        opacities,
+        *(a.detach().to(means.dtype) for a in (R, t, K)),
+        width,
+        height,
+        dilation_px2=dilation_px2,
+        compensate_opacity=compensate_opacity,
+        near_m=near_m,
+    )
+    channels = torch.cat([features[footprints.index], footprints.depth_m[:, None]], dim=1)
+    pixels = pixel_centers(width, height).to(means.dtype)
+    blended, alpha = [], []
+    for chunk in pixels.split(max(1, PAIRS_AT_ONCE // max(1, len(channels)))):
+        weights, transmittance = blend_weights(footprint_alphas(footprints, chunk))
+        blended.append(weights @ channels)
+        alpha.append(1 - transmittance)
+    image = torch.cat(blended).reshape(height, width, -1)
+    return Splatted(image[..., :-1], torch.cat(alpha).reshape(height, width), image[..., -1])
+
+
+def pixel_centers(width: int, height: int) -> Float64[Tensor, "pixels 2"]:
+    """Pixel centres (x, y), row by row from the top left."""
+    rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    return torch.stack([columns, rows], dim=-1).reshape(-1, 2).double() + PIXEL_CENTER
+
+
+def rotations_from_quaternions(quaternions: Float[Tensor, "g 4"]) -> Float[Tensor, "g 3 3"]:
+    """Rotation matrices of (w, x, y, z) quaternions of any length; a zero quaternion is no rotation."""
+    norm_squared = (quaternions**2).sum(dim=1, keepdim=True)
+    usable = norm_squared > MIN_QUATERNION_NORM**2
+    unit = torch.where(usable, quaternions, torch.zeros_like(quaternions))
+    unit = unit / torch.sqrt(torch.where(usable, norm_squared, torch.ones_like(norm_squared)))
+    w, x, y, z = unit.unbind(dim=1)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
+
+
+def project_footprints(
+    means: Float[Tensor, "g 3"],
+    quaternions: Float[Tensor, "g 4"],
+    scales: Float[Tensor, "g 3"],
+    opacities: Float[Tensor, " g"],
+    R: Float[Tensor, "3 3"],
+    t: Float[Tensor, " 3"],
+    K: Float[Tensor, "3 3"],
+    width: int,
+    height: int,
+    *,
+    dilation_px2: float,
+    compensate_opacity: bool,
+    near_m: float,
+) -> Footprints:
+    """Perspective projection of the means, its Jacobian there applied to the Gaussians' factors, sorted by depth."""
+    dilation_px2 = max(dilation_px2, MIN_DILATION_PX2)
+    depth64 = means.detach().double() @ R[2].double() + t[2].double()
+    order = torch.argsort(depth64.float(), stable=True)
+    order = order[depth64[order] >= near_m]
+    x, y, z = (means[order] @ R.T + t).unbind(dim=1)
+    focal, principal = torch.stack([K[0, 0], K[1, 1]]), torch.stack([K[0, 2], K[1, 2]])
+    slope = torch.stack([x / z, y / z], dim=1)
+    size = torch.tensor([width, height], dtype=means.dtype)
+    margin = FRUSTUM_MARGIN * 0.5 * size / focal
+    clamped = torch.minimum(torch.maximum(slope, -principal / focal - margin), (size - principal) / focal + margin)
+    jacobian = torch.cat([torch.diag_embed(focal / z[:, None]), (-focal * clamped / z[:, None])[:, :, None]], dim=2)
+    factor = (jacobian @ R @ rotations_from_quaternions(quaternions[order])) * scales[order][:, None, :]
+    opacity = opacities[order]
+    if compensate_opacity:
+        area_squared = (torch.linalg.cross(factor[:, 0], factor[:, 1]) ** 2).sum(dim=1)
+        visible = area_squared > 0
+        area = torch.where(visible, torch.sqrt(torch.where(visible, area_squared, torch.ones_like(z))), 0 * z)
+        opacity = opacity * area / torch.sqrt(_determinant(factor, dilation_px2))
+    return Footprints(order, slope * focal + principal, factor, dilation_px2, opacity, z)
+
+
+def _determinant(factor: Float[Tensor, "v 2 3"], dilation_px2: float) -> Float[Tensor, " v"]:
+    """det(M M^T + dilation I) as a sum of squares: det(M M^T) = |a x b|^2 for the rows a, b of M (Cauchy-Binet)."""
+    area_squared = (torch.linalg.cross(factor[:, 0], factor[:, 1]) ** 2).sum(dim=1)
+    return area_squared + dilation_px2 * (factor**2).sum(dim=(1, 2)) + dilation_px2**2
+
+
+def footprint_alphas(footprints: Footprints, pixels: Float[Tensor, "p 2"]) -> Float[Tensor, "p v"]:
+    """opacity exp(-q / 2) of every Gaussian at every pixel, before the limits MAX_ALPHA and MIN_ALPHA.
+
+    q = d^T adj(covariance) d / det, and the numerator is |a d_y - b d_x|^2 + dilation |d|^2: again no cancellation.
+    """
+    dx, dy = (pixels[:, None, :] - footprints.center_px[None]).unbind(dim=2)
+    a, b = footprints.factor[:, 0], footprints.factor[:, 1]
+    across = sum((a[:, k] * dy - b[:, k] * dx) ** 2 for k in range(3))
+    determinant = _determinant(footprints.factor, footprints.dilation_px2)
+    q = (across + footprints.dilation_px2 * (dx**2 + dy**2)) / determinant
+    return footprints.opacity * torch.exp(-0.5 * q)
+
+
+def blend_weights(alphas: Float[Tensor, "p v"]) -> tuple[Float[Tensor, "p v"], Float[Tensor, " p"]]:
+    """Front-to-back blending weights w_i = alpha_i T_i and the transmittance left behind the last Gaussian.
+
+    Args:
+        alphas: as `footprint_alphas` returns them, front to back.
+    """
+    alphas = torch.where(alphas >= MIN_ALPHA, torch.clamp(alphas, max=MAX_ALPHA), torch.zeros_like(alphas))
+    behind = torch.cumprod(1 - alphas, dim=1)
+    alphas = torch.where(behind > MIN_TRANSMITTANCE, alphas, torch.zeros_like(alphas))
+    behind = torch.cumprod(1 - alphas, dim=1)
+    before = torch.cat([torch.ones_like(behind[:, :1]), behind[:, :-1]], dim=1)
+    return alphas * before[:, : alphas.shape[1]], behind[:, -1] if alphas.shape[1] else torch.ones_like(alphas.sum(1))

@@ -1,0 +1,151 @@
+"""Texture coordinates and a procedural albedo: skin, a striped shirt, checked trousers, shoes, a face.
+
+The albedo is a function of the rest position, baked into a texture that only the renderer sees: the template
+carries coordinates but no colours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import xatlas
+from jaxtyping import Float32, Float64, Int64
+
+from pipeline.base.seeds import generator_for
+from pipeline.synthesis.skeleton import Skeleton
+
+ATLAS_PADDING = 4
+"""Texels between charts at the baked resolution: bilinear look-ups and 2x minification stay within a chart."""
+
+SKIN = (0.52, 0.30, 0.20)
+SHIRT = (0.10, 0.22, 0.45)
+SHIRT_STRIPE = (0.70, 0.66, 0.55)
+TROUSERS = (0.16, 0.17, 0.12)
+TROUSERS_CHECK = (0.34, 0.30, 0.20)
+SHOES = (0.35, 0.07, 0.05)
+HAIR = (0.07, 0.045, 0.03)
+BELT = (0.55, 0.36, 0.10)
+EYES = (0.03, 0.03, 0.05)
+LIPS = (0.42, 0.10, 0.10)
+
+
+@dataclass(frozen=True)
+class Unwrapped:
+    """A mesh cut along texture seams.
+
+    Attributes:
+        source: for each vertex, the vertex of the uncut mesh it is a copy of.
+        faces: triangles in the order of the uncut mesh.
+        uv: texture coordinates, glTF convention (v points down).
+    """
+
+    source: Int64[np.ndarray, "u"]
+    faces: Int64[np.ndarray, "f 3"]
+    uv: Float64[np.ndarray, "u 2"]
+
+
+def unwrap(vertices: Float64[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"], size: int) -> Unwrapped:
+    """Cut the mesh into charts and pack them into a square of `size` texels."""
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(vertices.astype(np.float32), faces.astype(np.uint32))
+    charts = xatlas.ChartOptions()
+    charts.max_iterations = 4
+    packing = xatlas.PackOptions()
+    packing.resolution, packing.padding, packing.bilinear = size, ATLAS_PADDING, True
+    atlas.generate(charts, packing)
+    source, cut_faces, uv = atlas[0]
+    return Unwrapped(source.astype(np.int64), cut_faces.astype(np.int64), uv.astype(np.float64))
+
+
+def albedo_at(
+    points: Float64[np.ndarray, "n 3"], owner: Int64[np.ndarray, "n"], skeleton: Skeleton, subject: str
+) -> Float32[np.ndarray, "n 3"]:
+    """Linear albedo at rest positions (metres), given the joint that mostly moves each point."""
+    x, y, z = points.T
+    name = np.array(skeleton.names)[owner]
+    part = np.char.partition(name.astype(str), "_l")[:, 0]
+    part = np.char.partition(part, "_r")[:, 0]
+    arm_along = np.abs(x)
+    albedo = np.tile(np.array(SKIN), (len(points), 1))
+
+    def paint(where: np.ndarray, color: tuple[float, float, float]) -> None:
+        albedo[where] = color
+
+    shirt = np.isin(part, ["spine", "chest", "upper_arm"]) & (arm_along < 0.34)
+    paint(shirt, SHIRT)
+    on_arm = np.isin(part, ["upper_arm"])
+    stripe = np.where(on_arm, np.sin(2 * np.pi * arm_along / 0.055), np.sin(2 * np.pi * y / 0.075))
+    paint(shirt & (stripe > 0.35), SHIRT_STRIPE)
+    paint(shirt & (np.hypot(x - 0.06, y - 1.27) < 0.045) & (z > 0), BELT)
+    trousers = np.isin(part, ["pelvis", "thigh", "shin"]) | (np.isin(part, ["spine"]) & (y < 1.0))
+    paint(trousers, TROUSERS)
+    angle = np.arctan2(z, np.abs(x) - 0.125)
+    check = (np.sin(2 * np.pi * y / 0.11) > 0.2) ^ (np.sin(4 * angle) > 0.2)
+    paint(trousers & check, TROUSERS_CHECK)
+    paint((np.abs(y - 1.0) < 0.022) & np.isin(part, ["pelvis", "spine"]), BELT)
+    paint(np.isin(part, ["foot", "toe"]), SHOES)
+    head = np.isin(part, ["head"])
+    paint(head & (y > 1.64 + 0.35 * z), HAIR)
+    paint(head & (z > 0) & (np.hypot(np.abs(x) - 0.04, y - 1.625) < 0.016), EYES)
+    paint(head & (z > 0) & (((x / 0.035) ** 2 + ((y - 1.53) / 0.011) ** 2) < 1), LIPS)
+    return (albedo * _mottle(points, subject)[:, None]).clip(0.01, 0.9).astype(np.float32)
+
+
+def _mottle(points: np.ndarray, subject: str) -> np.ndarray:
+    """Fine brightness variation: a sum of seeded plane waves, wavelengths 2 to 15 cm, standard deviation 0.16."""
+    random = generator_for(subject, "albedo")
+    directions = random.normal(size=(48, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    wavelengths = 0.02 * 7.5 ** random.random(48)
+    phases = 2 * np.pi * random.random(48)
+    waves = np.sin(points @ (2 * np.pi * directions / wavelengths[:, None]).T + phases)
+    return 1.0 + 0.16 * waves.sum(axis=1) / np.sqrt(24)
+
+
+def bake(
+    unwrapped: Unwrapped,
+    vertices: Float64[np.ndarray, "v 3"],
+    owner: Int64[np.ndarray, "v"],
+    skeleton: Skeleton,
+    size: int,
+    subject: str,
+) -> Float32[np.ndarray, "size size 3"]:
+    """Albedo texture, row 0 at v = 0; texels outside the charts repeat the nearest chart's colour."""
+    texel, face, barycentric = rasterize(unwrapped, size)
+    corners = unwrapped.source[unwrapped.faces[face]]
+    points = np.einsum("kc,kcd->kd", barycentric, vertices[corners])
+    owners = owner[corners[np.arange(len(corners)), barycentric.argmax(axis=1)]]
+    texture = np.zeros((size, size, 3), dtype=np.float32)
+    covered = np.zeros((size, size), dtype=bool)
+    texture[texel[:, 0], texel[:, 1]] = albedo_at(points, owners, skeleton, subject)
+    covered[texel[:, 0], texel[:, 1]] = True
+    _, labels = cv2.distanceTransformWithLabels(
+        (~covered).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    color_of_label = np.zeros((labels.max() + 1, 3), dtype=np.float32)
+    color_of_label[labels[covered]] = texture[covered]
+    return color_of_label[labels]
+
+
+def rasterize(
+    unwrapped: Unwrapped, size: int
+) -> tuple[Int64[np.ndarray, "k 2"], Int64[np.ndarray, "k"], Float64[np.ndarray, "k 3"]]:
+    """Texels (row, column) whose centre lies in a triangle, that triangle, and barycentric coordinates in it."""
+    texels, faces, weights = [], [], []
+    for face, corners in enumerate(unwrapped.uv[unwrapped.faces] * size):
+        low = np.floor(corners.min(axis=0) - 0.5).astype(int).clip(0, size - 1)
+        high = np.ceil(corners.max(axis=0) + 0.5).astype(int).clip(1, size)
+        column, row = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+        centers = np.stack([column.ravel() + 0.5, row.ravel() + 0.5], axis=1)
+        edges = np.stack([corners[1] - corners[0], corners[2] - corners[0]], axis=1)
+        if abs(np.linalg.det(edges)) < 1e-12:  # a sliver covers no texel
+            continue
+        along = (centers - corners[0]) @ np.linalg.inv(edges).T
+        barycentric = np.concatenate([1 - along.sum(axis=1, keepdims=True), along], axis=1)
+        inside = (barycentric >= 0).all(axis=1)
+        texels.append(np.stack([row.ravel(), column.ravel()], axis=1)[inside])
+        faces.append(np.full(inside.sum(), face))
+        weights.append(barycentric[inside])
+    return np.concatenate(texels).astype(np.int64), np.concatenate(faces).astype(np.int64), np.concatenate(weights)

@@ -1,0 +1,168 @@
+"""Everything of a synthetic capture that is not a photograph: tables, template, capture.yaml, and the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+from jaxtyping import Float64
+
+from pipeline.base.files import write_arrays, write_json, write_table
+from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.geometry.cameras import write_cameras
+from pipeline.synthesis.figure import Figure, vertex_normals
+from pipeline.synthesis.gltf_writer import FIRST_JOINT_NODE, write_skinned_glb
+from pipeline.synthesis.motion import Pose
+from pipeline.synthesis.stage_rig import StageRig, segment_of, survey_lights
+from pipeline.synthesis.targets import BOARD_DICTIONARY, CHART_PATCHES
+
+FORMAT = "lightstage-capture/1"
+
+
+def template_source(figure: Figure, settings: SynthesizeCapture) -> np.ndarray:
+    """For each vertex of the template file, the vertex of the uncut mesh it is a copy of."""
+    return figure.unwrapped.source if settings.uvs else np.arange(len(figure.vertices))
+
+
+def write_template(root: Path, figure: Figure, settings: SynthesizeCapture) -> None:
+    """template/template.glb and template/keypoints.csv."""
+    source = template_source(figure, settings)
+    write_skinned_glb(
+        root / "template/template.glb",
+        vertices=figure.vertices[source],
+        normals=vertex_normals(figure.vertices, figure.faces)[source],
+        faces=figure.unwrapped.faces if settings.uvs else figure.faces,
+        uv=figure.unwrapped.uv if settings.uvs else None,
+        weights=figure.weights[source],
+        skeleton=figure.skeleton,
+        units_per_m=1 / settings.scale_to_m,
+    )
+    nodes = FIRST_JOINT_NODE + np.arange(len(figure.skeleton.names))
+    write_table(
+        root / "template/keypoints.csv", pd.DataFrame({"keypoint": figure.skeleton.names, "node_index": nodes})
+    )
+
+
+def write_tables(
+    root: Path, subject: str, rig: StageRig, patterns: pd.DataFrame, keypoints: pd.DataFrame, settings: SynthesizeCapture
+) -> None:
+    """cameras.csv, frames.csv, lights.csv, patterns.csv, keypoints_2d.parquet and the chart's values."""
+    d = settings.downsample_from_sensor
+    size = {
+        "width": settings.width, "height": settings.height,
+        "sensor_width": d * settings.width, "sensor_height": d * settings.height,
+    }  # fmt: skip
+    write_table(root / "cameras.csv", pd.DataFrame([{"camera": name, **size} for name in rig.cameras]))
+    frames = range(settings.frames)
+    segments = [segment_of(frame, settings)[0] for frame in frames]
+    timestamps = [frame / settings.fps for frame in frames]
+    write_table(
+        root / "frames.csv", pd.DataFrame({"frame": frames, "timestamp_s": timestamps, "segment": segments})
+    )
+    write_table(root / "lights.csv", survey_lights(subject, rig, settings.survey_error_m))
+    write_table(root / "patterns.csv", patterns)
+    write_table(root / "keypoints_2d.parquet", keypoints)
+    chart = pd.DataFrame(CHART_PATCHES, columns=["r", "g", "b"])
+    chart.insert(0, "patch", np.arange(1, len(chart) + 1))
+    write_table(root / "calibration/color_chart/chart.csv", chart)
+
+
+def held_out(rig: StageRig, settings: SynthesizeCapture) -> dict[str, list]:
+    """The splits of capture.yaml: cameras spread over the ring, partially lit frames spread over segment a, segment b."""
+    names = list(rig.cameras)
+    partial = [
+        frame for frame in range(settings.frames - settings.frames_b) if frame % settings.fully_lit_every != 0
+    ]  # fmt: skip
+
+    def spread(items: list, count: int) -> list:
+        return [items[int((i + 0.5) * len(items) / count)] for i in range(count)]
+
+    return {
+        "test_cameras": spread(names, settings.test_cameras),
+        "test_frames": spread(partial, settings.test_frames),
+        "test_segments": ["b"],
+    }
+
+
+def write_capture_yaml(root: Path, subject: str, rig: StageRig, settings: SynthesizeCapture) -> None:
+    """capture.yaml, the file that names everything else."""
+    content = {
+        "format": FORMAT,
+        "subject": subject,
+        "kind": "body",
+        "units": "m",
+        "up": "+y",
+        "fps": settings.fps,
+        "images": {
+            "path": "images/{camera}/{frame:06d}.exr",
+            "transfer": "linear",
+            "black_level": settings.black_level,
+            "downsample_from_sensor": settings.downsample_from_sensor,
+        },
+        "masks": {"path": "masks/{camera}/{frame:06d}.png"},
+        "cameras": "cameras.csv",
+        "frames": "frames.csv",
+        "lights": "lights.csv",
+        "patterns": "patterns.csv",
+        "keypoints_2d": "keypoints_2d.parquet",
+        "template": {
+            "mesh": "template/template.glb",
+            "keypoints": "template/keypoints.csv",
+            "scale_to_m": settings.scale_to_m,
+        },
+        "calibration": _calibration_entries(settings),
+        "splits": held_out(rig, settings),
+    }
+    (root / "capture.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def _calibration_entries(settings: SynthesizeCapture) -> dict[str, dict[str, object]]:
+    return {
+        "cameras": {
+            "method": "charuco",
+            "path": "calibration/charuco/{camera}/{view:03d}.jpg",
+            "squares_x": settings.board_squares_x,
+            "squares_y": settings.board_squares_y,
+            "square_m": settings.board_square_m,
+            "marker_m": settings.board_marker_m,
+            "dictionary": BOARD_DICTIONARY,
+        },
+        "lights": {
+            "method": "mirror_ball",
+            "path": "calibration/mirror_ball/{position}/{camera}/{light}.png",
+            "silhouette": "calibration/mirror_ball/{position}/{camera}/silhouette.png",
+            "radius_m": settings.ball_radius_m,
+        },
+        "color": {
+            "method": "chart",
+            "path": "calibration/color_chart/{camera}.exr",
+            "patches": "calibration/color_chart/chart.csv",
+            "transfer": "linear",
+        },
+    }
+
+
+def write_truth(
+    root: Path,
+    rig: StageRig,
+    vertices: Float64[np.ndarray, "frames v 3"],
+    joints: Float64[np.ndarray, "frames joints 3"],
+    poses: list[Pose],
+) -> None:
+    """truth/: what no stage may read. `vertices` are in the template file's order, everything in metres."""
+    write_cameras(root / "truth/cameras.json", rig.cameras)
+    lights = pd.DataFrame(rig.lights_xyz, columns=["x", "y", "z"])
+    lights.insert(0, "light", list(rig.light_positions))
+    write_table(root / "truth/lights.parquet", lights)
+    responses = {name: matrix.tolist() for name, matrix in rig.raw_from_true.items()}
+    write_json(root / "truth/color.json", {"raw_from_true": responses})
+    tracking = {
+        "frames": np.arange(len(vertices)),
+        "vertices": vertices.astype(np.float32),
+        "joints": joints.astype(np.float32),
+        "joint_rotations": np.stack([pose.rotations for pose in poses]).astype(np.float32),
+        "root_translation": np.stack([pose.root_translation for pose in poses]).astype(np.float32),
+    }
+    write_arrays(root / "truth/tracking.safetensors", tracking)

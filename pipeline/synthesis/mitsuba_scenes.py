@@ -1,0 +1,177 @@
+"""Scenes for Mitsuba 3 (https://mitsuba.readthedocs.io), variant scalar_rgb, on one thread per process.
+
+Mitsuba is imported inside functions only: it takes a second, and everything else in this package works without it.
+Rendered images are radiance, linear RGB, with coverage in the fourth channel.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int64
+
+from pipeline.synthesis.lens import LensView
+
+COAT_IOR = 1.5
+"""Refractive index of the figure's coat: typical of skin oil, varnish and polymers."""
+
+NO_ROULETTE = 1000
+"""Path depth at which Russian roulette would start: never, since it only adds noise to paths this short."""
+
+SAMPLE_SET_SIZES = (64, 16, 4, 1)
+"""Low-discrepancy sets exist for powers of four from 4 on; other sample counts are sums of several sets."""
+
+
+def mitsuba() -> Any:
+    """The module `mitsuba` with its variant chosen and one rendering thread; results do not depend on the host."""
+    import drjit
+    import mitsuba as mi
+
+    if mi.variant() != "scalar_rgb":
+        mi.set_variant("scalar_rgb")
+        drjit.set_thread_count(1)
+    return mi
+
+
+def sensor(view: LensView, samples: int) -> dict[str, Any]:
+    """The pinhole camera that renders a view's window with one set of `samples` per pixel, as a Mitsuba sensor."""
+    mi = mitsuba()
+    camera = view.camera
+    # Mitsuba's camera looks along +z like OpenCV's, but its x points left and its y up.
+    world_from_sensor = np.eye(4)
+    world_from_sensor[:3, :3] = camera.R.T @ np.diag([-1.0, -1.0, 1.0])
+    world_from_sensor[:3, 3] = camera.center
+    x, y, width, height = view.crop
+    return {
+        "type": "perspective",
+        "fov": float(np.degrees(2 * np.arctan(view.film[0] / 2 / view.focal))),
+        "fov_axis": "x",
+        "near_clip": 0.01,
+        "to_world": mi.ScalarTransform4f(world_from_sensor),
+        "film": {
+            "type": "hdrfilm", "width": view.film[0], "height": view.film[1],
+            "crop_offset_x": x, "crop_offset_y": y, "crop_width": width, "crop_height": height,
+            "pixel_format": "rgba", "component_format": "float32", "rfilter": {"type": "box"},
+        },
+        "sampler": {"type": "ldsampler" if samples > 1 else "independent", "sample_count": samples},
+    }  # fmt: skip
+
+
+def render(scene: Any, view: LensView, samples: int, seed: int) -> Float32[np.ndarray, "crop_height crop_width 4"]:
+    """Render a view's window: radiance and coverage, about `samples` paths per fine pixel."""
+    mi = mitsuba()
+    size = next(size for size in SAMPLE_SET_SIZES if size <= max(samples, 1))
+    passes = max(1, round(samples / size))
+    loaded = mi.load_dict(sensor(view, size))
+    image: Any = 0.0
+    for index in range(passes):
+        part = mi.render(scene, sensor=loaded, seed=(seed + index) % 2**31)
+        image = image + np.array(part, dtype=np.float32)
+    return image / np.float32(passes)
+
+
+def triangle_mesh(
+    bsdf: dict[str, Any],
+    vertices: Float64[np.ndarray, "v 3"],
+    faces: Int64[np.ndarray, "f 3"],
+    uv: Float64[np.ndarray, "v 2"],
+    normals: Float64[np.ndarray, "v 3"] | None = None,
+    emitter: dict[str, Any] | None = None,
+) -> Any:
+    """A Mitsuba mesh with texture coordinates (v pointing down) and, if given, smooth normals or emission."""
+    mi = mitsuba()
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    if emitter is not None:
+        properties["emitter"] = mi.load_dict(emitter)
+    mesh = mi.Mesh(
+        "mesh", len(vertices), len(faces),
+        has_vertex_normals=normals is not None, has_vertex_texcoords=True, props=properties,
+    )  # fmt: skip
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.ravel(vertices).astype(np.float32)
+    if normals is not None:
+        parameters["vertex_normals"] = np.ravel(normals).astype(np.float32)
+    parameters["vertex_texcoords"] = np.ravel(uv).astype(np.float32)
+    parameters["faces"] = np.ravel(faces).astype(np.uint32)
+    parameters.update()
+    return mesh
+
+
+def bitmap_texture(texture: Float32[np.ndarray, "h w 3"], filter_type: str) -> dict[str, Any]:
+    """A texture of linear values, row 0 at v = 0."""
+    mi = mitsuba()
+    return {
+        "type": "bitmap", "bitmap": mi.Bitmap(np.ascontiguousarray(texture)), "raw": True,
+        "wrap_mode": "clamp", "filter_type": filter_type,
+    }  # fmt: skip
+
+
+def lit_scene(
+    mesh: Any, light_positions: Float64[np.ndarray, "n 3"], intensities: Float64[np.ndarray, "n"], max_depth: int
+) -> Any:
+    """A mesh under point lights of the given radiant intensities, on black; paths of up to `max_depth` edges."""
+    mi = mitsuba()
+    content: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": NO_ROULETTE},
+        "mesh": mesh,
+    }
+    for index, (position, intensity) in enumerate(zip(light_positions, intensities, strict=True)):
+        content[f"light_{index:04d}"] = {
+            "type": "point", "position": position.tolist(),
+            "intensity": {"type": "rgb", "value": [float(intensity)] * 3},
+        }  # fmt: skip
+    return mi.load_dict(content)
+
+
+def body_mesh(
+    texture: np.ndarray, gloss_alpha: float, vertices: np.ndarray, normals: np.ndarray, faces: np.ndarray, uv: np.ndarray
+) -> Any:
+    """The figure: a diffuse albedo texture under a rough dielectric coat (GGX of width `gloss_alpha`)."""
+    bsdf = {
+        "type": "roughplastic", "distribution": "ggx", "alpha": gloss_alpha, "int_ior": COAT_IOR,
+        "diffuse_reflectance": bitmap_texture(texture, "bilinear"),
+    }  # fmt: skip
+    return triangle_mesh(bsdf, vertices, faces, uv, normals)
+
+
+def print_scene(texture: np.ndarray, corners: Float64[np.ndarray, "4 3"]) -> Any:
+    """A flat print whose radiance is its texture: what a matt print of that reflectance shows under even light.
+
+    `corners` are top left, top right, bottom right, bottom left as seen from the front; row 0 of the texture is
+    the top edge.
+    """
+    mi = mitsuba()
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    faces = np.array([[0, 2, 1], [0, 3, 2]])
+    light = {"type": "area", "radiance": bitmap_texture(texture, "nearest")}
+    mesh = triangle_mesh({"type": "diffuse"}, corners, faces, uv, emitter=light)
+    # Depth 1 is emission alone.
+    return mi.load_dict({"type": "scene", "integrator": {"type": "path", "max_depth": 1}, "print": mesh})
+
+
+def mirror_ball_scene(
+    center: Float64[np.ndarray, "3"], radius: float, light: Float64[np.ndarray, "3"], light_radius: float
+) -> Any:
+    """A perfect mirror ball and one spherical light of radiance 1, hidden from direct view."""
+    mi = mitsuba()
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 2, "rr_depth": NO_ROULETTE, "hide_emitters": True},
+            "ball": {"type": "sphere", "center": center.tolist(), "radius": radius, "bsdf": {"type": "conductor"}},
+            "light": {
+                "type": "sphere", "center": light.tolist(), "radius": light_radius,
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
+            },
+        }
+    )  # fmt: skip
+
+
+def hit_distances(scene: Any, origin: Float64[np.ndarray, "3"], directions: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+    """Distance [n] to the first surface along each direction, infinity where there is none."""
+    mi = mitsuba()
+    start = origin.tolist()
+    return np.array([float(scene.ray_intersect_preliminary(mi.Ray3f(start, d.tolist())).t) for d in directions])

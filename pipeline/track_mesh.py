@@ -1,0 +1,125 @@
+"""Keypoints and masks in, posed template vertices of every frame out.
+
+Reads the index tables, calibrated cameras and the template; writes `out`/{chunk:04d}.safetensors (frames, vertices,
+joint_rotations, root_rotation, root_translation) and a .parquet of the same name with one row per frame: status
+("tracked", or "interpolated" where too few keypoints were seen), rms_px, inliers, ... A rigged template is posed by a
+robust least-squares fit of all frames of the chunk together (`pipeline.geometry.mesh_tracker`); an unrigged one (a
+head) moves rigidly, its root transform per frame: expressions are not tracked in this version. Lit or not, every
+frame is tracked. Held-out cameras take no part unless `use_test_cameras` says so.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, read_table, write_arrays, write_table
+from pipeline.capture.tracking_inputs import image_cameras, keypoint_observations, mask_views
+from pipeline.config.track_mesh import TrackMesh
+from pipeline.geometry.keypoint_targets import read_keypoint_targets
+from pipeline.geometry.mesh_tracker import Tracking, track
+from pipeline.geometry.motion_prior import MotionPrior
+from pipeline.geometry.silhouettes import View, silhouette_overlap
+from pipeline.geometry.skin import Template, posed, read_template
+
+LOG = logging.getLogger("track_mesh")
+
+TRACKER_SETTINGS = {
+    "inlier_px", "min_keypoints", "max_iterations", "outline_rounds", "outline_sigma_px", "outline_vertices",
+}  # fmt: skip
+"""The settings that `track` takes; the others concern what it is given."""
+
+
+def run(
+    *, capture: Path, index: Path, cameras: Path, chunk: int, out: Path, chunk_size: int = 64,
+    settings: TrackMesh = TrackMesh(),
+) -> None:  # fmt: skip
+    """Pose the template in every frame of one chunk, from 2D keypoints and masks.
+
+    Args:
+        capture: the capture folder, to which the index's paths are relative.
+        index: folder of index tables that index_capture wrote.
+        cameras: cameras.json at sensor resolution, in the stage frame.
+        chunk: which chunk of sorted frames: [chunk * chunk_size, (chunk + 1) * chunk_size).
+        out: folder for {chunk:04d}.safetensors and {chunk:04d}.parquet.
+        chunk_size: frames per chunk.
+        settings: numbers and modes.
+    """
+    tracker_settings = settings.model_dump(include=TRACKER_SETTINGS)
+    content = read_json(index / "capture.json")
+    frames = read_table(index / "frames.parquet").sort_values("frame", ignore_index=True)
+    first, last = chunk * chunk_size, min((chunk + 1) * chunk_size, len(frames))
+    if not 0 <= first < last:
+        raise InputError(f"chunk: expected 0 to {(len(frames) - 1) // chunk_size}, found {chunk}; {len(frames)} frames")
+    start = max(first - settings.context_frames, 0)
+    with_context = frames.iloc[start : last + settings.context_frames]
+    template = read_template(capture / content["template"]["mesh"], float(content["template"]["scale_to_m"]))
+    if content["template"].get("keypoints") is None:
+        raise InputError("capture.yaml: template.keypoints: expected a csv of keypoints on the template, found none")
+    targets = read_keypoint_targets(capture / content["template"]["keypoints"], template)
+    images = read_table(index / "images.parquet")
+    used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), settings.use_test_cameras)
+    frame_numbers = with_context.frame.to_numpy(np.int64)
+    observations = keypoint_observations(read_table(index / "keypoints_2d.parquet"), used, frame_numbers, targets)
+    views = []
+    if settings.outline_rounds:
+        views = mask_views(capture, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
+    prior = MotionPrior(
+        with_context.timestamp_s.to_numpy(np.float64), settings.rotation_acceleration,
+        settings.translation_acceleration, settings.rest_rotation,
+    )  # fmt: skip
+    tracking = track(template, targets, observations, views, prior, **tracker_settings)
+    LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)
+    LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
+    kept = slice(first - start, last - start)
+    _write(out, chunk, frame_numbers, kept, template, tracking, views, settings.inlier_px)
+
+
+def _write(
+    out: Path, chunk: int, frames: np.ndarray, kept: slice, template: Template, tracking: Tracking, views: list[View],
+    inlier_px: float,
+) -> None:  # fmt: skip
+    pose, every = tracking.pose.at(kept), np.arange(len(frames))[kept]
+    vertices = posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
+    residual = tracking.residual_px[:, kept]
+    inlier = residual < inlier_px
+    count = inlier.sum((0, 2))
+    rms = np.sqrt((np.where(inlier, residual, 0.0) ** 2).sum((0, 2)) / np.maximum(count, 1))
+    table = pd.DataFrame(
+        {
+            "frame": frames[kept],
+            "status": np.where(tracking.solved[kept], "tracked", "interpolated"),
+            "rms_px": np.where(count > 0, rms, np.nan),
+            "inliers": count,
+            "observations": np.isfinite(residual).sum((0, 2)),
+            "keypoints": tracking.keypoints[kept],
+            "silhouette_iou": silhouette_overlap([view.at(every) for view in views], vertices, template.faces),
+        }
+    )
+    interpolated = table.frame[table.status == "interpolated"].tolist()
+    if interpolated:
+        LOG.warning("%d frames had too few keypoints and were interpolated: %s", len(interpolated), interpolated)
+    arrays = {
+        "frames": frames[kept], "vertices": vertices.astype(np.float32),
+        "joint_rotations": pose.joint_rotations.astype(np.float32),
+        "root_rotation": pose.root_rotation.astype(np.float32),
+        "root_translation": pose.root_translation.astype(np.float32),
+    }  # fmt: skip
+    if not template.rigged:
+        del arrays["joint_rotations"]
+    write_arrays(out / f"{chunk:04d}.safetensors", arrays)
+    write_table(out / f"{chunk:04d}.parquet", table)
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""Gaussians that break splatters: value and gradient finite, and right against the float64 reference."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from pipeline.rendering.splat_comparison import compare_with_reference
+
+VALUE_TOLERANCE = 1e-5
+GRADIENT_TOLERANCE = 1e-5
+"""Absolute, and relative to the norm of each gradient. float32 blending gives about 1e-6; a projection in float32, or a
+footprint counted from the image's corner, fails here with 3e-5 and more."""
+
+WIDTH, HEIGHT, FOCAL, DEPTH = 44, 37, 60.0, 2.0
+PX = DEPTH / FOCAL
+"""Metres that cover a pixel at DEPTH."""
+
+SIDEWAYS = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
+"""Turns x into -z: a disc in the xy plane becomes edge-on."""
+SLANTED = (0.9, 0.1, -0.2, 0.4)
+
+
+def gaussians(
+    count=3, mean=(0.05, -0.03, DEPTH), quaternion=SLANTED, scales=(0.1, 0.06, 0.08), opacity=0.7, spread=0.1
+):
+    """Copies of one Gaussian, set apart by `spread` metres sideways."""
+    draws = torch.Generator().manual_seed(count)
+    means = torch.tensor(mean).repeat(count, 1)
+    means[:, :2] += spread * torch.randn(count, 2, generator=draws)
+    return {
+        "means": means,
+        "quaternions": torch.tensor(quaternion).repeat(count, 1),
+        "scales": torch.tensor(scales).repeat(count, 1),
+        "opacities": torch.full((count,), opacity),
+        "features": torch.randn(count, 3, generator=draws),
+    }
+
+
+def near_plane():
+    scene = gaussians(6, scales=(0.004, 0.002, 0.003), spread=0.0)
+    depths = [0.01, 0.0101, 0.0099, 0.012, 0.0, -1.0]
+    scene["means"] = torch.tensor([[0.001, -0.0005, z] for z in depths])
+    return scene
+
+
+def outside_the_frustum():
+    """Where J is clamped: far to the sides, large enough to be seen."""
+    scene = gaussians(4, scales=(1.0, 0.5, 0.7), spread=0.0)
+    scene["means"] = torch.tensor([[3.0, 0.1, DEPTH], [-3.0, 0.2, DEPTH], [0.1, 2.5, DEPTH], [-3.0, -2.5, DEPTH]])
+    return scene
+
+
+def opacities(*values):
+    scene = gaussians(len(values))
+    scene["opacities"] = torch.tensor(values)
+    return scene
+
+
+def quaternions(*values):
+    scene = gaussians(len(values))
+    scene["quaternions"] = torch.tensor(values)
+    return scene
+
+
+def on_pixel_centers(scales):
+    """Sub-pixel Gaussians, one exactly on a pixel centre and others beside it."""
+    scene = gaussians(4, scales=scales, spread=0.0)
+    pixels = torch.tensor([[10.5, 12.5], [20.9, 15.2], [30.0, 20.0], [5.5, 30.52]])
+    scene["means"][:, :2] = (pixels - torch.tensor([WIDTH / 2, HEIGHT / 2])) * PX
+    return scene
+
+
+NEEDLE = {length: (length * PX, 1e-4, 1e-4) for length in (300, 3000)}
+SHARP = {"dilation_px2": 0.0}
+SOFT = {"compensate_opacity": True}
+CASES = {
+    "edge-on disc": (gaussians(quaternion=SIDEWAYS, scales=(0.2, 0.2, 0.0)), {}),
+    "edge-on disc, compensated": (gaussians(quaternion=SIDEWAYS, scales=(0.2, 0.2, 1e-3)), SOFT),
+    "edge-on disc, no dilation": (gaussians(quaternion=SIDEWAYS, scales=(0.2, 0.2, 1e-3)), SHARP),
+    "face-on disc without thickness": (gaussians(quaternion=(1.0, 0.0, 0.0, 0.0), scales=(0.2, 0.1, 0.0)), SOFT),
+    "needle 300 px": (gaussians(scales=NEEDLE[300]), {}),
+    "needle 300 px, compensated": (gaussians(scales=(300 * PX, 0.02, 0.02)), SOFT),
+    "needle 3000 px": (gaussians(scales=NEEDLE[3000]), {}),
+    "needle 3000 px, 0.01 px2": (gaussians(scales=NEEDLE[3000]), {"dilation_px2": 0.01}),
+    "needle 3000 px, horizontal": (gaussians(quaternion=(1.0, 0.0, 0.0, 0.0), scales=NEEDLE[3000]), {}),
+    "needle 3000 px, nearly vertical": (gaussians(quaternion=(0.7071, 0.0, 0.0, 0.7072), scales=NEEDLE[3000]), {}),
+    "needle along the ray": (gaussians(quaternion=SIDEWAYS, scales=NEEDLE[300]), {}),
+    "larger than the image": (gaussians(scales=(50.0, 30.0, 40.0)), {}),
+    "larger than the image, far off axis": (gaussians(mean=(80.0, 60.0, 2.0), scales=(50.0, 30.0, 40.0)), {}),
+    "behind the camera": (gaussians(mean=(0.0, 0.0, -DEPTH)), {}),
+    "at the near plane": (near_plane(), {}),
+    "outside the frustum": (outside_the_frustum(), {}),
+    "opacity 0 and 1": (opacities(0.0, 1.0, 1.0 / 300.0, 0.999, 1.0, 0.5), {}),
+    "opacity 1, compensated": (opacities(1.0, 1.0, 1.0), SOFT),
+    "no Gaussians": (gaussians(0), {}),
+    "scales 1e-7": (on_pixel_centers((1e-7, 2e-7, 3e-7)), {}),
+    "scales 1e-7, compensated": (on_pixel_centers((1e-7, 2e-7, 3e-7)), SOFT),
+    "scales 1e-7, no dilation": (on_pixel_centers((1e-7, 2e-7, 3e-7)), SHARP),
+    "scales 0": (on_pixel_centers((0.0, 0.0, 0.0)), {}),
+    "scales 0, compensated": (on_pixel_centers((0.0, 0.0, 0.0)), SOFT),
+    "scales 0, no dilation": (on_pixel_centers((0.0, 0.0, 0.0)), SHARP),
+    "covariance of rank 1": (gaussians(scales=(0.3, 0.0, 0.0)), {}),
+    "covariance of rank 1, no dilation": (gaussians(scales=(0.3, 0.0, 0.0)), SHARP),
+    "covariance of rank 1, compensated": (gaussians(scales=(0.3, 0.0, 0.0)), SOFT),
+    "quaternions of any length": (quaternions(SLANTED, (900.0, 100.0, -200.0, 400.0), (9e-4, 1e-4, -2e-4, 4e-4)), {}),
+    "zero and tiny quaternions": (quaternions(SLANTED, (0.0, 0.0, 0.0, 0.0), (9e-14, 1e-14, -2e-14, 4e-14)), {}),
+    "means and scales of 1e30": (gaussians(mean=(1e29, 1e29, 1e30), scales=(1e30, 1e29, 1e30)), {}),
+}  # fmt: skip
+
+
+def check(case, scene, width, height, settings, record_property):
+    K = torch.tensor([[FOCAL, 0, width / 2], [0, FOCAL, height / 2], [0, 0, 1]])
+    found = compare_with_reference(scene, torch.eye(3), torch.zeros(3), K, width, height, **settings)
+    gradient = max(found.gradients.values())
+    record_property("value_error", found.value)
+    record_property("gradient_error", gradient)
+    print(f"{case:40s} value {found.value:.1e}  gradient {gradient:.1e}  undecided {found.undecided:.1%}")
+    assert found.finite
+    assert found.value < VALUE_TOLERANCE
+    assert gradient < GRADIENT_TOLERANCE, found.gradients
+    assert found.undecided < 0.2
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_hard_gaussians(case, record_property):
+    scene, settings = CASES[case]
+    check(case, scene, WIDTH, HEIGHT, settings, record_property)
+
+
+def test_two_thousand_at_one_depth(record_property):
+    scene = gaussians(2000, opacity=0.1, scales=(0.02, 0.03, 0.02), spread=0.1)
+    check("two thousand at one depth", scene, 18, 17, {}, record_property)
+
+
+@pytest.mark.parametrize("settings", [{}, SOFT, SHARP])
+def test_one_pixel_image(settings, record_property):
+    check(f"one pixel {settings}", gaussians(20, spread=0.03), 1, 1, settings, record_property)

@@ -1,0 +1,135 @@
+"""The evaluation stage on planted shards, with renderers whose errors are known."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from pipeline import evaluate_avatar
+from pipeline.base.errors import InputError
+from pipeline.capture.records import FrameRecord, ImageRecord
+from pipeline.capture.shards import write_frame_shard, write_image_shard
+from pipeline.config.evaluate_avatar import EvaluateAvatar
+
+LEVEL = 0.25
+
+
+class PlantedAvatar:
+    """Renders the captured image plus a constant error, and fails on a frame that is not the image's."""
+
+    def __init__(self, error: float) -> None:
+        self.error = error
+
+    def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[torch.Tensor, torch.Tensor]:
+        assert frame.frame == image.frame
+        mask = torch.tensor(image.mask)
+        return (torch.full((image.height, image.width, 3), LEVEL + self.error)) * mask[..., None], mask
+
+
+def record(camera: str, frame: int, **flags) -> ImageRecord:
+    mask = np.zeros((40, 36), np.float32)
+    mask[3:-3, 2:-2] = 1
+    all_flags = {"test_camera": False, "test_frame": False, "test_segment": False, "fully_lit": frame % 2 == 0, **flags}
+    image, eye = np.full((40, 36, 3), LEVEL, np.float32), np.eye(3)
+    return ImageRecord(camera, frame, **all_flags, x0=0, y0=0, width=36, height=40, image=image, mask=mask,
+                       K=eye, R=eye, t=np.zeros(3))  # fmt: skip
+
+
+@pytest.fixture
+def results(tmp_path, monkeypatch):
+    records = [record("c0", 0, test_camera=True), record("c0", 1, test_camera=True, test_frame=True)]
+    records += [record("c1", 1, test_frame=True), record("c1", 2, test_segment=True)]
+    write_image_shard(tmp_path / "shards/test/0000.arrow", records)
+    ones = np.ones((2, 3), np.float32)
+    frames = [FrameRecord(f, "a", f % 2 == 0, ones, np.ones(4, np.float32), ones, ones) for f in range(3)]
+    write_frame_shard(tmp_path / "shards/frames/0000.arrow", frames)
+    (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": False}}))
+    errors = {"good": 0.01, "bad": 0.1}
+    monkeypatch.setattr(evaluate_avatar, "load_avatar", lambda folder, atlas: PlantedAvatar(errors[folder.name]))
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "no cache"))
+    return tmp_path
+
+
+def evaluate(results, *variants: str, **settings):
+    evaluate_avatar.run(
+        atlas=results / "atlas.safetensors",
+        shards=results / "shards",
+        effects=results / "effects.json",
+        avatars=tuple(results / "avatars" / name for name in variants),
+        out=results,
+        subject="someone",
+        settings=EvaluateAvatar(**settings),
+    )
+
+
+def expected_psnr(error: float) -> float:
+    def srgb(v):
+        return 1.055 * v ** (1 / 2.4) - 0.055
+
+    return -20 * math.log10(srgb(LEVEL + error) - srgb(LEVEL))
+
+
+def test_the_table_says_what_was_planted(results):
+    evaluate(results, "good", "bad")
+    table = pd.read_csv(results / "metrics.csv")
+    assert table.columns.tolist() == [
+        "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
+        "color_space", "region", "lpips_net", "lpips_weights",
+    ]  # fmt: skip
+    assert len(table) == 2 * 4 * 3
+    assert set(table.subject) == {"someone"}
+    assert set(table.color_space) == {"sRGB"}
+    rows = table.set_index(["variant", "split", "lit"])
+    assert rows.loc[("good", "test", "all")].psnr_db == pytest.approx(expected_psnr(0.01), abs=0.01)  # float16 of 0.25
+    assert rows.loc[("bad", "test_frames", "partial")].psnr_db == pytest.approx(expected_psnr(0.1), abs=0.01)
+    assert rows.loc["good"].images.to_dict() == {
+        ("test", "all"): 4, ("test", "full"): 2, ("test", "partial"): 2,
+        ("test_cameras", "all"): 2, ("test_cameras", "full"): 1, ("test_cameras", "partial"): 1,
+        ("test_frames", "all"): 2, ("test_frames", "full"): 0, ("test_frames", "partial"): 2,
+        ("test_segments", "all"): 1, ("test_segments", "full"): 1, ("test_segments", "partial"): 0,
+    }  # fmt: skip
+    empty = rows.loc[("good", "test_frames", "full")]
+    assert empty[["psnr_db", "ssim", "lpips", "flip"]].isna().all()
+    assert empty.foreground_pixels == 0
+
+
+def test_lpips_without_weights_is_empty_and_says_why(results):
+    evaluate(results, "good", lpips_net="vgg")
+    table = pd.read_csv(results / "metrics.csv")
+    assert table.lpips.isna().all()
+    assert (table.lpips_net == "vgg").all()
+    assert table.lpips_weights.str.contains("vgg16-397923af.pth").all()
+    single = pd.read_parquet(results / "metrics_per_image.parquet")
+    assert len(single) == 4
+    assert single.lpips.isna().all()
+    assert single.psnr_db.notna().all()
+
+
+def test_pictures(results):
+    evaluate(results, "good", "bad")
+    names = sorted(path.name for path in (results / "images").iterdir())
+    assert names == [f"{v}_{w}.png" for v in ("bad", "good") for w in ("best", "median", "worst")]
+
+
+def test_no_picture_of_nothing(results):
+    for shard in (results / "shards/test").iterdir():
+        write_image_shard(shard, [])
+    evaluate(results, "good")
+    assert (pd.read_csv(results / "metrics.csv").images == 0).all()
+    assert not (results / "images").exists()
+
+
+def test_avatars_must_have_names_of_their_own(results):
+    for variants in (("good", "good"), ()):
+        with pytest.raises(InputError, match="different names"):
+            evaluate(results, *variants)
+
+
+def test_a_missing_backbone_file_is_an_error(results):
+    with pytest.raises(InputError, match="no file"):
+        evaluate(results, "good", lpips_backbone=str(results / "absent.pth"))

@@ -1,0 +1,213 @@
+"""The stage on a figure whose motion is known: accuracy, gaps, outliers, chunks, unrigged templates, bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_arrays, read_table, write_json, write_table
+from pipeline.config.track_mesh import TrackMesh
+from pipeline.geometry.cameras import write_cameras
+from pipeline.track_mesh import run
+from tests.walking_figure import BONES, Motion, draw_mask, ring_of_cameras, walk, write_template
+
+DOWNSAMPLE = 4.0
+NOISE_PX, OUTLIERS, OUTLIER_PX = 0.35, 0.03, 20.0
+"""A detector's noise at 12 mm per pixel, its share of wrong points, and how wrong they are."""
+
+
+def detect(motion_points: np.ndarray, cameras: dict, names: list[str]) -> pd.DataFrame:
+    """Keypoints of [frames, points, 3] as a detector would give them."""
+    rng = np.random.default_rng(11)
+    frames, count = motion_points.shape[:2]
+    rows = []
+    for camera_name, camera in cameras.items():
+        pixels, _ = camera.downsampled(DOWNSAMPLE).project(motion_points)
+        pixels = pixels + NOISE_PX * rng.normal(size=pixels.shape)
+        wrong = rng.random(pixels.shape[:2]) < OUTLIERS
+        pixels[wrong] += OUTLIER_PX * rng.normal(size=(wrong.sum(), 2))
+        for f in range(frames):
+            rows += [(f, camera_name, names[k], *pixels[f, k], 0.9) for k in range(count)]
+    return pd.DataFrame(rows, columns=["frame", "camera", "keypoint", "x", "y", "confidence"])
+
+
+def write_capture(folder: Path, motion: Motion, *, rigged: bool = True, masks: bool = True, cameras: int = 6) -> dict:
+    """A capture folder and its index; returns the paths that `run` takes."""
+    rig, index = ring_of_cameras(cameras), folder / "index"
+    write_template(folder / "template.glb", units_per_m=100.0, rigged=rigged)
+    write_cameras(folder / "cameras.json", rig)
+    chosen = np.arange(0, motion.vertices.shape[1], 40)
+    points = motion.joints if rigged else motion.vertices[:, chosen]
+    names = [f"k{i:02d}" for i in range(points.shape[1])]
+    column, targets = ("node_index", np.arange(len(BONES)) + 1) if rigged else ("vertex", chosen)
+    pd.DataFrame({"keypoint": names, column: targets}).to_csv(folder / "keypoints.csv", index=False)
+    template = {"mesh": "template.glb", "keypoints": "keypoints.csv", "scale_to_m": 0.01}
+    write_json(index / "capture.json", {"template": template, "images": {"downsample_from_sensor": DOWNSAMPLE}})
+    frames = np.arange(len(motion.times_s))
+    write_table(
+        index / "frames.parquet", pd.DataFrame({"frame": frames, "timestamp_s": motion.times_s, "segment": "a"})
+    )
+    rows = []
+    for number, (name, camera) in enumerate(rig.items()):
+        for f in frames:
+            path = f"{name}_{f:03d}.png" if masks else None
+            if masks:
+                mask = draw_mask(camera.downsampled(DOWNSAMPLE), motion.vertices[f], motion.faces)
+                cv2.imwrite(str(folder / path), mask)
+            rows.append((name, f, path, number == 1))
+    images = pd.DataFrame(rows, columns=["camera", "frame", "mask_path", "test_camera"])
+    write_table(index / "images.parquet", images)
+    write_table(index / "keypoints_2d.parquet", detect(points, rig, names))
+    return {"capture": folder, "index": index, "cameras": folder / "cameras.json", "out": folder / "tracking"}
+
+
+def mean_error_mm(paths: dict, motion: Motion, chunk: int = 0) -> float:
+    result = read_arrays(paths["out"] / f"{chunk:04d}.safetensors")
+    error = np.linalg.norm(result["vertices"] - motion.vertices[result["frames"]], axis=-1)
+    return 1e3 * float(error.mean())
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    return walk(12)
+
+
+@pytest.fixture(scope="module")
+def captured(motion: Motion, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return write_capture(tmp_path_factory.mktemp("walk"), motion)
+
+
+def edited(captured: dict, tmp_path: Path, **tables: pd.DataFrame) -> dict:
+    """The captured index with some tables replaced, and its own output folder."""
+    index = tmp_path / "index"
+    index.mkdir()
+    for file in captured["index"].iterdir():
+        (index / file.name).write_bytes(file.read_bytes())
+    for name, table in tables.items():
+        write_table(index / f"{name}.parquet", table)
+    return captured | {"index": index, "out": tmp_path / "tracking"}
+
+
+def test_vertices_are_found_to_millimetres(captured: dict, motion: Motion) -> None:
+    run(**captured, chunk=0)
+    # 5 cameras of 0.35 px at 12 mm per pixel: joints good to about 3 mm each, less what smoothness averages away.
+    assert mean_error_mm(captured, motion) < 4.0
+    table = read_table(captured["out"] / "0000.parquet")
+    assert table.frame.tolist() == list(range(12))
+    assert (table.status == "tracked").all()
+    assert table.rms_px.between(0.25, 1.0).all()
+    assert (table.silhouette_iou > 0.93).all()
+    share = table.inliers.sum() / table.observations.sum()
+    assert 1 - 2 * OUTLIERS < share < 1 - 0.5 * OUTLIERS
+    result = read_arrays(captured["out"] / "0000.safetensors")
+    assert result["vertices"].dtype == np.float32
+    assert result["joint_rotations"].shape == (12, len(BONES), 4)
+    assert result["root_rotation"].shape == (12, 4)
+    assert result["root_translation"].shape == (12, 3)
+
+
+def test_outlines_find_what_keypoints_leave_open(captured: dict, motion: Motion, tmp_path: Path) -> None:
+    errors = {}
+    for rounds in (0, 5):
+        paths = captured | {"out": tmp_path / str(rounds)}
+        run(**paths, chunk=0, settings=TrackMesh(outline_rounds=rounds))
+        errors[rounds] = mean_error_mm(paths, motion)
+    assert errors[5] < 0.5 * errors[0]
+
+
+def test_output_is_the_same_every_time_and_chunks_join(captured: dict, motion: Motion, tmp_path: Path) -> None:
+    settings = TrackMesh(outline_rounds=1, context_frames=4)
+    for out in (tmp_path / "a", tmp_path / "b"):
+        for chunk in (0, 1):
+            run(**captured | {"out": out}, chunk=chunk, chunk_size=6, settings=settings)
+    for name in ("0000.safetensors", "0001.safetensors"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    first, second = (read_arrays(tmp_path / "a" / f"000{c}.safetensors") for c in (0, 1))
+    assert second["frames"].tolist() == [6, 7, 8, 9, 10, 11]
+    step = np.linalg.norm(second["vertices"][0] - first["vertices"][-1], axis=-1)
+    true_step = np.linalg.norm(motion.vertices[6] - motion.vertices[5], axis=-1)
+    # The median: the twist of a nearly round limb is hardly seen, and may differ from chunk to chunk.
+    assert np.median(np.abs(step - true_step)) < 1e-3
+    with pytest.raises(InputError, match="chunk: expected 0 to 1, found 2"):
+        run(**captured, chunk=2, chunk_size=6)
+
+
+def test_frames_without_keypoints_are_interpolated_and_say_so(captured: dict, motion: Motion, tmp_path: Path) -> None:
+    keypoints = read_table(captured["index"] / "keypoints_2d.parquet")
+    paths = edited(captured, tmp_path, keypoints_2d=keypoints[~keypoints.frame.isin([0, 5, 6])])
+    run(**paths, chunk=0, settings=TrackMesh(outline_rounds=2))
+    table = read_table(paths["out"] / "0000.parquet")
+    assert table.status.tolist() == ["interpolated"] + ["tracked"] * 4 + ["interpolated"] * 2 + ["tracked"] * 5
+    result = read_arrays(paths["out"] / "0000.safetensors")
+    assert np.isfinite(result["vertices"]).all()
+    assert np.array_equal(result["vertices"][0], result["vertices"][1])
+    error = np.linalg.norm(result["vertices"][5:7] - motion.vertices[5:7], axis=-1).mean()
+    # A third of the way between frames 4 and 7: a half sine of 1 Hz sags by a few centimetres at most at a hand.
+    assert error < 0.02
+
+
+def test_held_out_cameras_take_no_part(captured: dict, tmp_path: Path) -> None:
+    keypoints = read_table(captured["index"] / "keypoints_2d.parquet")
+    keypoints.loc[keypoints.camera == "cam01", ["x", "y"]] += 50.0
+    paths = edited(captured, tmp_path, keypoints_2d=keypoints)
+    settings = TrackMesh(outline_rounds=1)
+    run(**paths, chunk=0, settings=settings)
+    run(**captured | {"out": tmp_path / "plain"}, chunk=0, settings=settings)
+    assert (paths["out"] / "0000.safetensors").read_bytes() == (tmp_path / "plain/0000.safetensors").read_bytes()
+
+
+def test_three_keypoints_in_two_cameras_stay_finite(captured: dict, tmp_path: Path) -> None:
+    keypoints = read_table(captured["index"] / "keypoints_2d.parquet")
+    few = keypoints[keypoints.camera.isin(["cam00", "cam02"]) & keypoints.keypoint.isin(["k00", "k03", "k08"])]
+    paths = edited(captured, tmp_path, keypoints_2d=few)
+    run(**paths, chunk=0, settings=TrackMesh(outline_rounds=0, max_iterations=10))
+    result = read_arrays(paths["out"] / "0000.safetensors")
+    assert np.isfinite(result["vertices"]).all()
+    assert np.abs(result["vertices"]).max() < 5.0
+
+
+def test_unrigged_template_moves_rigidly(tmp_path: Path) -> None:
+    motion = walk(6, rigid=True)
+    paths = write_capture(tmp_path, motion, rigged=False, cameras=5)
+    run(**paths, chunk=0)
+    assert mean_error_mm(paths, motion) < 2.0
+    assert "joint_rotations" not in read_arrays(paths["out"] / "0000.safetensors")
+
+
+def test_capture_without_masks_or_with_one_frame_works(motion: Motion, tmp_path: Path) -> None:
+    one = Motion(motion.times_s[:1], motion.joints[:1], motion.vertices[:1], motion.faces)
+    paths = write_capture(tmp_path, one, masks=False)
+    run(**paths, chunk=0)
+    assert np.isnan(read_table(paths["out"] / "0000.parquet").silhouette_iou).all()
+    result = read_arrays(paths["out"] / "0000.safetensors")
+    assert np.linalg.norm(result["vertices"] - one.vertices, axis=-1).mean() < 0.05
+
+
+def test_bad_input_says_what_to_do(captured: dict, tmp_path: Path) -> None:
+    keypoints = read_table(captured["index"] / "keypoints_2d.parquet")
+    images = read_table(captured["index"] / "images.parquet")
+
+    def complaint(name: str, **tables: pd.DataFrame) -> str:
+        (tmp_path / name).mkdir()
+        with pytest.raises(InputError) as caught:
+            run(**edited(captured, tmp_path / name, **tables), chunk=0)
+        return str(caught.value)
+
+    assert "at least 2 cameras" in complaint("one", images=images[images.camera == "cam00"])
+    assert "run a 2D detector" in complaint("none", keypoints_2d=keypoints[:0])
+    assert "expected names of template.keypoints" in complaint("other", keypoints_2d=keypoints.assign(keypoint="nose"))
+    assert "one row per frame" in complaint("twice", keypoints_2d=pd.concat([keypoints, keypoints[:1]]))
+    scattered = keypoints.assign(x=np.random.default_rng(0).uniform(0, 160, len(keypoints)))
+    assert "two cameras agree" in complaint("one_camera", keypoints_2d=scattered[scattered.camera == "cam00"])
+    paths = edited(captured, tmp_path)
+    content = json.loads((paths["index"] / "capture.json").read_text())
+    content["template"]["scale_to_m"] = 1.0
+    write_json(paths["index"] / "capture.json", content)
+    with pytest.raises(InputError, match=r"set template.scale_to_m in capture.yaml to about 0\.0"):
+        run(**paths, chunk=0)

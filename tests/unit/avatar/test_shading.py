@@ -1,0 +1,64 @@
+"""Shading: Lambert in closed form, the glint where the mirror law puts it, the shadow network's start."""
+
+import math
+
+import pytest
+import torch
+
+from pipeline.avatar.shading import COLOR_DEGREES, shade_diffuse, shade_specular
+from pipeline.avatar.shadow_net import RATIO_CEILING, RATIO_FLOOR, ShadowNet, horizon_share
+from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light
+from tests.unit.avatar.sheet import make_sheet
+
+TRUNCATION = 0.06
+"""Degree 8 of the clamped cosine is within 0.02 of it (worst near the horizon, up to 0.06)."""
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6, 1.2])
+def test_lambertian_transfer_gives_albedo_over_pi_cosine_over_distance2(angle):
+    distance = 2.0
+    light = distance * torch.tensor([[math.sin(angle), 0.0, math.cos(angle)]])
+    gathered = gather_light(torch.zeros(1, 3), torch.eye(3)[None], light, torch.tensor([[5.0, 3.0, 1.0]]))
+    transfer = torch.zeros(1, 3, 9)
+    transfer[:, 2] = torch.as_tensor(clamped_cosine_coefficients(), dtype=torch.float32)
+    albedo = torch.tensor([[0.8, 0.5, 0.1]])
+    color = transfer[:, :, :COLOR_DEGREES, None].repeat(1, 1, 1, 3)
+    shaded = shade_diffuse(albedo, color, transfer[:, :, COLOR_DEGREES:], gathered)
+    unit_response = albedo[0] * torch.tensor([5.0, 3.0, 1.0]) / math.pi / distance**2
+    assert (shaded[0] / unit_response).tolist() == pytest.approx([math.cos(angle)] * 3, abs=TRUNCATION)
+
+
+def test_glint_sits_where_the_mirror_law_puts_it():
+    """Camera and light at equal heights over a plane: the brightest point lies midway between their feet."""
+    x = torch.linspace(-1, 1, 401)
+    points = torch.stack([x, torch.zeros_like(x), torch.zeros_like(x)], -1)
+    normals = torch.tensor([0.0, 0, 1.0]).expand(401, 3)
+    camera, light = torch.tensor([-0.7, 0, 1.0]), torch.tensor([[0.3, 0, 1.0]])
+    ones = torch.ones(401)
+    radiance = shade_specular(points, normals, 0.02 * ones, ones, camera, light, torch.ones(1, 1))
+    assert x[radiance[:, 0].argmax()].item() == pytest.approx(-0.2, abs=0.011)
+
+
+def test_specular_is_finite_in_the_mirror_direction_at_the_smallest_roughness():
+    point = torch.zeros(1, 3)
+    normal = torch.tensor([[0.0, 0, 1.0]], requires_grad=True)
+    sigma = torch.full((1,), 0.01, requires_grad=True)
+    above = torch.tensor([0.0, 0, 2.0])
+    shade_specular(point, normal, sigma, torch.ones(1), above, above[None], torch.ones(1, 1)).sum().backward()
+    assert all(torch.isfinite(tensor.grad).all() for tensor in (normal, sigma))
+
+
+def test_horizon_share_counts_light_above_the_surface():
+    normals = torch.tensor([[0.0, 0, 1.0], [0.0, 0, -1.0], [1.0, 0, 0]])
+    lights = torch.tensor([[0.0, 0.1, 2.0], [0.0, 0.1, -1.0]])
+    share = horizon_share(torch.zeros(3, 3), normals, lights, torch.ones(2, 1))
+    near, far = 1 / 1.01, 1 / 4.01
+    assert share.tolist() == pytest.approx([far / (near + far), near / (near + far), 0.0])
+    assert horizon_share(torch.zeros(3, 3), normals, lights[:0], torch.ones(0, 1)).tolist() == [1, 1, 1]
+
+
+def test_shadow_net_starts_at_what_arrives_of_what_could():
+    net = ShadowNet(make_sheet(8), width=4)
+    irradiance = torch.linspace(0, 0.6, 64)
+    shadow = net(irradiance, torch.full((64,), 0.5))
+    assert torch.allclose(shadow, (irradiance / 0.5).clamp(RATIO_FLOOR, RATIO_CEILING), atol=1e-6)

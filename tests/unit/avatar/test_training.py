@@ -1,0 +1,139 @@
+"""Training on a sheet whose picture is known in closed form: it learns the albedo, and continues bit for bit."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
+
+from pipeline.avatar.checkpoint import LoadedAvatar
+from pipeline.avatar.losses import outside, photometric, silhouette
+from pipeline.avatar.model import Avatar, AvatarSpec
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.training import Schedule, make_optimizer, restore_state, save_state, take_step
+from pipeline.base.errors import InputError
+from pipeline.config.train_avatar import TrainAvatar
+
+ALBEDO = np.array([0.7, 0.4, 0.2])
+SPEC = AvatarSpec(specular=True, shadow=True, shadow_width=4, supersample=2, dilation_px2=0.1)
+
+
+def one_light(position, number=0):
+    return make_frame(make_sheet(16), np.array([position]), np.array([[3.0, 3.0, 3.0]]), number)
+
+
+@pytest.fixture
+def scene():
+    atlas = make_sheet(16)
+    frames = [one_light([0.5, 0.3, 1.5], 0), one_light([-0.6, 0.0, 1.2], 1), one_light([0.1, -0.5, 1.4], 2)]
+    images = [make_image(frame, ALBEDO, shift) for frame in frames for shift in (-0.2, 0.2)]
+    return atlas, {frame.frame: FrameInputs(atlas, frame) for frame in frames}, images
+
+
+def train(scene, settings, steps, start=None, folder=None):
+    atlas, frames, images = scene
+    torch.manual_seed(0)
+    avatar = Avatar(atlas, texel_spacing(atlas), SPEC)
+    optimizer = make_optimizer(avatar, settings)
+    schedule = Schedule("sheet", images, range(len(images)), settings.cameras_per_step)
+    first, _ = restore_state(start, "same", avatar, optimizer) if start else (0, [])
+    for step in range(first, steps):
+        batch = [images[i] for i in schedule[step]]
+        take_step(step, avatar, optimizer, frames[batch[0].frame], batch, settings)
+    if folder:
+        save_state(folder, steps, [], "same", avatar, optimizer)
+    return avatar
+
+
+def test_learns_a_lambertian_sheet_and_relights_it(scene):
+    """Under a light from a new direction, seen from a new camera, within the truncation of the transfer (2 %)."""
+    settings = TrainAvatar(steps=250, cameras_per_step=2)
+    avatar = train(scene, settings, settings.steps)
+    frame = one_light([0.3, -0.1, 1.3], 9)
+    image = make_image(frame, ALBEDO, shift_x=0.05)
+    rgb, alpha = LoadedAvatar(avatar, scene[0]).render(frame, image)
+    inside = image.mask.astype(bool)
+    inside[1:-1, 1:-1] &= inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    relative = np.abs(rgb.numpy() - image.image)[inside] / image.image[inside]
+    assert np.median(relative) < 0.03
+    assert alpha.numpy()[inside].min() > 0.9
+
+
+def test_continued_training_is_bitwise_the_same(scene, tmp_path):
+    settings = TrainAvatar(steps=12, cameras_per_step=2)
+    whole = train(scene, settings, 12)
+    train(scene, settings, 5, folder=tmp_path / "state.safetensors")
+    continued = train(scene, settings, 12, start=tmp_path / "state.safetensors")
+    for name, tensor in whole.state_dict().items():
+        assert torch.equal(tensor, continued.state_dict()[name]), name
+
+
+def test_a_state_of_another_training_is_not_used(scene, tmp_path):
+    settings = TrainAvatar(steps=2)
+    train(scene, settings, 1, folder=tmp_path / "state.safetensors")
+    avatar = Avatar(scene[0], texel_spacing(scene[0]), SPEC)
+    before = avatar.albedo.clone()
+    assert restore_state(tmp_path / "state.safetensors", "other", avatar, make_optimizer(avatar, settings)) == (0, [])
+    assert torch.equal(before, avatar.albedo)
+
+
+def test_rendering_is_linear_in_the_light(scene):
+    """Superposition: the picture under two lights is the sum of the pictures under each."""
+    atlas, _, images = scene
+    avatar = train(scene, TrainAvatar(steps=20), 20)
+    avatar.spec = dataclasses.replace(SPEC, shadow=False)  # normalised irradiance is a ratio: not linear, by design
+    positions, power = np.array([[0.5, 0.3, 1.5], [-0.4, 0.2, 1.0]]), np.array([[3.0, 2.0, 1.0], [1.0, 2.0, 4.0]])
+    pictures = [
+        LoadedAvatar(avatar, atlas).render(make_frame(atlas, positions[chosen], power[chosen]), images[0])[0]
+        for chosen in ([0], [1], [0, 1])
+    ]
+    assert torch.allclose(pictures[0] + pictures[1], pictures[2], rtol=1e-4, atol=1e-6)
+
+
+def test_non_finite_loss_names_its_images(scene):
+    atlas, frames, images = scene
+    settings = TrainAvatar(steps=1)
+    avatar = Avatar(atlas, texel_spacing(atlas), SPEC)
+    black = dataclasses.replace(images[0], image=np.full_like(images[0].image, np.nan))
+    with pytest.raises(InputError, match=r"photometric.*x-0\.2/0"):
+        take_step(0, avatar, make_optimizer(avatar, settings), frames[0], [black], settings)
+
+
+def test_schedule_shows_every_image_once_an_epoch_and_one_frame_a_step(scene):
+    _, _, images = scene
+    schedule = Schedule("sheet", images, range(len(images)), 2)
+    for epoch in range(2):
+        steps = [schedule[epoch * schedule.steps_per_epoch + i] for i in range(schedule.steps_per_epoch)]
+        assert sorted(i for step in steps for i in step) == list(range(len(images)))
+        assert all(len({images[i].frame for i in step}) == 1 for step in steps)
+    assert schedule[0] == Schedule("sheet", images, range(len(images)), 2)[0]
+
+
+def test_bound_is_zero_inside_and_its_slope_finite_everywhere():
+    value = torch.tensor([1e-30, 1e-7, 5e-5, 1e-3, 0.5, 1e6], requires_grad=True)
+    for i in range(len(value)):
+        (slope,) = torch.autograd.grad(outside(value[i], 1e-4, 1e-2), value)
+        assert torch.isfinite(slope).all()
+        assert (slope[i] == 0) == (i == 3)
+
+
+def test_photometric_loss_does_not_depend_on_the_margin():
+    generator = torch.Generator().manual_seed(0)
+    rgb, captured = torch.rand(2, 6, 6, 3, generator=generator)
+    mask = torch.ones(6, 6)
+    pad = (0, 0, 3, 3, 3, 3)
+    wide = [torch.nn.functional.pad(tensor, pad) for tensor in (rgb, captured)]
+    assert photometric(*wide, torch.nn.functional.pad(mask, pad[2:])).item() == pytest.approx(
+        photometric(rgb, captured, mask).item(), rel=1e-6
+    )
+
+
+def test_silhouette_ignores_the_edge_of_the_mask():
+    mask = torch.zeros(8, 8)
+    mask[2:6, 2:6] = 1
+    alpha = mask.clone()
+    alpha[1, 1:7] = 0.5  # touches the edge
+    assert silhouette(alpha, mask).item() == 0
+    alpha[3, 3] = 0.5
+    assert silhouette(alpha, mask).item() == pytest.approx(0.5 / 16)

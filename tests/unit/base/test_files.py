@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import (
+    digest_bytes,
+    digest_file,
+    read_arrays,
+    read_json,
+    read_table,
+    write_arrays,
+    write_json,
+    write_table,
+    written_whole,
+)
+
+
+class TestWrittenWhole:
+    def test_file_appears_under_its_name_only_when_done(self, tmp_path: Path) -> None:
+        path = tmp_path / "new/folder/a.txt"
+        with written_whole(path) as temporary:
+            temporary.write_text("whole")
+            assert not path.exists()
+            assert temporary.suffix == ".txt"
+        assert path.read_text() == "whole"
+        assert os.listdir(path.parent) == ["a.txt"]
+
+    def test_failure_keeps_the_old_file_and_leaves_no_other(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.txt"
+        path.write_text("old")
+
+        def fail() -> None:
+            with written_whole(path) as temporary:
+                temporary.write_text("half")
+                raise RuntimeError("killed")
+
+        with pytest.raises(RuntimeError, match="killed"):
+            fail()
+        assert path.read_text() == "old"
+        assert os.listdir(tmp_path) == ["a.txt"]
+
+    def test_a_folder_replaces_a_folder(self, tmp_path: Path) -> None:
+        path = tmp_path / "avatar"
+        for name in ("first", "second"):
+            with written_whole(path) as temporary:
+                temporary.mkdir()
+                (temporary / name).touch()
+        assert os.listdir(path) == ["second"]
+        assert os.listdir(tmp_path) == ["avatar"]
+
+
+def test_json_keeps_every_digit_and_refuses_nan(tmp_path: Path) -> None:
+    numbers = [0.1 + 0.2, 1e-300, float(np.nextafter(1.0, 2.0))]
+    write_json(tmp_path / "a.json", {"numbers": numbers})
+    assert read_json(tmp_path / "a.json") == {"numbers": numbers}
+    with pytest.raises(ValueError, match="JSON compliant"):
+        write_json(tmp_path / "b.json", float("nan"))
+    assert os.listdir(tmp_path) == ["a.json"]
+
+
+def test_tables_keep_values_types_and_nulls(tmp_path: Path) -> None:
+    table = pd.DataFrame({"frame": [1, 2], "x": [0.1, np.nan], "path": pd.Series(["a", None], dtype="str")})
+    write_table(tmp_path / "a.parquet", table)
+    pd.testing.assert_frame_equal(read_table(tmp_path / "a.parquet"), table)
+    write_table(tmp_path / "a.csv", table)
+    assert (tmp_path / "a.csv").read_text().splitlines() == ["frame,x,path", "1,0.1,a", "2,,"]
+
+
+def test_arrays_keep_bits_of_any_layout(tmp_path: Path) -> None:
+    base = np.random.default_rng(0).normal(size=(4, 6))
+    arrays = {"strided": base[::2, ::3], "transposed": base.T, "half": base.astype(np.float16), "scalar": np.array([7])}
+    write_arrays(tmp_path / "a.safetensors", arrays, {"unit": "m"})
+    read = read_arrays(tmp_path / "a.safetensors")
+    assert read.keys() == arrays.keys()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(read[name], array)
+        assert read[name].dtype == array.dtype
+
+
+@pytest.mark.parametrize("read", [read_json, read_table, read_arrays])
+@pytest.mark.parametrize("content", [None, b"", b"\x00\xff no such format"])
+def test_unreadable_files_are_named(read, content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "some.file"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"some\.file: expected"):
+        read(path)
+
+
+def test_digest_depends_on_content_alone(tmp_path: Path) -> None:
+    content = bytes(range(256)) * 5000
+    for name in ("a", "b"):
+        (tmp_path / name).write_bytes(content)
+    expected = hashlib.blake2b(content, digest_size=16).hexdigest()
+    assert digest_file(tmp_path / "a") == digest_file(tmp_path / "b") == digest_bytes(content) == expected
+    (tmp_path / "b").write_bytes(content[:-1] + b"\x00")
+    assert digest_file(tmp_path / "b") != expected

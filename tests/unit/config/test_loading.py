@@ -1,0 +1,115 @@
+"""Who wins, and what is said when the configuration is wrong."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+
+from pipeline.base.errors import InputError
+from pipeline.config.loading import load_project, merge, section_of
+from pipeline.config.project import ProjectSettings
+
+DEFAULTS = ProjectSettings().model_dump(mode="json")
+
+
+def load(tmp_path, subjects=None, command_line=None, config=None):
+    """A project of subject files (name -> content or raw text)."""
+    for name, content in (subjects or {}).items():
+        text = content if isinstance(content, str) else yaml.safe_dump(content, sort_keys=False)
+        (tmp_path / f"{name}.yaml").write_text(text)
+    changes = command_line or {}
+    return load_project(merge(merge(DEFAULTS, config or {}), changes), changes, tmp_path)
+
+
+def complaints(tmp_path, **arguments):
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, **arguments)
+    return str(caught.value).replace(f"{tmp_path}/", "").splitlines()
+
+
+def test_subject_without_a_file_has_the_defaults(tmp_path):
+    settings = load(tmp_path, config={"train_avatar": {"steps": 7}}).subject("anyone")
+    assert settings.train_avatar.steps == 7
+    assert settings.source == "native"
+
+
+def test_subject_file_wins_over_defaults_and_keeps_the_rest(tmp_path):
+    project = load(tmp_path, {"demo": {"train_avatar": {"steps": 9}}}, config={"train_avatar": {"log_every": 3}})
+    assert (project.subject("demo").train_avatar.steps, project.subject("demo").train_avatar.log_every) == (9, 3)
+    assert project.subject("other").train_avatar.steps == DEFAULTS["train_avatar"]["steps"]
+
+
+def test_command_line_wins_over_subject_file(tmp_path):
+    project = load(tmp_path, {"demo": {"train_avatar": {"steps": 9}}}, {"train_avatar": {"steps": 11}, "captures": "x"})
+    assert project.subject("demo").train_avatar.steps == 11
+    assert project.settings.captures == "x"
+
+
+def test_synthetic_subjects_are_those_that_say_so(tmp_path):
+    project = load(tmp_path, {"b": {"source": "synthetic"}, "a": {"source": "synthetic"}, "c": {}, "d": ""})
+    assert project.synthetic_subjects == ["a", "b"]
+
+
+def test_variants_of_a_subject_replace_those_of_the_project(tmp_path):
+    project = load(tmp_path, {"demo": {"variants": {"quick": {"steps": 5}, "plain": {"specular": False}}}})
+    settings = project.subject("demo")
+    assert list(settings.variants) == ["quick", "plain"]
+    assert section_of(settings, "train_avatar", "quick").steps == 5
+    assert section_of(settings, "train_avatar", "plain").steps == settings.train_avatar.steps
+    assert not section_of(settings, "train_avatar", "plain").specular
+
+
+@pytest.mark.parametrize(("text", "mode"), [("on", "on"), ("off", "off"), ("auto", "auto"), ("'on'", "on")])
+def test_on_and_off_need_no_quotes(tmp_path, text, mode):
+    project = load(tmp_path, {"demo": f"plan_effects: {{shadow: {text}}}\n"})
+    assert project.subject("demo").plan_effects.shadow == mode
+
+
+def test_everything_wrong_is_said_at_once_with_file_key_expected_and_found(tmp_path):
+    lines = complaints(
+        tmp_path,
+        subjects={
+            "one": {"train_avatar": {"steps": 0, "setps": 3}, "captures": "elsewhere"},
+            "two": {"unwrap_atlas": {"size": "large"}, "variants": {"v": {"log_every": 0}}},
+            "three": "train_avatar: [",
+            "four": "- a list",
+            "not a name": {},
+        },
+        command_line={"chunk_frames": 0},
+    )
+    text = "\n".join(lines)
+    assert lines[0] == f"configuration: {len(lines) - 1} problems"
+    assert len(set(lines)) == len(lines)
+    for expected in (
+        "one.yaml: train_avatar.steps: expected greater than or equal to 1, found 0",
+        "one.yaml: train_avatar.setps: expected a known key, found an unknown one; did you mean steps?",
+        "one.yaml: captures: expected a known key, found an unknown one",
+        "two.yaml: unwrap_atlas.size: expected a valid integer, unable to parse string as an integer, found 'large'",
+        "three.yaml: file: expected YAML, found",
+        "four.yaml: file: expected keys with values, found list",
+        "not a name.yaml: file name: expected a subject's name",
+        "command line (--config, --configfile): chunk_frames: expected greater than or equal to 1, found 0",
+    ):
+        assert expected in text
+
+
+def test_wrong_variant_names_the_variant(tmp_path):
+    lines = complaints(tmp_path, subjects={"two": {"variants": {"v": {"log_every": 0, "nothing": 1}, "bad name": {}}}})
+    assert any("two.yaml: variants.bad name: expected" in line for line in lines)
+    lines = complaints(tmp_path, subjects={"two": {"variants": {"v": {"log_every": 0, "nothing": 1}}}})
+    assert "  two.yaml: variants.v.log_every: expected greater than or equal to 1, found 0" in lines
+    assert any("two.yaml: variants.v.nothing: expected a known key" in line for line in lines)
+
+
+def test_wrong_default_is_said_once_and_names_the_defaults_file(tmp_path):
+    lines = complaints(tmp_path, subjects={"one": {}, "two": {}}, config={"train_avatar": {"steps": -1}})
+    assert lines[1:] == [
+        "  config/config.yaml: train_avatar.steps: expected greater than or equal to 1, found -1",
+    ]
+
+
+def test_section_that_is_no_mapping_is_refused(tmp_path):
+    assert any(
+        "one.yaml: train_avatar: expected" in line
+        for line in complaints(tmp_path, subjects={"one": {"train_avatar": 3}})
+    )

@@ -1,0 +1,174 @@
+"""Calibration of a rig against planted cameras, whose corners are projected by OpenCV."""
+
+import cv2
+import numpy as np
+import pytest
+import scipy.spatial.transform
+
+from pipeline.geometry.cameras import Camera
+from pipeline.geometry.charuco import Board
+from pipeline.geometry.projection import project_with_jacobian
+from pipeline.geometry.rig import Observations, adjust_rig
+from pipeline.geometry.rig_start import connected_groups, start_rig, usable_views, view_rows
+
+SIZE = (640, 480)
+BOARD = Board(7, 5, 0.12, 0.09, "DICT_5X5_250")
+
+
+def look_at(center, target, roll=0.0):
+    forward = np.asarray(target, float) - center
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [np.sin(roll), np.cos(roll), 0.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def planted_cameras(count, rng):
+    cameras = []
+    for c in range(count):
+        angle = 2 * np.pi * c / count * 0.6
+        center = np.array([2.5 * np.sin(angle), 0.3 * rng.normal(), 2.5 * np.cos(angle)])
+        R = look_at(center, rng.normal(0, 0.05, 3), rng.normal(0, 0.1))
+        focal = rng.uniform(600, 800)
+        K = np.array([[focal, 0, 320 + 6 * rng.normal()], [0, focal * 1.001, 240 + 6 * rng.normal()], [0, 0, 1]])
+        dist = np.array([-0.1, 0.03, 5e-4, -5e-4, 0.0]) * rng.uniform(0.5, 1.5)
+        cameras.append(Camera(R, -R @ center, K, dist, *SIZE))
+    return cameras
+
+
+def boards_in_stage(count, rng, tilt=0.5):
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for v in range(count):
+        angle = 2 * np.pi * 0.6 * rng.uniform(-0.1, 0.9)
+        facing = scipy.spatial.transform.Rotation.from_euler("YX", [angle, np.pi]).as_matrix()
+        tilted = scipy.spatial.transform.Rotation.from_rotvec(tilt * rng.normal(size=3)).as_matrix()
+        R = tilted @ facing
+        poses[v, :3, :3] = R
+        poses[v, :3, 3] = rng.uniform(-0.35, 0.35, 3) - R @ [0.42, 0.3, 0]
+    return poses
+
+
+def observe(cameras, boards, noise, rng):
+    """Corners by cv2.projectPoints, where the board faces the camera (less than 65 degrees off) and is in the image."""
+    points, rows = BOARD.corners_m(), []
+    for c, camera in enumerate(cameras):
+        for v, pose in enumerate(boards):
+            normal, toward = pose[:3, 2], pose[:3, 3] - camera.center
+            if toward @ normal / np.linalg.norm(toward) < np.cos(np.radians(65)):
+                continue
+            world = points @ pose[:3, :3].T + pose[:3, 3]
+            turn = cv2.Rodrigues(camera.R)[0]
+            pixels = cv2.projectPoints(world, turn, camera.t, camera.opencv_K(), camera.dist)[0].reshape(-1, 2) + 0.5
+            inside = ((pixels > 0) & (pixels < SIZE)).all(1)
+            rows += [(c, v, k, *pixels[k]) for k in np.flatnonzero(inside)]
+    table = np.array(rows)
+    pixels = table[:, 3:] + rng.normal(0, noise, (len(table), 2))
+    return Observations(*table[:, :3].astype(np.int64).T, pixels)
+
+
+def solve(observations, count, distortion=5):
+    points = BOARD.corners_m()
+    chosen = observations.select(usable_views(observations, points))
+    numbers, view = np.unique(chosen.view, return_inverse=True)
+    chosen = Observations(chosen.camera, view.astype(np.int64), chosen.corner, chosen.pixel)
+    start = start_rig(chosen, points, [SIZE] * count)
+    return adjust_rig(chosen, points, start.cameras, start.rig_from_board, distortion), numbers
+
+
+def center_errors(rig, cameras, stage_from_rig):
+    return [
+        np.linalg.norm(stage_from_rig[:3, :3] @ found.center + stage_from_rig[:3, 3] - true.center)
+        for found, true in zip(rig.cameras, cameras, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def rig_of_six():
+    rng = np.random.default_rng(7)
+    return planted_cameras(6, rng), boards_in_stage(25, rng)
+
+
+def test_planted_rig_is_recovered_within_its_own_error_bars(rig_of_six):
+    cameras, boards = rig_of_six
+    rig, numbers = solve(observe(cameras, boards, 0.1, np.random.default_rng(8)), 6)
+    assert rig.sigma_px == pytest.approx(0.1, rel=0.15)
+    for error, sigma in zip(center_errors(rig, cameras, boards[numbers[0]]), rig.center_sigma_m, strict=True):
+        assert sigma < 4e-3
+        assert error < 4 * np.sqrt(3) * sigma
+    for found, true, sigma in zip(rig.cameras, cameras, rig.focal_sigma, strict=True):
+        assert abs(found.K[0, 0] / true.K[0, 0] - 1) < 4 * sigma
+        assert sigma < 2e-3
+
+
+def test_noiseless_corners_give_the_planted_rig(rig_of_six):
+    cameras, boards = rig_of_six
+    rig, numbers = solve(observe(cameras, boards, 0.0, np.random.default_rng(8)), 6)
+    # The priors pull with the weight of LEAST_SIGMA_PX = 1e-3 px: micrometres.
+    assert np.abs(rig.residual).max() < 2e-3
+    assert max(center_errors(rig, cameras, boards[numbers[0]])) < 5e-5
+
+
+def test_five_percent_of_wrong_corners_change_little(rig_of_six):
+    cameras, boards = rig_of_six
+    observations = observe(cameras, boards, 0.1, np.random.default_rng(8))
+    rng = np.random.default_rng(9)
+    wrong = rng.random(len(observations.camera)) < 0.05
+    observations.pixel[wrong] += rng.uniform(-40, 40, (wrong.sum(), 2))
+    rig, numbers = solve(observations, 6)
+    errors = center_errors(rig, cameras, boards[numbers[0]])
+    # 5 % of outliers cost as much as 5 % fewer corners, and a little of Cauchy's efficiency.
+    assert np.all(errors < 1.2 * 4 * np.sqrt(3) * rig.center_sigma_m)
+    assert rig.center_sigma_m.max() < 4e-3
+
+
+def test_no_distortion_means_exactly_none(rig_of_six):
+    cameras, boards = rig_of_six
+    observations = observe(cameras, boards, 0.1, np.random.default_rng(8))
+    assert all(np.all(camera.dist == 0) for camera in solve(observations, 6, 0)[0].cameras)
+    assert all(np.all(camera.dist[1:] == 0) for camera in solve(observations, 6, 1)[0].cameras)
+
+
+def test_parallel_boards_at_one_distance_leave_the_focal_length_open():
+    """Frontal views only: focal length and distance cannot be told apart. It must be seen in the error bar."""
+    rng = np.random.default_rng(3)
+    camera = Camera(np.eye(3), np.zeros(3), np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]]), np.zeros(5), *SIZE)
+    boards = np.tile(np.eye(4), (8, 1, 1))
+    boards[:, :3, 3] = [-0.42, -0.3, 2.5] + rng.uniform(-0.1, 0.1, (8, 3)) * [1, 1, 0]
+    rig, _ = solve(observe([camera], boards, 0.1, rng), 1)
+    assert rig.focal_sigma[0] > 0.01
+    assert np.isfinite(rig.residual).all()
+
+
+def test_cameras_that_share_no_view_are_groups():
+    camera = np.repeat([0, 1, 2, 3], 6)
+    view = np.repeat([0, 0, 1, 1], 6)
+    observations = Observations(camera, view, np.tile(np.arange(6), 4), np.zeros((24, 2)))
+    assert connected_groups(observations, 4) == [[0, 1], [2, 3]]
+    assert len(view_rows(observations)) == 4
+
+
+def test_corners_in_a_line_do_not_count():
+    points = BOARD.corners_m()
+    row = Observations(np.zeros(6, np.int64), np.zeros(6, np.int64), np.arange(6), np.zeros((6, 2)))
+    block = Observations(np.zeros(6, np.int64), np.ones(6, np.int64), np.array([0, 1, 2, 6, 7, 8]), np.zeros((6, 2)))
+    assert not usable_views(row, points).any()
+    assert usable_views(block, points).all()
+
+
+def test_projection_and_its_derivatives():
+    rng = np.random.default_rng(0)
+    intrinsics = np.tile([700.0, 1.01, 310, 250, -0.2, 0.1, 1e-2, -1e-2, 0.05], (20, 1))
+    points = rng.uniform([-0.5, -0.5, 1.5], [0.5, 0.5, 3], (20, 3))
+    pixel, by_intrinsics, by_point = project_with_jacobian(intrinsics, points)
+    K = np.array([[700.0, 0, 309.5], [0, 707, 249.5], [0, 0, 1]])
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, intrinsics[0, 4:])[0].reshape(-1, 2) + 0.5
+    assert pixel == pytest.approx(expected, abs=1e-9)
+    for arguments, jacobian, which in ((intrinsics, by_intrinsics, 0), (points, by_point, 1)):
+        for k in range(arguments.shape[1]):
+            step = 1e-6 * max(1.0, abs(arguments[0, k]))
+            high, low = arguments.copy(), arguments.copy()
+            high[:, k] += step
+            low[:, k] -= step
+            pair = [(a, points) if which == 0 else (intrinsics, a) for a in (high, low)]
+            numeric = (project_with_jacobian(*pair[0])[0] - project_with_jacobian(*pair[1])[0]) / (2 * step)
+            assert jacobian[..., k] == pytest.approx(numeric, rel=1e-5, abs=1e-4)

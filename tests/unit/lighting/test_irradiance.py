@@ -1,0 +1,138 @@
+"""Normalised irradiance against ratios on paper; the estimators against the sum over all lights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.geometry.mesh import area_vectors, unit_or
+from pipeline.lighting.irradiance import draw_lights, trace_irradiance
+from pipeline.lighting.visibility import Occluders
+
+UP = np.array([0, 1.0, 0])
+
+
+def floor_under_a_ball(scale: float = 1.0) -> tuple[Occluders, np.ndarray, np.ndarray]:
+    """Occluders, points on the floor and their normals; the ball of radius 0.7 hangs at height 2."""
+    ball, floor = trimesh.creation.icosphere(3), np.array([[-9, 0, -9], [-9, 0, 9], [9, 0, 9], [9, 0, -9]])
+    vertices = np.concatenate([np.array(ball.vertices) * 0.7 + [0, 2, 0], floor])
+    faces = np.concatenate([np.array(ball.faces), len(ball.vertices) + np.array([[0, 1, 2], [0, 2, 3]])])
+    points = np.random.default_rng(0).uniform(-3, 3, (300, 3)) * [1, 0, 1]
+    return Occluders(vertices * scale, faces), points * scale, np.tile(UP, (300, 1))
+
+
+LIGHTS = np.array([[0, 5.0, 0], [3, 4, 1], [-2, 3.5, 2], [0, 6, -4], [4, 5, -3]])
+LUMINANCES = np.array([1.0, 0.2, 3.0, 0.5, 1.5])
+
+
+def test_no_light_is_one_and_is_told() -> None:
+    occluders, points, normals = floor_under_a_ball()
+    for positions, luminances in [(np.zeros((0, 3)), np.zeros(0)), (LIGHTS, np.zeros(5))]:
+        traced = trace_irradiance(occluders, points, normals, positions, luminances)
+        assert traced.unlit
+        assert traced.rays == 0
+        np.testing.assert_array_equal(traced.values, 1)
+
+
+def test_one_light_is_zero_or_one() -> None:
+    """Directly under the light: a disc of radius 5 tan(asin(0.7 / 3)) = 1.2 lies in shadow, whatever the brightness."""
+    occluders, points, normals = floor_under_a_ball()
+    traced = trace_irradiance(occluders, points, normals, LIGHTS[:1], np.array([1e-9]))
+    radius = np.linalg.norm(points, axis=1)
+    clear = np.abs(radius - 1.2) > 0.03
+    np.testing.assert_array_equal(traced.values[clear], (radius > 1.2)[clear])
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_two_lights_on_paper(scale: float) -> None:
+    """At the origin the upper light (I = 1, d = 5) is hidden, the other (I = 2, d = 2) is not: (2/4) / (1/25 + 2/4)."""
+    occluders, _, _ = floor_under_a_ball(scale)
+    lights = scale * np.array([[0, 5.0, 0], [2 * np.sqrt(0.75), 1.0, 0]])
+    traced = trace_irradiance(occluders, np.zeros((1, 3)), UP[None], lights, np.array([1.0, 2.0]))
+    assert traced.values[0] == pytest.approx(0.5 / 0.54, rel=1e-12)
+    assert not traced.unlit
+
+
+def test_scale_and_brightness_do_not_matter() -> None:
+    reference = trace_irradiance(*floor_under_a_ball(), LIGHTS, LUMINANCES).values
+    assert 0 < reference.min() < 0.9
+    for scale in (1e-3, 1e3):
+        values = trace_irradiance(*floor_under_a_ball(scale), LIGHTS * scale, LUMINANCES * 7).values
+        np.testing.assert_allclose(values, reference, rtol=1e-9)
+
+
+def test_lights_below_the_horizon_count_but_cost_no_ray() -> None:
+    occluders, points, normals = floor_under_a_ball()
+    under = LIGHTS[:2] * [1, -1, 1]
+    traced = trace_irradiance(occluders, points, normals, under, LUMINANCES[:2])
+    assert traced.rays == 0
+    np.testing.assert_array_equal(traced.values, 0)
+    assert not traced.unlit
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+@pytest.mark.parametrize("sampling", ["uniform", "power", "arriving"])
+def test_estimates_are_unbiased(sampling: str, samples: int) -> None:
+    """The mean of 400 estimates per point lies within its own standard error of the sum over all lights: over 300
+    points the squared deviations in units of that error average 1 +- sqrt(2 / 300), and none exceeds 5 sigma."""
+    scene = floor_under_a_ball()
+    full = trace_irradiance(*scene, LIGHTS, LUMINANCES).values
+    rng = np.random.default_rng(11)
+    draws = np.stack([
+        trace_irradiance(*scene, LIGHTS, LUMINANCES, samples=samples, sampling=sampling, random=rng).values
+        for _ in range(400)
+    ])  # fmt: skip
+    error = draws.std(0, ddof=1) / 20
+    noisy = error > 1e-9
+    np.testing.assert_allclose(draws.mean(0)[~noisy], full[~noisy], atol=1e-9)
+    deviations = (draws.mean(0) - full)[noisy] / error[noisy]
+    # Points that one light in a hundred reaches have skewed means; hence more than the 1.2 of normal ones.
+    assert np.mean(deviations**2) < 1.35
+    assert np.abs(deviations).max() < 5
+    assert noisy.sum() > 50
+
+
+def test_drawing_by_what_arrives_gives_zero_or_one() -> None:
+    scene = floor_under_a_ball()
+    traced = trace_irradiance(
+        *scene, LIGHTS, LUMINANCES, samples=1, sampling="arriving", random=np.random.default_rng(0)
+    )
+    assert np.isin(np.round(traced.values, 12), [0.0, 1.0]).all()
+
+
+def test_as_many_uniform_samples_as_lights_are_all_of_them() -> None:
+    """Stratification puts one draw on each light."""
+    scene = floor_under_a_ball()
+    full = trace_irradiance(*scene, LIGHTS, LUMINANCES)
+    drawn = trace_irradiance(*scene, LIGHTS, LUMINANCES, samples=5, sampling="uniform", random=np.random.default_rng(0))
+    np.testing.assert_allclose(drawn.values, full.values, rtol=1e-12)
+    assert drawn.rays == full.rays == 5 * 300
+
+
+def test_draws_follow_the_weights() -> None:
+    weights, uniform = np.array([0.1, 0.0, 0.6, 0.3]), (np.arange(1000) + 0.5) / 1000
+    for given in (weights, np.tile(weights, (1000, 1))):
+        chosen, probability = draw_lights(given * 5, uniform)
+        np.testing.assert_array_equal(np.bincount(chosen, minlength=4), [100, 0, 600, 300])
+        np.testing.assert_allclose(probability, weights[chosen])
+    assert draw_lights(weights, np.array([0.0, np.nextafter(1, 0)]))[0].tolist() == [0, 3]
+
+
+def test_hard_cases_stay_finite() -> None:
+    ball = trimesh.creation.icosphere(2)
+    vertices, faces = np.array(ball.vertices), np.array(ball.faces)
+    points, normals = vertices[faces].mean(1), unit_or(area_vectors(vertices, faces), 0.0)
+    cases = {
+        "on the surface": points[:1],
+        "inside": np.zeros((1, 3)),
+        "coincident": np.tile([[0, 3.0, 0]], (4, 1)),
+        "all on one side": np.array([[0, 3.0, 0], [0.1, 3, 0], [0, 3, 0.1]]),
+        "far away": np.array([[0, 1e6, 0]]),
+    }
+    for name, lights in cases.items():
+        traced = trace_irradiance(Occluders(vertices, faces), points, normals, lights, np.full(len(lights), 1e-30))
+        assert np.isfinite(traced.values).all(), name
+        assert 0 <= traced.values.min() <= traced.values.max() <= 1, name
+    with pytest.raises(ValueError, match="generator"):
+        trace_irradiance(Occluders(vertices, faces), points, normals, cases["inside"], np.ones(1), samples=1)

@@ -1,0 +1,151 @@
+"""The evaluation protocol: who is scored, how groups are averaged, and what must not change a score."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.metrics.comparison import side_by_side
+from pipeline.metrics.evaluation import PSNR_CEILING_DB, evaluate, summarize
+from pipeline.metrics.lpips import Lpips, build_features, linear_weights
+
+
+@dataclass(frozen=True)
+class Image:
+    image: np.ndarray
+    mask: np.ndarray
+    camera: str = "cam00"
+    frame: int = 0
+    test_camera: bool = True
+    test_frame: bool = False
+    test_segment: bool = False
+    fully_lit: bool = True
+
+
+def subject_image(seed: int = 0, height: int = 50, width: int = 44, **flags) -> Image:
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((height, width), np.float32)
+    mask[5:-5, 6:-6] = 1
+    return Image(rng.uniform(0.1, 0.6, (height, width, 3)).astype(np.float32), mask, **flags)
+
+
+def add_to(amount: float):
+    def render(frame, image):
+        return torch.tensor((image.image + amount) * image.mask[..., None]), torch.tensor(image.mask)
+
+    return render
+
+
+def test_only_held_out_images_are_scored_and_groups_are_complete():
+    images = [
+        subject_image(0, frame=0, test_camera=False),
+        subject_image(1, frame=1, fully_lit=True),
+        subject_image(2, frame=2, fully_lit=False),
+        subject_image(3, frame=3, test_camera=True, test_segment=True, fully_lit=False),
+    ]
+    table = evaluate(add_to(0.05), images, dict.fromkeys(range(4)))
+    assert table["index"].tolist() == [1, 2, 3]
+    assert table.camera.tolist() == ["cam00"] * 3
+    rows = summarize(table).set_index(["split", "lit"])
+    assert rows.images.to_dict() == {
+        ("test", "all"): 3, ("test", "full"): 1, ("test", "partial"): 2,
+        ("test_cameras", "all"): 3, ("test_cameras", "full"): 1, ("test_cameras", "partial"): 2,
+        ("test_frames", "all"): 0, ("test_frames", "full"): 0, ("test_frames", "partial"): 0,
+        ("test_segments", "all"): 1, ("test_segments", "full"): 0, ("test_segments", "partial"): 1,
+    }  # fmt: skip
+    assert rows.loc[("test_frames", "all"), ["psnr_db", "ssim", "lpips", "flip"]].isna().all()
+    assert rows.loc[("test", "partial"), "psnr_db"] == pytest.approx(table.psnr_db[1:].mean())
+    assert table.lpips.isna().all()
+
+
+def test_psnr_is_in_srgb_over_the_subject():
+    flat = Image(np.full((40, 40, 3), 0.2, np.float32), np.ones((40, 40), np.float32))
+
+    def srgb(v):
+        return 1.055 * v ** (1 / 2.4) - 0.055
+
+    table = evaluate(add_to(0.1), [flat], {0: None})
+    assert table.psnr_db[0] == pytest.approx(-20 * math.log10(srgb(0.3) - srgb(0.2)), abs=1e-4)
+
+
+def test_more_background_changes_no_score():
+    image = subject_image()
+    torch.manual_seed(0)
+    lpips = Lpips("alex", build_features("alex"), linear_weights("alex"))
+    padded = Image(np.pad(image.image, ((30, 20), (17, 40), (0, 0))), np.pad(image.mask, ((30, 20), (17, 40))))
+    tight, wide = (evaluate(add_to(0.05), [i], {0: None}, lpips).iloc[0] for i in (image, padded))
+    for metric in ("psnr_db", "ssim", "lpips", "flip", "foreground_pixels"):
+        assert wide[metric] == pytest.approx(tight[metric], rel=1e-6), metric
+    assert np.isfinite(tight.lpips)
+
+
+def test_pixels_of_the_captured_background_do_not_count():
+    image = subject_image()
+    littered = replace(image, image=np.where(image.mask[..., None] > 0, image.image, np.float32(0.9)))
+    a, b = (evaluate(add_to(0.05), [i], {0: None}).iloc[0] for i in (image, littered))
+    assert a.psnr_db == b.psnr_db
+    assert a.ssim == b.ssim
+    assert a.flip == b.flip
+
+
+def test_an_exact_image_does_not_make_a_mean_infinite():
+    images = [subject_image(0, frame=0), subject_image(1, frame=1)]
+
+    def render(frame, image):
+        return add_to(0.0 if image.frame == 0 else 0.05)(frame, image)
+
+    table = evaluate(render, images, {0: None, 1: None})
+    assert table.psnr_db[0] == math.inf
+    assert table.ssim[0] == pytest.approx(1)
+    assert summarize(table).psnr_db[0] == pytest.approx((PSNR_CEILING_DB + table.psnr_db[1]) / 2)
+
+
+def test_an_image_without_subject_is_kept_but_not_averaged():
+    empty = replace(subject_image(0), mask=np.zeros((50, 44), np.float32))
+    images = [empty, subject_image(1, frame=1)]
+    table = evaluate(add_to(0.05), images, {0: None, 1: None})
+    assert math.isnan(table.psnr_db[0])
+    assert table.foreground_pixels[0] == 0
+    assert summarize(table).psnr_db[0] == table.psnr_db[1]
+
+
+def test_a_broken_rendering_is_an_error_that_names_the_image():
+    def not_a_number(frame, image):
+        return np.full(image.image.shape, np.nan), image.mask
+
+    def too_small(frame, image):
+        return image.image[1:], image.mask[1:]
+
+    for render, words in ((not_a_number, "finite"), (too_small, "shape")):
+        with pytest.raises(ValueError, match=f"camera cam00, frame 0.*{words}"):
+            evaluate(render, [subject_image()], {0: None})
+
+
+def test_no_test_images_give_empty_rows():
+    rows = summarize(evaluate(add_to(0.1), [subject_image(test_camera=False)], {0: None}))
+    assert len(rows) == 12
+    assert (rows.images == 0).all()
+    assert rows.psnr_db.isna().all()
+
+
+def test_side_by_side_shows_the_pixels_that_were_scored():
+    captured = np.random.default_rng(0).uniform(size=(20, 30, 3)).astype(np.float32)
+    rendered = captured.copy()
+    rendered[4, 5] = 1 - captured[4, 5].round()
+    picture = side_by_side(captured, rendered, "cam00 frame 3")
+    rows = picture[-60:]
+    np.testing.assert_array_equal(rows[1::3, 1:90:3], np.round(captured * 255).astype(np.uint8))
+    error = rows[1::3, 1 + 2 * 96 : 1 + 2 * 96 + 90 : 3].astype(int).sum(2)
+    assert np.unravel_index(error.argmax(), error.shape) == (4, 5)
+    assert (np.delete(error.ravel(), 4 * 30 + 5) < 10).all()
+
+
+def test_the_color_bar_runs_from_its_brightest_to_its_darkest():
+    image = np.zeros((30, 20, 3), np.float32)
+    bar = side_by_side(image, image, "")[-90:, 3 * 60 + 2 * 6 + 6 + 2].astype(int).sum(1)
+    assert bar[0] > bar[45] > bar[-1]
+    assert bar[-1] < 10

@@ -1,0 +1,111 @@
+"""Rendered pictures against closed forms: radiometry of a Lambertian plane, geometry of prints and the mirror ball."""
+
+import numpy as np
+import pytest
+
+from pipeline.geometry.cameras import Camera
+from pipeline.synthesis import mitsuba_scenes as scenes
+from pipeline.synthesis.lens import view_points
+from pipeline.synthesis.stage_rig import look_at
+from pipeline.synthesis.targets import reflections, sphere_points
+
+pytest.importorskip("mitsuba")
+
+CENTER = np.array([0.5, 0.4, 2.2])
+SQUARE = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]])
+FACES = np.array([[0, 2, 1], [0, 3, 2]])
+UV = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def camera():
+    R = look_at(CENTER, np.zeros(3), roll=0.1)
+    K = np.array([[130.0, 0, 47], [0, 131, 51], [0, 0, 1]])
+    return Camera(R, -R @ CENTER, K, np.array([-0.08, 0.02, 0.001, 0.002, 0.0]), 96, 100)
+
+
+def on_plane(camera, pixels):
+    """World points where the rays of pixels meet z = 0."""
+    directions = camera.ray_directions(pixels)
+    return camera.center - camera.center[2] / directions[:, 2:] * directions
+
+
+def test_lambertian_plane_reflects_inverse_square_light(camera):
+    reflectance, light, intensity = 0.4, np.array([0.3, 0.6, 1.1]), 5.0
+    mesh = scenes.triangle_mesh({"type": "diffuse", "reflectance": reflectance}, SQUARE, FACES, UV)
+    scene = scenes.lit_scene(mesh, light[None], np.array([intensity]), max_depth=4)
+    view = view_points(camera, SQUARE, 2)
+    image = view.develop(scenes.render(scene, view, 4, seed=3))
+    pixels = np.array([[47.5, 50.5], [40.5, 61.5], [60.5, 40.5], [35.5, 45.5]])
+    to_light = light - on_plane(camera, pixels)
+    distance = np.linalg.norm(to_light, axis=1)
+    expected = intensity * reflectance / np.pi * (to_light[:, 2] / distance) / distance**2
+    found = image[(pixels[:, 1] - 0.5).astype(int), (pixels[:, 0] - 0.5).astype(int)]
+    # Irradiance varies by 1 % over a pixel, which the average over it and the samples' positions blur.
+    np.testing.assert_allclose(found[:, 1], expected, rtol=0.01)
+    np.testing.assert_allclose(found[:, 3], 1)
+
+
+def test_intensities_add(camera):
+    lights = np.array([[0.3, 0.6, 1.1], [-0.8, 0.1, 0.9]])
+    view = view_points(camera, SQUARE, 1)
+
+    def mean(intensities):
+        mesh = scenes.triangle_mesh({"type": "diffuse", "reflectance": 0.5}, SQUARE, FACES, UV)
+        return scenes.render(scenes.lit_scene(mesh, lights, intensities, 2), view, 64, seed=1)[..., 1].mean()
+
+    separate = mean(np.array([2.0, 0.0])) + mean(np.array([0.0, 3.0]))
+    # 64 stratified samples of which light to look at, averaged over about 3000 pixels.
+    assert mean(np.array([2.0, 3.0])) == pytest.approx(separate, rel=0.005)
+
+
+def test_print_lies_where_the_distorted_camera_sees_it(camera):
+    texture = np.full((40, 40, 3), 0.1, dtype=np.float32)
+    texture[:20, 20:] = 0.8  # top right
+    view = view_points(camera, SQUARE, 4)
+    image = view.develop(scenes.render(scenes.print_scene(texture, SQUARE), view, 4, seed=0))
+    corners, _ = camera.project(np.array([[0.25, 0.25, 0], [-0.25, 0.25, 0], [-0.25, -0.25, 0], [0.25, -0.25, 0.0]]))
+    values = image[corners[:, 1].astype(int), corners[:, 0].astype(int), 0]
+    np.testing.assert_allclose(values, [0.8, 0.1, 0.1, 0.1], atol=1e-5)
+    # The bright quarter's centroid, found in the image, against the exact one of a fine grid on the plane.
+    grid = np.stack(np.meshgrid(np.linspace(0, 0.5, 200), np.linspace(0, 0.5, 200), [0.0]), axis=-1).reshape(-1, 3)
+    expected = area_weighted_mean(camera, grid)
+    weight = np.clip(image[..., 0] - 0.1 * image[..., 3], 0, None)
+    rows, columns = np.mgrid[: weight.shape[0], : weight.shape[1]]
+    found = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum() + 0.5
+    # 16 random samples per pixel along about 60 edge pixels leave some hundredths of a pixel.
+    np.testing.assert_allclose(found, expected, atol=0.03)
+
+
+def area_weighted_mean(camera, points):
+    """Mean image position of a plane patch z = 0, each point weighted by the image area around it."""
+    step = 1e-4
+    here, _ = camera.project(points)
+    right, _ = camera.project(points + [step, 0, 0])
+    up, _ = camera.project(points + [0, step, 0])
+    a, b = right - here, up - here
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    return (area[:, None] * here).sum(axis=0) / area.sum()
+
+
+def test_mirror_ball_shows_the_light_where_reflection_says(camera):
+    center, light = np.array([0.1, 0.0, 0.1]), np.array([1.5, 1.2, 1.0])
+    scene = scenes.mirror_ball_scene(center, 0.3, light, 0.05)
+    view = view_points(camera, sphere_points(center, 0.3), 4)
+    image = view.develop(scenes.render(scene, view, 4, seed=0))
+    expected, _ = camera.project(reflections(camera.center, light[None], center, 0.3))
+    weight = image[..., 1]
+    rows, columns = np.mgrid[: weight.shape[0], : weight.shape[1]]
+    found = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum() + 0.5
+    # The highlight is about a pixel wide; 64 samples per pixel place its centre to better than a tenth of that.
+    np.testing.assert_allclose(found, expected[0], atol=0.1)
+    assert image[..., 3].max() == pytest.approx(1)
+
+
+def test_distances_to_surfaces(camera):
+    mesh = scenes.triangle_mesh({"type": "diffuse"}, SQUARE, FACES, UV)
+    scene = scenes.lit_scene(mesh, np.ones((1, 3)), np.ones(1), 2)
+    directions = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+    distances = scenes.hit_distances(scene, np.array([0.1, 0.2, 2.0]), directions)
+    assert distances[0] == pytest.approx(2, rel=1e-6)
+    assert np.isinf(distances[1]) or distances[1] > 1e6

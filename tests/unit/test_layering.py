@@ -1,0 +1,90 @@
+"""Imports point down only."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+from pipeline.base.code_digest import direct_imports
+
+LAYERS = [
+    {"base"},
+    {"config", "geometry", "metrics"},
+    {"capture", "lighting", "synthesis"},
+    {"rendering"},
+    {"avatar"},
+]
+"""Packages from the bottom up. Packages of one layer may import each other; the stages stand on top of all."""
+
+FORBIDDEN = {"snakemake", "pickle", "dill", "joblib", "cloudpickle", "shelve", "marshal"}
+
+
+@pytest.fixture(scope="module")
+def modules(repo_root):
+    """Dotted name -> file of every module of the project."""
+    paths = sorted((repo_root / "pipeline").rglob("*.py"))
+    names = [".".join(path.relative_to(repo_root).with_suffix("").parts).removesuffix(".__init__") for path in paths]
+    return dict(zip(names, paths, strict=True))
+
+
+def package_of(module):
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else ""
+
+
+def test_every_package_has_a_layer(modules):
+    packages = {package_of(name) for name, path in modules.items() if path.parent.name != "pipeline"}
+    assert packages == set().union(*LAYERS)
+
+
+def test_imports_point_down(modules):
+    height = {package: level for level, packages in enumerate(LAYERS) for package in packages}
+    upward = []
+    for name, path in modules.items():
+        for target in direct_imports(name, path) & modules.keys() - {"pipeline"}:
+            own, other = (height.get(package_of(module), len(LAYERS)) for module in (name, target))
+            if other > own:
+                upward.append(f"{name} imports {target}")
+    assert not upward
+
+
+def test_stages_never_import_stages(modules):
+    stages = {name for name, path in modules.items() if path.parent.name == "pipeline" and path.stem != "__init__"}
+    crossing = {
+        f"{name} imports {target}" for name in stages for target in direct_imports(name, modules[name]) & stages
+    }
+    assert not crossing
+
+
+def test_no_module_imports_what_is_forbidden(modules):
+    found = {
+        f"{name} imports {target}"
+        for name, path in modules.items()
+        for target in direct_imports(name, path)
+        if target.split(".")[0] in FORBIDDEN
+    }
+    assert not found
+
+
+def test_gsplat_is_imported_in_one_module_at_most(modules):
+    users = [n for n, path in modules.items() if any(t.split(".")[0] == "gsplat" for t in direct_imports(n, path))]
+    assert len(users) <= 1
+
+
+def test_no_call_unpickles(modules):
+    """torch.load without weights_only=True and np.load with allow_pickle both unpickle."""
+    found = []
+    for name, path in modules.items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+                continue
+            called = ast.unparse(node.func)
+            words = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+            if called == "torch.load" and words.get("weights_only") != "True":
+                found.append(f"{name}: {ast.unparse(node)}")
+            if words.get("allow_pickle", "False") != "False" or called in ("yaml.load", "yaml.unsafe_load"):
+                found.append(f"{name}: {ast.unparse(node)}")
+            if called in ("pd.read_pickle", "pandas.read_pickle"):
+                found.append(f"{name}: {ast.unparse(node)}")
+    assert not found

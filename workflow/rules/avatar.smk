@@ -1,0 +1,79 @@
+# A checkpoint, as index_capture is: training runs only if what it reads has changed.
+checkpoint pack_shards:
+    input:
+        capture="results/{subject}/index/capture.json",
+        index_frames="results/{subject}/index/frames.parquet",
+        images="results/{subject}/index/images.parquet",
+        atlas="results/{subject}/atlas.safetensors",
+        tracking="results/{subject}/tracking/{chunk}.safetensors",
+        cameras="results/{subject}/calibration/cameras.json",
+        color="results/{subject}/calibration/color.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        effects="results/{subject}/effects.json",
+        patterns="results/{subject}/patterns.parquet",
+        frames="results/{subject}/frames.parquet",
+        irradiance=traced_irradiance,
+    output:
+        train="results/{subject}/shards/train/{chunk}.arrow",
+        test="results/{subject}/shards/test/{chunk}.arrow",
+        frames="results/{subject}/shards/frames/{chunk}.arrow",
+    log:
+        "results/{subject}/logs/pack_shards.{chunk}.log",
+    benchmark:
+        "results/{subject}/benchmarks/pack_shards.{chunk}.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("pack_shards"),
+        capture=capture_folder,
+        index=subpath(input.capture, parent=True),
+        out=subpath(output.train, ancestor=2),
+        irradiance=lambda wildcards, input: (["--irradiance", *input.irradiance] if input.irradiance else []),
+        chunk_size=chunk_size,
+        settings=settings_of("pack_shards"),
+    message:
+        "{wildcards.subject}: packing shards, chunk {wildcards.chunk}"
+    shell:
+        "python -m pipeline.pack_shards --capture {params.capture:q} --index {params.index:q} "
+        "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
+        "--color {input.color:q} --lights {input.lights:q} --effects {input.effects:q} "
+        "--patterns {input.patterns:q} --frames {input.frames:q} --chunk {wildcards.chunk} "
+        "--chunk-size {params.chunk_size} {params.irradiance:q} --out {params.out:q} "
+        "{params.settings:q} > {log:q} 2>&1"
+
+
+# While it trains it keeps a checkpoint beside its outputs; a run that was stopped goes on from there.
+rule train_avatar:
+    input:
+        index=ancient("results/{subject}/index/capture.json"),
+        atlas="results/{subject}/atlas.safetensors",
+        effects="results/{subject}/effects.json",
+        train=shards_of("train"),
+        frames=shards_of("frames"),
+    output:
+        avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
+        config="results/{subject}/avatars/{variant}/config.json",
+        log="results/{subject}/avatars/{variant}/log.parquet",
+    log:
+        "results/{subject}/logs/train_avatar.{variant}.log",
+    benchmark:
+        "results/{subject}/benchmarks/train_avatar.{variant}.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 16
+    resources:
+        mem_mb=8000,
+    params:
+        code=code_of("train_avatar"),
+        shards=lambda wildcards: f"results/{wildcards.subject}/shards",
+        out=subpath(output.avatar, parent=True),
+        settings=settings_of("train_avatar"),
+    message:
+        "{wildcards.subject}: training avatar {wildcards.variant}"
+    shell:
+        "python -m pipeline.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
+        "--shards {params.shards:q} --effects {input.effects:q} --out {params.out:q} "
+        "{params.settings:q} > {log:q} 2>&1"

@@ -1,0 +1,89 @@
+rule calibrate_cameras:
+    input:
+        calibration="results/{subject}/index/calibration_cameras.json",
+        cameras="results/{subject}/index/cameras.parquet",
+    output:
+        rig="results/{subject}/calibration/rig.json",
+        residuals="results/{subject}/calibration/residuals_cameras.parquet",
+    log:
+        "results/{subject}/logs/calibrate_cameras.log",
+    benchmark:
+        "results/{subject}/benchmarks/calibrate_cameras.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("calibrate_cameras"),
+        capture=capture_folder,
+        index=subpath(input.calibration, parent=True),
+        out=subpath(output.rig, parent=True),
+        settings=settings_of("calibrate_cameras"),
+    message:
+        "{wildcards.subject}: calibrating cameras"
+    shell:
+        "python -m pipeline.calibrate_cameras --capture {params.capture:q} --index {params.index:q} "
+        "--out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
+
+
+rule calibrate_color:
+    input:
+        calibration="results/{subject}/index/calibration_color.json",
+        cameras="results/{subject}/index/cameras.parquet",
+        capture="results/{subject}/index/capture.json",
+    output:
+        color="results/{subject}/calibration/color.json",
+        residuals="results/{subject}/calibration/residuals_color.parquet",
+    log:
+        "results/{subject}/logs/calibrate_color.log",
+    benchmark:
+        "results/{subject}/benchmarks/calibrate_color.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 2
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_of("calibrate_color"),
+        capture=capture_folder,
+        index=subpath(input.calibration, parent=True),
+        out=subpath(output.color, parent=True),
+        settings=settings_of("calibrate_color"),
+    message:
+        "{wildcards.subject}: calibrating colour"
+    shell:
+        "python -m pipeline.calibrate_color --capture {params.capture:q} --index {params.index:q} "
+        "--out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
+
+
+rule calibrate_lights:
+    input:
+        calibration="results/{subject}/index/calibration_lights.json",
+        calibration_cameras="results/{subject}/index/calibration_cameras.json",
+        lights="results/{subject}/index/lights.parquet",
+        rig="results/{subject}/calibration/rig.json",
+    output:
+        lights="results/{subject}/calibration/lights.parquet",
+        cameras="results/{subject}/calibration/cameras.json",
+        residuals="results/{subject}/calibration/residuals_lights.parquet",
+    log:
+        "results/{subject}/logs/calibrate_lights.log",
+    benchmark:
+        "results/{subject}/benchmarks/calibrate_lights.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("calibrate_lights"),
+        capture=capture_folder,
+        index=subpath(input.calibration, parent=True),
+        out=subpath(output.lights, parent=True),
+        settings=settings_of("calibrate_lights"),
+    message:
+        "{wildcards.subject}: locating lights and aligning the cameras to the stage"
+    shell:
+        "python -m pipeline.calibrate_lights --capture {params.capture:q} --index {params.index:q} "
+        "--rig {input.rig:q} --out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"

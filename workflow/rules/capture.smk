@@ -1,0 +1,99 @@
+rule synthesize_capture:
+    output:
+        # Written last: present means complete. The other files of the folder belong to it.
+        description=f"{captures}/{{subject}}/capture.yaml",
+    log:
+        "results/{subject}/logs/synthesize_capture.log",
+    benchmark:
+        "results/{subject}/benchmarks/synthesize_capture.tsv"
+    wildcard_constraints:
+        subject="|".join(project.synthetic_subjects) or "(?!)",
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("synthesize_capture"),
+        out=subpath(output.description, parent=True),
+        settings=settings_of("synthesize_capture"),
+    message:
+        "{wildcards.subject}: making a synthetic capture"
+    shell:
+        "python -m pipeline.synthesize_capture --subject {wildcards.subject:q} --out {params.out:q} "
+        "--workers {threads} {params.settings:q} > {log:q} 2>&1"
+
+
+# A checkpoint, so that all that follows is decided anew, by content, when the index is there: if it is what it was,
+# nothing else runs. Snakemake reconsiders only jobs with an input from the checkpoint; stages that read nothing of the
+# index therefore name a file of it, as `ancient`, which by itself reruns nothing.
+checkpoint index_capture:
+    input:
+        capture_files,
+    output:
+        cameras="results/{subject}/index/cameras.parquet",
+        frames="results/{subject}/index/frames.parquet",
+        lights="results/{subject}/index/lights.parquet",
+        patterns="results/{subject}/index/patterns.parquet",
+        images="results/{subject}/index/images.parquet",
+        keypoints="results/{subject}/index/keypoints_2d.parquet",
+        capture="results/{subject}/index/capture.json",
+        calibration_cameras="results/{subject}/index/calibration_cameras.json",
+        calibration_lights="results/{subject}/index/calibration_lights.json",
+        calibration_color="results/{subject}/index/calibration_color.json",
+    log:
+        "results/{subject}/logs/index_capture.log",
+    benchmark:
+        "results/{subject}/benchmarks/index_capture.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_of("index_capture"),
+        capture=capture_folder,
+        origin=origin_of_capture,
+        out=subpath(output.capture, parent=True),
+        settings=settings_of("index_capture"),
+    message:
+        "{wildcards.subject}: checking and indexing the capture"
+    shell:
+        "python -m pipeline.index_capture --capture {params.capture:q} --out {params.out:q} "
+        "{params.settings:q} > {log:q} 2>&1"
+
+
+rule book_patterns:
+    input:
+        capture="results/{subject}/index/capture.json",
+        frames="results/{subject}/index/frames.parquet",
+        patterns="results/{subject}/index/patterns.parquet",
+        images="results/{subject}/index/images.parquet",
+        lights="results/{subject}/calibration/lights.parquet",
+        cameras="results/{subject}/calibration/cameras.json",
+    output:
+        patterns="results/{subject}/patterns.parquet",
+        frames="results/{subject}/frames.parquet",
+        sync="results/{subject}/sync.json",
+        picture="results/{subject}/sync.png",
+    log:
+        "results/{subject}/logs/book_patterns.log",
+    benchmark:
+        "results/{subject}/benchmarks/book_patterns.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_of("book_patterns"),
+        capture=capture_folder,
+        index=subpath(input.capture, parent=True),
+        out=subpath(output.patterns, parent=True),
+        settings=settings_of("book_patterns"),
+    message:
+        "{wildcards.subject}: booking light patterns and splits, checking that log and images are in step"
+    shell:
+        "python -m pipeline.book_patterns --capture {params.capture:q} --index {params.index:q} "
+        "--lights {input.lights:q} --cameras {input.cameras:q} --out {params.out:q} "
+        "{params.settings:q} > {log:q} 2>&1"

@@ -1,0 +1,61 @@
+rule track_mesh:
+    input:
+        capture="results/{subject}/index/capture.json",
+        frames="results/{subject}/index/frames.parquet",
+        images="results/{subject}/index/images.parquet",
+        keypoints="results/{subject}/index/keypoints_2d.parquet",
+        cameras="results/{subject}/calibration/cameras.json",
+    output:
+        tracking="results/{subject}/tracking/{chunk}.safetensors",
+        quality="results/{subject}/tracking/{chunk}.parquet",
+    log:
+        "results/{subject}/logs/track_mesh.{chunk}.log",
+    benchmark:
+        "results/{subject}/benchmarks/track_mesh.{chunk}.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("track_mesh"),
+        capture=capture_folder,
+        index=subpath(input.capture, parent=True),
+        out=subpath(output.tracking, parent=True),
+        chunk_size=chunk_size,
+        settings=settings_of("track_mesh"),
+    message:
+        "{wildcards.subject}: tracking the template, chunk {wildcards.chunk}"
+    shell:
+        "python -m pipeline.track_mesh --capture {params.capture:q} --index {params.index:q} "
+        "--cameras {input.cameras:q} --chunk {wildcards.chunk} --chunk-size {params.chunk_size} "
+        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+
+
+rule unwrap_atlas:
+    input:
+        capture="results/{subject}/index/capture.json",
+    output:
+        atlas="results/{subject}/atlas.safetensors",
+        picture="results/{subject}/atlas.png",
+        template="results/{subject}/template.glb",
+    log:
+        "results/{subject}/logs/unwrap_atlas.log",
+    benchmark:
+        "results/{subject}/benchmarks/unwrap_atlas.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_of("unwrap_atlas"),
+        capture=capture_folder,
+        index=subpath(input.capture, parent=True),
+        out=subpath(output.atlas, parent=True),
+        settings=settings_of("unwrap_atlas"),
+    message:
+        "{wildcards.subject}: laying the template's surface out on an atlas"
+    shell:
+        "python -m pipeline.unwrap_atlas --capture {params.capture:q} --index {params.index:q} "
+        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"

@@ -1,0 +1,65 @@
+# A checkpoint: an effect that is off has no job.
+checkpoint plan_effects:
+    input:
+        capture="results/{subject}/index/capture.json",
+        atlas="results/{subject}/atlas.safetensors",
+        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        patterns="results/{subject}/patterns.parquet",
+        lights="results/{subject}/calibration/lights.parquet",
+        cameras="results/{subject}/calibration/cameras.json",
+        color="results/{subject}/calibration/color.json",
+    output:
+        effects="results/{subject}/effects.json",
+    log:
+        "results/{subject}/logs/plan_effects.log",
+    benchmark:
+        "results/{subject}/benchmarks/plan_effects.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_of("plan_effects"),
+        index=subpath(input.capture, parent=True),
+        settings=settings_of("plan_effects"),
+    message:
+        "{wildcards.subject}: measuring which effects this capture calls for"
+    shell:
+        "python -m pipeline.plan_effects --index {params.index:q} --atlas {input.atlas:q} "
+        "--tracking {input.tracking:q} --patterns {input.patterns:q} --lights {input.lights:q} "
+        "--cameras {input.cameras:q} --color {input.color:q} --out {output.effects:q} "
+        "{params.settings:q} > {log:q} 2>&1"
+
+
+rule trace_irradiance:
+    input:
+        index=ancient("results/{subject}/index/capture.json"),
+        atlas="results/{subject}/atlas.safetensors",
+        tracking="results/{subject}/tracking/{chunk}.safetensors",
+        lights="results/{subject}/calibration/lights.parquet",
+        patterns="results/{subject}/patterns.parquet",
+        frames="results/{subject}/frames.parquet",
+    output:
+        irradiance=directory("results/{subject}/irradiance/{chunk}"),
+        summary="results/{subject}/irradiance/{chunk}.parquet",
+        picture="results/{subject}/irradiance/{chunk}.png",
+    log:
+        "results/{subject}/logs/trace_irradiance.{chunk}.log",
+    benchmark:
+        "results/{subject}/benchmarks/trace_irradiance.{chunk}.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("trace_irradiance"),
+        settings=settings_of("trace_irradiance"),
+    message:
+        "{wildcards.subject}: tracing shadow rays, chunk {wildcards.chunk}"
+    shell:
+        "python -m pipeline.trace_irradiance --subject {wildcards.subject:q} --atlas {input.atlas:q} "
+        "--tracking {input.tracking:q} --lights {input.lights:q} --patterns {input.patterns:q} "
+        "--frames {input.frames:q} --out {output.irradiance:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"

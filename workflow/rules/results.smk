@@ -1,0 +1,34 @@
+rule evaluate_avatar:
+    input:
+        index=ancient("results/{subject}/index/capture.json"),
+        atlas="results/{subject}/atlas.safetensors",
+        effects="results/{subject}/effects.json",
+        test=shards_of("test"),
+        frames=shards_of("frames"),
+        avatars=avatars_of("avatar.safetensors"),
+        configs=avatars_of("config.json"),
+    output:
+        metrics="results/{subject}/metrics.csv",
+        per_image="results/{subject}/metrics_per_image.parquet",
+        images=directory("results/{subject}/images"),
+    log:
+        "results/{subject}/logs/evaluate_avatar.log",
+    benchmark:
+        "results/{subject}/benchmarks/evaluate_avatar.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 16
+    resources:
+        mem_mb=8000,
+    params:
+        code=code_of("evaluate_avatar"),
+        shards=lambda wildcards: f"results/{wildcards.subject}/shards",
+        avatars=lambda wildcards, input: [os.path.dirname(path) for path in input.avatars],
+        out=subpath(output.metrics, parent=True),
+        settings=settings_of("evaluate_avatar"),
+    message:
+        "{wildcards.subject}: scoring avatars on held-out images"
+    shell:
+        "python -m pipeline.evaluate_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
+        "--shards {params.shards:q} --effects {input.effects:q} --avatars {params.avatars:q} "
+        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
