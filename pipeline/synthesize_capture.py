@@ -23,7 +23,11 @@ from pipeline.base.files import written_whole
 from pipeline.base.progress import progress
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis.capture_files import (
-    template_source, write_capture_yaml, write_tables, write_template, write_truth,
+    template_source,
+    write_capture_yaml,
+    write_tables,
+    write_template,
+    write_truth,
 )  # fmt: skip
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.motion import pose_at

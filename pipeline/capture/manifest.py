@@ -25,6 +25,7 @@ EXPECTED_TYPES = {
     "string_type": "text (quote a number or yes/no that is meant as text)",
     "list_type": "a list",
     "model_type": "a section of keys",
+    "model_attributes_type": "a section of keys",
 }
 
 

@@ -21,9 +21,7 @@ def check_template(root: Path, template: Template, complaints: Complaints) -> li
     """
     shape = None
     with complaints.collecting():
-        mesh = GltfFile(locate(root, template.mesh))
-        vertices = sum(len(primitive.positions) for primitive in mesh.primitives())
-        shape = vertices, {joint for skin in mesh.document.skins or [] for joint in skin.joints}
+        shape = _read_shape(root, template.mesh)
     table = read_keypoint_places(root, template.keypoints, complaints)
     if table is None:
         return None
@@ -31,6 +29,20 @@ def check_template(root: Path, template: Template, complaints: Complaints) -> li
     if shape is not None:
         _check_places(template.keypoints, table, *shape, complaints)
     return list(table["keypoint"])
+
+
+def _read_shape(root: Path, path: str) -> tuple[int, set[int]]:
+    """Number of vertices, and the nodes that are joints."""
+    try:
+        mesh = GltfFile(locate(root, path))
+        vertices = sum(len(primitive.positions) for primitive in mesh.primitives())
+        return vertices, {joint for skin in mesh.document.skins or [] for joint in skin.joints}
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        # A reference to nothing, an unknown type: the JSON part of a .glb may say anything.
+        found = f"a file that does not keep to it ({type(error).__name__}: {error})"
+        raise InputError(
+            f"{path}: expected a mesh by the glTF 2.0 specification, found {found}; export it anew"
+        ) from error
 
 
 def read_keypoint_places(root: Path, path: str | None, complaints: Complaints) -> pd.DataFrame | None:

@@ -31,7 +31,7 @@ class SynthesizeCapture(Settings):
     light_distance_m: float = Field(2.2, gt=1, description="radius of the light dome [m]")
     survey_error_m: float = Field(0.015, ge=0, description="standard deviation of a surveyed light coordinate [m]")
     distortion: float = Field(1.0, ge=0, description="strength of lens distortion, 1 = a few sensor pixels")
-    color_spread: float = Field(0.05, ge=0, description="standard deviation of the cameras' colour response entries")
+    color_spread: float = Field(0.035, ge=0, description="standard deviation of the cameras' colour response entries")
 
     uvs: bool = Field(True, description="the template has texture coordinates")
     vertex_spacing_m: float = Field(0.032, gt=0.005, lt=0.08, description="edge length of the figure's mesh [m]")
@@ -39,7 +39,10 @@ class SynthesizeCapture(Settings):
     gloss_alpha: float = Field(0.25, gt=0.02, le=1, description="GGX width of the figure's gloss")
     scale_to_m: float = Field(1.0, gt=0, description="metres per unit of the template file [m]")
 
-    spp: int = Field(128, ge=1, description="light paths per image pixel")
+    spp: int = Field(64, ge=1, description="light paths per image pixel of partially lit frames")
+    spp_fully_lit: int = Field(
+        256, ge=1, description="light paths per image pixel of fully lit frames, whose paths choose among more lights"
+    )
     supersampling: int = Field(2, ge=1, le=8, description="rendered pixels per image pixel along one axis")
     max_depth: int = Field(4, ge=2, description="path edges from camera to light; 2 is direct light only")
     shot_gain: float = Field(1e-4, ge=0, description="noise variance per unit of signal [image value]")
@@ -54,7 +57,7 @@ class SynthesizeCapture(Settings):
     board_squares_y: int = Field(5, ge=3, description="squares of the ChArUco board along its height")
     board_square_m: float = Field(0.12, gt=0, description="side of a board square [m]")
     board_marker_m: float = Field(0.09, gt=0, description="side of a board marker [m]")
-    board_poses: int = Field(32, ge=3, description="poses of the board; a camera sees about a third of them")
+    board_poses: int = Field(40, ge=3, description="poses of the board; a camera sees about a quarter of them")
     ball_positions: int = Field(3, ge=1, description="positions of the mirror ball")
     ball_cameras: int = Field(3, ge=1, description="cameras that photograph the mirror ball")
     ball_radius_m: float = Field(0.18, gt=0, description="radius of the mirror ball [m]")

@@ -40,13 +40,16 @@ def write_template(root: Path, figure: Figure, settings: SynthesizeCapture) -> N
         units_per_m=1 / settings.scale_to_m,
     )
     nodes = FIRST_JOINT_NODE + np.arange(len(figure.skeleton.names))
-    write_table(
-        root / "template/keypoints.csv", pd.DataFrame({"keypoint": figure.skeleton.names, "node_index": nodes})
-    )
+    write_table(root / "template/keypoints.csv", pd.DataFrame({"keypoint": figure.skeleton.names, "node_index": nodes}))
 
 
 def write_tables(
-    root: Path, subject: str, rig: StageRig, patterns: pd.DataFrame, keypoints: pd.DataFrame, settings: SynthesizeCapture
+    root: Path,
+    subject: str,
+    rig: StageRig,
+    patterns: pd.DataFrame,
+    keypoints: pd.DataFrame,
+    settings: SynthesizeCapture,
 ) -> None:
     """cameras.csv, frames.csv, lights.csv, patterns.csv, keypoints_2d.parquet and the chart's values."""
     d = settings.downsample_from_sensor
@@ -58,9 +61,7 @@ def write_tables(
     frames = range(settings.frames)
     segments = [segment_of(frame, settings)[0] for frame in frames]
     timestamps = [frame / settings.fps for frame in frames]
-    write_table(
-        root / "frames.csv", pd.DataFrame({"frame": frames, "timestamp_s": timestamps, "segment": segments})
-    )
+    write_table(root / "frames.csv", pd.DataFrame({"frame": frames, "timestamp_s": timestamps, "segment": segments}))
     write_table(root / "lights.csv", survey_lights(subject, rig, settings.survey_error_m))
     write_table(root / "patterns.csv", patterns)
     write_table(root / "keypoints_2d.parquet", keypoints)
@@ -70,7 +71,7 @@ def write_tables(
 
 
 def held_out(rig: StageRig, settings: SynthesizeCapture) -> dict[str, list]:
-    """The splits of capture.yaml: cameras spread over the ring, partially lit frames spread over segment a, segment b."""
+    """The splits of capture.yaml: cameras and partially lit frames spread evenly, and segment b."""
     names = list(rig.cameras)
     partial = [
         frame for frame in range(settings.frames - settings.frames_b) if frame % settings.fully_lit_every != 0

@@ -104,10 +104,11 @@ def _quads_around_edges(values: np.ndarray, vertex_of_cell: np.ndarray, axis: in
 def _split_quads(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """Two triangles per quad, cut along the shorter diagonal."""
     corners = vertices[quads]
-    first = np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1) <= np.linalg.norm(corners[:, 1] - corners[:, 3], axis=1)
+    diagonal_02 = np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
+    diagonal_13 = np.linalg.norm(corners[:, 1] - corners[:, 3], axis=1)
     along_02 = quads[:, [0, 1, 2, 0, 2, 3]]
     along_13 = quads[:, [0, 1, 3, 1, 2, 3]]
-    return np.where(first[:, None], along_02, along_13).reshape(-1, 3)
+    return np.where((diagonal_02 <= diagonal_13)[:, None], along_02, along_13).reshape(-1, 3)
 
 
 def neighbor_average(faces: Int64[np.ndarray, "f 3"], vertex_count: int) -> scipy.sparse.csr_matrix:

@@ -127,7 +127,12 @@ def lit_scene(
 
 
 def body_mesh(
-    texture: np.ndarray, gloss_alpha: float, vertices: np.ndarray, normals: np.ndarray, faces: np.ndarray, uv: np.ndarray
+    texture: np.ndarray,
+    gloss_alpha: float,
+    vertices: np.ndarray,
+    normals: np.ndarray,
+    faces: np.ndarray,
+    uv: np.ndarray,
 ) -> Any:
     """The figure: a diffuse albedo texture under a rough dielectric coat (GGX of width `gloss_alpha`)."""
     bsdf = {

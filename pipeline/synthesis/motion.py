@@ -39,7 +39,7 @@ def pose_at(skeleton: Skeleton, time_s: float, segment: str, floor_y: float) -> 
 
 
 def _stride(phase: float) -> dict[str, tuple[float, float, float]]:
-    """Degrees about x, y, z per joint. Left and right are half a period apart; the arms fold across the chest in turn."""
+    """Degrees about x, y, z per joint: left and right half a period apart, arms folding across the chest in turn."""
     angles = {
         "pelvis": (0.0, 10 * np.sin(phase), 2 * np.sin(phase)),
         "spine": (4.0, -6 * np.sin(phase), 0.0),
@@ -74,8 +74,8 @@ def _reach(phase: float) -> dict[str, tuple[float, float, float]]:
         reach = 0.5 + 0.5 * np.sin(phase + offset)
         bend = 0.5 - 0.5 * np.sin(phase + offset)
         angles |= {
-            f"upper_arm_{side}": (0.0, -sign * (50 + 20 * bend), sign * (62 * reach - 12)),
-            f"forearm_{side}": (0.0, -sign * (20 + 65 * bend), sign * 15 * reach),
+            f"upper_arm_{side}": (0.0, -sign * (62 + 8 * bend), sign * (58 * reach - 12)),
+            f"forearm_{side}": (0.0, -sign * (56 + 29 * bend), sign * 15 * reach),
             f"hand_{side}": (0.0, -sign * 12 * bend, sign * 10 * np.cos(phase)),
             f"thigh_{side}": (-14 - 8 * np.sin(phase + offset), 0.0, sign * 4),
             f"shin_{side}": (26 + 12 * np.sin(phase + offset), 0.0, 0.0),

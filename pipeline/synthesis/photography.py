@@ -21,7 +21,14 @@ from pipeline.synthesis.lens import view_points
 from pipeline.synthesis.sensor_model import SensorModel, write_8bit, write_exr
 from pipeline.synthesis.stage_rig import StageRig
 from pipeline.synthesis.targets import (
-    CHART_LIGHT, ball_centers, board_poses, board_texture, chart_corners, chart_texture, reflections, sees_board,
+    CHART_LIGHT,
+    ball_centers,
+    board_poses,
+    board_texture,
+    chart_corners,
+    chart_texture,
+    reflections,
+    sees_board,
     sphere_points,
 )  # fmt: skip
 
@@ -117,11 +124,12 @@ def _photograph_frame(job: FrameJob) -> pd.DataFrame:
     )
     lit = job.intensities > 0
     scene = scenes.lit_scene(mesh, studio.rig.lights_xyz[lit], job.intensities[lit], settings.max_depth)
+    paths = settings.spp_fully_lit if lit.all() else settings.spp
     detections = []
     for name, sensor_camera in studio.rig.cameras.items():
         camera = sensor_camera.downsampled(settings.downsample_from_sensor)
         view = view_points(camera, job.vertices, settings.supersampling)
-        samples = max(1, round(settings.spp / settings.supersampling**2))
+        samples = max(1, round(paths / settings.supersampling**2))
         seed = seed_for(studio.subject, "paths", name, job.frame) % 2**31
         developed = view.develop(scenes.render(scene, view, samples, seed))
         random = generator_for(studio.subject, "sensor", name, job.frame)

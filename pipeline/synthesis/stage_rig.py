@@ -67,7 +67,9 @@ def _dome(subject: str, settings: SynthesizeCapture) -> np.ndarray:
     index = np.arange(settings.lights) + 0.5
     height = 1 - (1 - LOWEST_LIGHT) * index / settings.lights
     around = np.sqrt(1 - height**2)
-    directions = np.stack([around * np.cos(index * GOLDEN_ANGLE), height, around * np.sin(index * GOLDEN_ANGLE)], axis=1)
+    directions = np.stack(
+        [around * np.cos(index * GOLDEN_ANGLE), height, around * np.sin(index * GOLDEN_ANGLE)], axis=1
+    )
     random = generator_for(subject, "dome")
     distances = settings.light_distance_m * (1 + 0.03 * random.uniform(-1, 1, settings.lights))
     return (distances[:, None] * directions)[random.permutation(settings.lights)]
@@ -77,9 +79,7 @@ def _camera(subject: str, index: int, settings: SynthesizeCapture) -> Camera:
     random = generator_for(subject, "camera", index)
     azimuth = 2 * np.pi * (index + 0.25 * random.uniform(-1, 1)) / settings.cameras
     elevation = np.radians(ELEVATIONS_DEG[index % len(ELEVATIONS_DEG)] + 3 * random.uniform(-1, 1))
-    outward = np.array(
-        [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)]
-    )
+    outward = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
     center = settings.camera_distance_m * (1 + 0.02 * random.uniform(-1, 1)) * outward
     target = 0.03 * random.uniform(-1, 1, 3)
     R = look_at(center, target, roll=np.radians(2) * random.uniform(-1, 1))

@@ -26,7 +26,12 @@ PAPER, INK = 0.65, 0.04
 STEEPEST_VIEW_DEG = 58.0
 """Board views at a lower angle than this are left out: markers get too thin to read."""
 
-BOARD_SHARE_IN_VIEW = 0.75
+BOARD_SPREAD_M = np.array([0.3, 0.7, 0.3])
+BOARD_NEARER_M = 0.8
+"""How far the board strays from the stage's centre, and towards the cameras it faces: views have to reach the corners
+of the images, since lens distortion cannot be measured where no board was."""
+
+BOARD_SHARE_IN_VIEW = 0.6
 """Share of the board that must lie in the image for a view to be taken."""
 
 CHART_LIGHT = 0.9
@@ -83,7 +88,8 @@ def board_poses(subject: str, settings: SynthesizeCapture) -> list[Float64[np.nd
         azimuth = 2 * np.pi * pose / settings.board_poses + np.radians(12) * random.uniform(-1, 1)
         tilt = np.radians(10 + 32 * random.uniform(-1, 1))
         normal = np.array([np.cos(tilt) * np.sin(azimuth), np.sin(tilt), np.cos(tilt) * np.cos(azimuth)])
-        center = np.array([0.22, 0.38, 0.22]) * random.uniform(-1, 1, 3)
+        toward = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
+        center = BOARD_SPREAD_M * random.uniform(-1, 1, 3) + BOARD_NEARER_M * random.uniform(-0.3, 1) * toward
         poses.append(facing_rectangle(center, normal, width, height, roll=np.radians(25) * random.uniform(-1, 1)))
     return poses
 

@@ -78,6 +78,12 @@ def link_outside(root: Path) -> None:
     (root / "images/left/000001.exr").symlink_to(outside)
 
 
+def mislead_template(root: Path) -> None:
+    """An accessor of a type that glTF does not have."""
+    path = root / "template/template.glb"
+    path.write_bytes(path.read_bytes().replace(b"VEC3", b"VEC9"))
+
+
 def nan_pixels(root: Path) -> None:
     image = np.full((HEIGHT, WIDTH, 3), 0.5)
     image[0, 0, 1], image[2, 3, 0] = np.nan, np.inf
@@ -281,6 +287,7 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
         lambda root: (root / "template/template.glb").write_text("solid"),
         ["glTF 2.0 binary"],
     ),
+    "template against the specification": (mislead_template, ["expected a mesh by the glTF 2.0 specification"]),
     "template without triangles": (
         lambda root: write_template(root / "template/template.glb", mode=0),
         ["expected triangles"],

@@ -10,6 +10,7 @@ from pipeline.geometry.charuco import Board
 from pipeline.geometry.projection import project_with_jacobian
 from pipeline.geometry.rig import Observations, adjust_rig
 from pipeline.geometry.rig_start import connected_groups, start_rig, usable_views, view_rows
+from pipeline.geometry.rotations import left_jacobian
 
 SIZE = (640, 480)
 BOARD = Board(7, 5, 0.12, 0.09, "DICT_5X5_250")
@@ -172,3 +173,15 @@ def test_projection_and_its_derivatives():
             pair = [(a, points) if which == 0 else (intrinsics, a) for a in (high, low)]
             numeric = (project_with_jacobian(*pair[0])[0] - project_with_jacobian(*pair[1])[0]) / (2 * step)
             assert jacobian[..., k] == pytest.approx(numeric, rel=1e-5, abs=1e-4)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.0099, 0.0101, 1.0, 3.1, 6.0])
+def test_left_jacobian_by_differences(angle):
+    vector = angle * np.array([2.0, -1.0, 2.0]) / 3
+    jacobian, step = left_jacobian(vector), 1e-6
+    rotation = scipy.spatial.transform.Rotation
+    for k in range(3):
+        moved = rotation.from_rotvec(vector + step * np.eye(3)[k]) * rotation.from_rotvec(vector).inv()
+        back = rotation.from_rotvec(vector - step * np.eye(3)[k]) * rotation.from_rotvec(vector).inv()
+        numeric = (moved.as_rotvec() - back.as_rotvec()) / (2 * step)
+        assert jacobian[:, k] == pytest.approx(numeric, abs=1e-8)

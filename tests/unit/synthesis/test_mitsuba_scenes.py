@@ -81,8 +81,8 @@ def area_weighted_mean(camera, points):
     """Mean image position of a plane patch z = 0, each point weighted by the image area around it."""
     step = 1e-4
     here, _ = camera.project(points)
-    right, _ = camera.project(points + [step, 0, 0])
-    up, _ = camera.project(points + [0, step, 0])
+    right, _ = camera.project(points + np.array([step, 0, 0]))
+    up, _ = camera.project(points + np.array([0, step, 0]))
     a, b = right - here, up - here
     area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     return (area[:, None] * here).sum(axis=0) / area.sum()

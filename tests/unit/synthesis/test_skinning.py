@@ -64,7 +64,8 @@ def test_weights_are_a_smooth_partition(figure):
     # A step over a whole joint within one edge would crease the skin.
     assert np.abs(weights[edges[:, 0]] - weights[edges[:, 1]]).max() < 0.6
     left = [j for j, name in enumerate(figure.skeleton.names) if name.endswith("_l")]
-    right_leg = (figure.vertices[:, 0] < 0) & (figure.vertices[:, 1] < 0.65)
+    # Eight rounds of diffusion from the crotch at 0.85 m reach eight edges of 0.045 m down.
+    right_leg = (figure.vertices[:, 0] < 0) & (figure.vertices[:, 1] < 0.85 - 8 * 0.045)
     assert weights[right_leg][:, left].max() == 0
 
 

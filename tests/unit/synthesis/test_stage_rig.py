@@ -6,7 +6,12 @@ import pytest
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, survey_lights
 from pipeline.synthesis.targets import (
-    ball_centers, board_poses, chart_corners, reflections, sees_board, sphere_points,
+    ball_centers,
+    board_poses,
+    chart_corners,
+    reflections,
+    sees_board,
+    sphere_points,
 )  # fmt: skip
 
 SETTINGS = SynthesizeCapture()

@@ -1,0 +1,141 @@
+"""The workflow as it is written: style, plans, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+ALWAYS = {
+    "index_capture": 1,
+    "calibrate_cameras": 1,
+    "calibrate_color": 1,
+    "calibrate_lights": 1,
+    "book_patterns": 1,
+    "track_mesh": 1,
+    "unwrap_atlas": 1,
+    "plan_effects": 1,
+    "pack_shards": 1,
+    "train_avatar": 1,
+    "evaluate_avatar": 1,
+}
+"""The jobs of a capture of one chunk, as far as they are known before plan_effects has run."""
+
+
+@pytest.fixture(scope="module")
+def workflow(copy_of_project, tmp_path_factory):
+    return copy_of_project(tmp_path_factory.mktemp("checks") / "project")
+
+
+def test_lint_finds_nothing(workflow):
+    done = workflow.snakemake("--lint")
+    assert done.returncode == 0, done.stdout
+
+
+def test_format_is_snakefmts(repo_root):
+    words = [sys.executable, "-m", "snakefmt", "--check", "Snakefile", "workflow"]
+    done = subprocess.run(words, cwd=repo_root, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_snakefile_is_a_table_of_contents(repo_root):
+    assert len((repo_root / "Snakefile").read_text().splitlines()) < 60
+
+
+@pytest.mark.parametrize("subject", ["subjectA", "tiny"])
+def test_synthetic_subject_is_planned_from_its_name(workflow, subject):
+    assert workflow.planned(f"results/{subject}/metrics.csv") == {"synthesize_capture": 1, **ALWAYS}
+
+
+def test_chunks_and_variants_multiply_their_jobs(workflow):
+    options = ["--config", "chunk_frames=10", "variants={full: {}, matte: {specular: false}}"]
+    assert workflow.planned("results/subjectA/metrics.csv", *options) == {
+        "synthesize_capture": 1,
+        **ALWAYS,
+        "track_mesh": 3,
+        "pack_shards": 3,
+        "train_avatar": 2,
+    }
+
+
+def test_recorded_capture_is_found_elsewhere_and_never_made(workflow, tmp_path):
+    folder = tmp_path / "elsewhere" / "someone"
+    folder.mkdir(parents=True)
+    (folder / "capture.yaml").write_text("frames: frames.csv\n")
+    (folder / "frames.csv").write_text("frame,timestamp_s,segment\n" + "".join(f"{f},0,a\n" for f in range(65)))
+    planned = workflow.planned("results/someone/metrics.csv", "--config", f"captures={folder.parent}")
+    assert planned == {**ALWAYS, "track_mesh": 2, "pack_shards": 2}
+
+
+def test_preset_is_a_config_file(workflow):
+    options = ["--configfile", "config/presets/draft.yaml", "--printshellcmds"]
+    done = workflow.snakemake("--dry-run", *options, "--", "results/tiny/metrics.csv")
+    preset = yaml.safe_load((workflow.folder / "config/presets/draft.yaml").read_text())
+    assert f"--steps {preset['train_avatar']['steps']} " in done.stdout
+
+
+def test_missing_subject_is_told_what_is_expected_and_what_there_is(workflow):
+    printed = workflow.refused("results/nobody/metrics.csv")
+    assert "subject 'nobody': expected captures/nobody/capture.yaml, found no such file" in printed
+    assert "subjects: subjectA, tiny" in printed
+    assert "MissingInputException" not in printed
+
+
+def test_subject_with_a_strange_name_is_no_target(workflow):
+    assert "MissingRuleException" in workflow.refused("results/no body/metrics.csv")
+
+
+def test_wrong_configuration_is_said_at_once_and_without_traceback(copy_of_project, tmp_path):
+    workflow = copy_of_project(tmp_path / "project")
+    workflow.append("config/subjects/tiny.yaml", "track_mesh: {inlier_px: -1}\nnonsense: 1\n")
+    printed = workflow.refused("results/subjectA/metrics.csv", "--config", "train_avatar={steps: 0, setps: 1}")
+    for expected in (
+        "configuration: 4 problems",
+        "config/subjects/tiny.yaml: track_mesh.inlier_px: expected greater than 0, found -1",
+        "config/subjects/tiny.yaml: nonsense: expected a known key",
+        "command line (--config, --configfile): train_avatar.steps: expected greater than or equal to 1, found '0'",
+        "command line (--config, --configfile): train_avatar.setps: expected a known key, found an unknown one",
+    ):
+        assert expected in printed
+    assert "Traceback" not in printed
+
+
+def test_stage_has_one_rule_with_a_log_and_a_benchmark_of_its_name(repo_root):
+    text = "\n".join(path.read_text() for path in sorted((repo_root / "workflow/rules").glob("*.smk")))
+    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance"):
+        assert len([line for line in text.splitlines() if line in (f"rule {stage}:", f"checkpoint {stage}:")]) == 1
+        for expected in (f"/logs/{stage}.", f"/benchmarks/{stage}.", f'code_of("{stage}")', f"-m pipeline.{stage} "):
+            assert expected in text
+
+
+def test_workflow_imports_nothing_heavy(repo_root):
+    """A plan has to appear at once: what the Snakefile imports pulls in no numerical library."""
+    modules = re.findall(
+        r"^from (pipeline\S*) import", (repo_root / "workflow/rules/common.smk").read_text(), re.MULTILINE
+    )
+    heavy = "{'numpy', 'torch', 'pandas', 'cv2', 'tyro'}"
+    check = f"import sys, {', '.join(modules)}; print(sorted({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", check], cwd=repo_root, capture_output=True, text=True, check=True)
+    assert modules
+    assert done.stdout.strip() == "[]"
+
+
+def test_environments_list_what_the_project_needs(repo_root):
+    project = tomllib.loads((repo_root / "pyproject.toml").read_text())["project"]
+    packages = {}
+    for name in ("cpu", "gpu"):
+        content = yaml.safe_load((repo_root / f"envs/{name}.yaml").read_text())
+        packages[name] = next(item["pip"] for item in content["dependencies"] if isinstance(item, dict))
+    assert packages["cpu"] == project["dependencies"]
+    assert packages["gpu"] == [*project["dependencies"], "gsplat"]
+
+
+def test_profile_is_found_and_compares_content(workflow):
+    profile = yaml.safe_load(Path(workflow.folder / "profiles/default/config.yaml").read_text())
+    assert {"max-checksum-file-size", "rerun-incomplete", "show-failed-logs"} <= profile.keys()
+    assert "profiles/default" in workflow.refused("results/nobody/metrics.csv")

@@ -1,0 +1,170 @@
+"""What runs again after an edit, with stages that copy digests of their inputs in place of the real ones."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from pipeline.config.project import SECTIONS
+
+TARGET = "results/subjectA/metrics.csv"
+INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d")
+INDEX_JSON = ("capture", "calibration_cameras", "calibration_lights", "calibration_color")
+OUTPUTS = {
+    "synthesize_capture": ["capture.yaml"],
+    "index_capture": [*(f"{name}.parquet" for name in INDEX), *(f"{name}.json" for name in INDEX_JSON)],
+    "calibrate_cameras": ["rig.json", "residuals_cameras.parquet"],
+    "calibrate_color": ["color.json", "residuals_color.parquet"],
+    "calibrate_lights": ["lights.parquet", "cameras.json", "residuals_lights.parquet"],
+    "book_patterns": ["patterns.parquet", "frames.parquet", "sync.json", "sync.png"],
+    "track_mesh": ["{chunk}.safetensors", "{chunk}.parquet"],
+    "unwrap_atlas": ["atlas.safetensors", "atlas.png", "template.glb"],
+    "plan_effects": [""],
+    "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
+    "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
+    "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
+    "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "images/worst.png"],
+}
+STAND_IN = """
+import hashlib, json, sys
+from pathlib import Path
+
+CHANGED = []
+words, flags, name = sys.argv[1:], {}, None
+for word in words:
+    if word.startswith("--"):
+        name = word[2:]
+        flags[name] = []
+    else:
+        flags[name].append(word)
+out = Path(flags["out"][0])
+content = hashlib.sha256(" ".join(words).encode())
+for path in sorted(Path(word) for key, values in flags.items() if key != "out" for word in values):
+    for file in sorted(path.rglob("*.*")) if path.is_dir() else [path] if path.is_file() else []:
+        if file.is_file() and not file.name.startswith("."):
+            content.update(file.read_bytes())
+text = json.dumps({"shadow": {"on": flags.get("shadow") != ["off"]}, "content": content.hexdigest()})
+for output in OUTPUTS:
+    output = output.replace("{chunk}", flags.get("chunk", [""])[0])
+    path = Path(f"{out}{output}") if output[:1] in ("", "/", ".") else out / output
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text + " changed" * (output in CHANGED))
+"""
+SUBJECT = "source: synthetic\nchunk_frames: 12\nsynthesize_capture: {frames: 24}\n"
+AFTER_PACKING = {"pack_shards": 2, "train_avatar": 1, "evaluate_avatar": 1}
+AFTER_TRACKING = {"track_mesh": 2, "plan_effects": 1, **AFTER_PACKING}
+
+
+@pytest.fixture(scope="module")
+def made(copy_of_project, tmp_path_factory):
+    """A project in which everything has run once."""
+    workflow = copy_of_project(tmp_path_factory.mktemp("reruns") / "project")
+    for stage in SECTIONS:
+        text = f"from pipeline.config import {stage}\n{STAND_IN}".replace("OUTPUTS:", f"{OUTPUTS[stage]!r}:")
+        (workflow.folder / f"pipeline/{stage}.py").write_text(text)
+    (workflow.folder / "config/subjects/subjectA.yaml").write_text(SUBJECT)
+    assert sorted(workflow.ran(TARGET)) == sorted([*SECTIONS, "track_mesh", "trace_irradiance", "pack_shards"])
+    assert workflow.planned(TARGET) == {}
+    return workflow
+
+
+@pytest.fixture
+def workflow(made, tmp_path):
+    """A fresh copy of it; times are kept."""
+    shutil.copytree(made.folder, tmp_path / "project", symlinks=True)
+    return type(made)(tmp_path / "project")
+
+
+def test_touched_files_comments_and_prose_rerun_nothing(workflow):
+    for path in [*workflow.folder.glob("results/subjectA/**/*.*"), *workflow.folder.glob("captures/subjectA/*")]:
+        path.touch()
+    workflow.append("pipeline/train_avatar.py", "# A comment.\n")
+    workflow.append("pipeline/config/track_mesh.py", '"""A text."""\n')
+    workflow.append("pipeline/geometry/mesh.py", "UNRELATED = 1\n")
+    workflow.append("envs/cpu.yaml", "# A comment.\n")
+    assert workflow.planned(TARGET) == {}
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("evaluate_avatar: {pictures: false}", {"evaluate_avatar": 1}),
+        ("train_avatar: {steps: 7}", {"train_avatar": 1, "evaluate_avatar": 1}),
+        ("variants: {full: {}, matte: {specular: false}}", {"train_avatar": 1, "evaluate_avatar": 1}),
+        ("trace_irradiance: {samples: '4'}", {"trace_irradiance": 2, **AFTER_PACKING}),
+        ("track_mesh: {inlier_px: 4}", AFTER_TRACKING),
+    ],
+)
+def test_changed_setting_reruns_its_stage_and_what_follows(workflow, setting, expected):
+    workflow.append("config/subjects/subjectA.yaml", setting + "\n")
+    planned = workflow.planned(TARGET)
+    if "track_mesh" in expected:
+        planned.pop("trace_irradiance", None)  # Whether there are shadows is open until plan_effects has run.
+    assert planned == expected
+
+
+def test_edited_code_reruns_the_stages_that_import_it(workflow):
+    workflow.append("pipeline/config/pack_shards.py", "EDITED = 1\n")
+    assert workflow.planned(TARGET) == AFTER_PACKING
+
+
+def test_edit_that_leaves_the_index_as_it_was_ends_there(workflow):
+    workflow.append("pipeline/index_capture.py", "EDITED = 1\n")
+    assert workflow.ran(TARGET) == ["index_capture"]
+    assert workflow.planned(TARGET) == {}
+
+
+def test_edit_that_leaves_the_shards_as_they_were_trains_nothing(workflow):
+    workflow.append("pipeline/calibrate_lights.py", "EDITED = 1\n")
+    workflow.append("pipeline/pack_shards.py", "EDITED = 1\n")
+    assert set(workflow.ran(TARGET)) == {
+        "calibrate_lights",
+        "book_patterns",
+        "track_mesh",
+        "plan_effects",
+        "pack_shards",
+    }
+    assert workflow.planned(TARGET) == {}
+
+
+def test_edit_that_changes_one_table_reruns_what_reads_it(workflow):
+    """Cameras, colour and atlas stay when the lights change."""
+    workflow.edit("pipeline/index_capture.py", "CHANGED = []", "CHANGED = ['lights.parquet']")
+    ran = set(workflow.ran(TARGET))
+    assert ran == {"index_capture", "calibrate_lights", "book_patterns", *AFTER_TRACKING, "trace_irradiance"}
+
+
+def test_recorded_capture_is_watched_by_content(workflow):
+    folder = workflow.folder / "captures/someone"
+    folder.mkdir()
+    (folder / "capture.yaml").write_text("frames: frames.csv\n")
+    (folder / "frames.csv").write_text("frame,timestamp_s,segment\n0,0,a\n")
+    (folder / "image.png").write_text("a picture")
+    target = "results/someone/metrics.csv"
+    assert "synthesize_capture" not in workflow.ran(target)
+    for path in folder.iterdir():
+        path.touch()
+    assert workflow.planned(target) == {}
+    (folder / "image.png").write_text("another picture")
+    assert "index_capture" in workflow.planned(target)
+
+
+def test_effect_that_is_off_has_no_job(workflow):
+    workflow.append("config/subjects/subjectA.yaml", "plan_effects: {shadow: off}\n")
+    assert workflow.ran(TARGET) == ["plan_effects", "pack_shards", "pack_shards", "train_avatar", "evaluate_avatar"]
+    shutil.rmtree(workflow.folder / "results/subjectA/irradiance")
+    assert workflow.planned(TARGET) == {}
+
+
+def test_shards_of_other_chunks_are_refused(workflow):
+    shutil.copy(*(workflow.folder / f"results/subjectA/shards/train/{name}.arrow" for name in ("0001", "0002")))
+    printed = workflow.refused(TARGET)
+    assert "left over from other chunks of frames, delete: results/subjectA/shards/train/0002.arrow" in printed
+
+
+def test_failed_stage_shows_its_log(workflow):
+    workflow.append("pipeline/evaluate_avatar.py", "raise SystemExit('error: no such light')\n")
+    done = workflow.snakemake("--", TARGET)
+    assert done.returncode != 0
+    assert "error: no such light" in done.stdout

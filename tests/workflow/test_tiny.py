@@ -1,0 +1,155 @@
+"""The smallest synthetic subject through every stage, killed once on the way; then what reruns and what does not."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import time
+
+import pandas as pd
+import psutil
+import pytest
+
+TARGET = "results/tiny/metrics.csv"
+DEADLINE_S = 900
+"""Far more than the run takes (about 80 s of one core): for machines that do much else."""
+
+STAGES = {
+    "synthesize_capture",
+    "index_capture",
+    "calibrate_cameras",
+    "calibrate_color",
+    "calibrate_lights",
+    "book_patterns",
+    "track_mesh",
+    "unwrap_atlas",
+    "plan_effects",
+    "trace_irradiance",
+    "pack_shards",
+    "train_avatar",
+    "evaluate_avatar",
+}
+
+
+def kill_training(workflow):
+    """Start the workflow and kill the training process when its first checkpoint is there; return what was printed."""
+    log = workflow.folder / "first.log"
+    checkpoint = workflow.folder / "results/tiny/avatars/full/checkpoint.safetensors"
+    with open(log, "w") as file:
+        running = subprocess.Popen(workflow.command("--", TARGET), cwd=workflow.folder, stdout=file, stderr=file)
+    last = time.monotonic() + DEADLINE_S
+    while not checkpoint.exists() and running.poll() is None and time.monotonic() < last:
+        time.sleep(0.02)
+    for process in psutil.Process(running.pid).children(recursive=True) if running.poll() is None else []:
+        if "pipeline.train_avatar" in process.cmdline():
+            process.kill()
+    code = running.wait(DEADLINE_S)
+    printed = log.read_text()
+    assert code != 0, printed
+    assert "Error in rule train_avatar" in printed, printed
+    return printed
+
+
+@pytest.fixture(scope="module")
+def made(copy_of_project, tmp_path_factory):
+    """The project after a run that was killed while training and a second one that finished; and what both printed."""
+    workflow = copy_of_project(tmp_path_factory.mktemp("tiny") / "project")
+    first = kill_training(workflow)
+    avatar = workflow.folder / "results/tiny/avatars/full"
+    assert (avatar / "checkpoint.safetensors").exists(), first
+    assert not (avatar / "avatar.safetensors").exists(), first
+    second = workflow.snakemake("--", TARGET)
+    assert second.returncode == 0, second.stdout
+    return workflow, first, second.stdout
+
+
+@pytest.fixture
+def workflow(made):
+    """The finished project; what a test writes into it is undone by `unchanged`."""
+    return made[0]
+
+
+@pytest.fixture
+def unchanged(workflow):
+    """Restores the files that a test edits."""
+    names = ("pipeline/track_mesh.py", "config/subjects/tiny.yaml")
+    texts = {name: (workflow.folder / name).read_text() for name in names}
+    yield
+    for name, text in texts.items():
+        (workflow.folder / name).write_text(text)
+
+
+def test_every_stage_ran_once_and_killed_training_went_on(made):
+    workflow, first, second = made
+    finished = [
+        re.findall(r"^Finished jobid: \d+ \(Rule: (\w+)\)", printed, re.MULTILINE) for printed in (first, second)
+    ]
+    assert set(finished[0]) == STAGES - {"train_avatar", "evaluate_avatar"}
+    assert finished[1] == ["train_avatar", "evaluate_avatar"]
+    log = (workflow.folder / "results/tiny/logs/train_avatar.full.log").read_text()
+    assert int(re.search(r"continuing after (\d+) steps", log)[1]) >= 10
+    assert not (workflow.folder / "results/tiny/avatars/full/checkpoint.safetensors").exists()
+
+
+def test_metrics_have_a_row_per_variant_split_and_light(workflow):
+    table = pd.read_csv(workflow.folder / TARGET)
+    assert set(table.subject) == {"tiny"}
+    assert set(table.variant) == {"full"}
+    assert {"test", "test_cameras", "test_frames", "test_segments"} <= set(table.split)
+    scored = table[table.images > 0]
+    assert len(scored)
+    assert scored[["psnr_db", "ssim", "flip"]].notna().all(axis=None)
+    per_image = pd.read_parquet(workflow.folder / "results/tiny/metrics_per_image.parquet")
+    assert len(per_image) >= scored.images.max()
+
+
+def test_every_stage_left_a_log_and_a_benchmark(workflow):
+    for kind in ("logs", "benchmarks"):
+        found = {path.name.split(".")[0] for path in (workflow.folder / "results/tiny" / kind).iterdir()}
+        assert found == STAGES
+
+
+def test_finished_run_has_nothing_to_do(workflow):
+    assert workflow.planned(TARGET) == {}
+
+
+@pytest.mark.usefixtures("unchanged")
+def test_touched_files_and_comments_rerun_nothing(workflow):
+    for path in [*workflow.folder.glob("results/tiny/**/*.*"), *workflow.folder.glob("captures/tiny/**/*.*")]:
+        os.utime(path)
+    workflow.append("pipeline/track_mesh.py", "# A comment.\n")
+    assert workflow.planned(TARGET) == {}
+
+
+@pytest.mark.usefixtures("unchanged")
+@pytest.mark.parametrize(
+    ("section", "change", "expected"),
+    [
+        ("evaluate_avatar", "pictures: false", {"evaluate_avatar"}),
+        ("train_avatar", "weight_mask: 0.2", {"train_avatar", "evaluate_avatar"}),
+        ("pack_shards", "margin_px: 9", {"pack_shards", "train_avatar", "evaluate_avatar"}),
+    ],
+)
+def test_changed_setting_reruns_its_stage_and_what_follows(workflow, section, change, expected):
+    path = workflow.folder / "config/subjects/tiny.yaml"
+    if f"\n{section}:\n" in path.read_text():
+        workflow.edit("config/subjects/tiny.yaml", f"\n{section}:\n", f"\n{section}:\n  {change}\n")
+    else:
+        workflow.append("config/subjects/tiny.yaml", f"{section}: {{{change}}}\n")
+    assert set(workflow.planned(TARGET)) == expected
+
+
+def test_diagram_in_the_readme_is_the_rule_graph(workflow, repo_root):
+    """The README shows the rule graph without the edges that a longer way implies."""
+    done = workflow.snakemake("--rulegraph", "mermaid-js", "--", TARGET)
+    names = dict(re.findall(r"(id\d+)\[(\w+)\]", done.stdout))
+    edges = {(names[a], names[b]) for a, b in re.findall(r"(id\d+) --> (id\d+)", done.stdout)}
+
+    def ways(start):
+        nexts = [b for a, b in edges if a == start]
+        return set(nexts).union(*(ways(b) for b in nexts))
+
+    reduced = {(a, b) for a, b in edges if not any(b in ways(c) for x, c in edges if x == a and c != b)}
+    shown = re.findall(r"^    (\w+) --> (\w+)$", (repo_root / "README.md").read_text(), re.MULTILINE)
+    assert set(shown) == reduced
