@@ -18,7 +18,7 @@ from pipeline.config.index_capture import IndexCapture
 log = logging.getLogger("index_capture")
 
 
-def run(*, capture: Path, out: Path, settings: IndexCapture = IndexCapture()) -> None:  # noqa: B008 (immutable)
+def run(*, capture: Path, out: Path, settings: IndexCapture = IndexCapture()) -> None:
     """Validate a capture folder and write its index tables.
 
     Args:

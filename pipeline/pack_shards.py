@@ -182,9 +182,10 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
 def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
     """Geometry and light of a frame; its irradiance is 1 everywhere if the shadow effect is off."""
     lit = inputs.patterns[inputs.patterns.frame == frame]
-    irradiance = np.ones(inputs.atlas.texel_count, np.float32)
+    irradiance = falling = np.ones(inputs.atlas.texel_count, np.float32)
     if inputs.irradiance is not None:
-        irradiance = inputs.atlas.from_map(read_exr_channel(irradiance_file(inputs.irradiance, frame)))
+        path = irradiance_file(inputs.irradiance, frame)
+        irradiance, falling = (inputs.atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling"))
     row = inputs.booked.loc[frame]
     return FrameRecord(
         frame,
@@ -192,6 +193,7 @@ def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
         bool(row.fully_lit),
         vertices=inputs.vertices[frame].astype(np.float32),
         irradiance=irradiance.astype(np.float32),
+        falling=falling.astype(np.float32),
         light_positions=lit[["x", "y", "z"]].to_numpy(np.float32),
         light_intensities=lit[["intensity_r", "intensity_g", "intensity_b"]].to_numpy(np.float32),
     )

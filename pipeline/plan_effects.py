@@ -47,7 +47,7 @@ class Evidence:
 def run(
     *, index: Path, atlas: Path, tracking: tuple[Path, ...], patterns: Path, lights: Path, cameras: Path, color: Path,
     out: Path,
-    settings: PlanEffects = PlanEffects(),  # noqa: B008 (immutable)
+    settings: PlanEffects = PlanEffects(),
 ) -> None:  # fmt: skip
     """Measure which effects this capture calls for.
 

@@ -23,7 +23,7 @@ from pipeline.base.seeds import generator_for
 from pipeline.capture.images import write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.mesh import area_vectors, unit_or
-from pipeline.geometry.texels import Atlas, read_atlas
+from pipeline.geometry.texels import Atlas, read_atlas, texel_frames
 from pipeline.geometry.tracked import read_tracked
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights, read_frame_lights
 from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, trace_irradiance
@@ -48,7 +48,7 @@ def run(
     out: Path,
     subject: str = "",
     threads: int = 1,
-    settings: TraceIrradiance = TraceIrradiance(),  # noqa: B008 (immutable)
+    settings: TraceIrradiance = TraceIrradiance(),
 ) -> None:
     """Trace shadow rays from every texel of a chunk's posed meshes to the lit lights.
 
@@ -87,7 +87,7 @@ def run(
         for row, traced in zip(rows, progress(pool.map(trace, rows.tolist()), "frames", len(rows)), strict=True):
             frame = int(chunk.frames[row])
             image = texels.to_map(traced.values)
-            write_exr(folder / f"{frame:06d}.exr", image)
+            write_exr(folder / f"{frame:06d}.exr", {"Y": image, "falling": texels.to_map(traced.falling)})
             table.append(_describe(frame, traced, len(lit.get(frame, NO_LIGHTS).positions)))
             if row in shown:
                 sheet.append((frame, image))
@@ -102,12 +102,12 @@ def trace_frame(
 ) -> IrradianceMap:
     """Irradiance per texel of one frame."""
     posed = vertices.astype(np.float64)
-    points = (posed[atlas.corners] * atlas.barycentric[..., None]).sum(1)
+    points, frames = texel_frames(atlas, posed)
     # A degenerate face has no horizon: a normal of zero leaves its texels dark, without rays.
     normals = unit_or(area_vectors(posed, atlas.faces), 0.0)[atlas.face]
     return trace_irradiance(
         Occluders(posed, atlas.faces), points, normals, lit.positions, lit.intensities @ LUMINANCE,
-        samples=settings.samples_or_none, sampling=settings.sampling, random=random,
+        normals=frames[..., 2], samples=settings.samples_or_none, sampling=settings.sampling, random=random,
     )  # fmt: skip
 
 

@@ -54,8 +54,7 @@ def run(
     """
     started = time.monotonic()
     images = read_image_shards([shards / "train"])
-    train = [index for index in range(len(images)) if not images[index].is_test]
-    if not train:
+    if not len(images):
         raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
     texels = read_atlas(atlas)
     frames = {number: FrameInputs(texels, record) for number, record in read_frame_shards([shards / "frames"]).items()}
@@ -68,14 +67,14 @@ def run(
     )  # fmt: skip
     avatar = Avatar(texels, texel_spacing(texels), spec)
     optimizer = make_optimizer(avatar, settings)
-    schedule = Schedule(subject, images, train, settings.cameras_per_step)
+    schedule = Schedule(subject, images.table.frame.tolist(), settings.cameras_per_step)
     fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(shards.glob("*/*.arrow"))])
     checkpoint = out / "checkpoint.safetensors"
     first, rows = restore_state(checkpoint, fingerprint, avatar, optimizer)
     if checkpoint.exists():
         log.info("continuing after %d steps", first) if first else log.info("checkpoint of another training: not used")
 
-    log.info("%d images, %d texels, effects: %s", len(train), len(texels.face), ", ".join(sorted(planned)) or "none")
+    log.info("%d images, %d texels, effects: %s", len(images), len(texels.face), ", ".join(sorted(planned)) or "none")
     events = SummaryWriter(str(out / "events"), purge_step=first)
     for step in progress(range(first, settings.steps), "train_avatar"):
         batch = [images[index] for index in schedule[step]]
@@ -90,8 +89,8 @@ def run(
     write_table(out / "log.parquet", pd.DataFrame(rows))
     parameters = sum(parameter.numel() for parameter in avatar.parameters())
     seconds = round(time.monotonic() - started, 1)
-    facts = {"subject": subject, "settings": settings.model_dump(), "texels": len(texels.face), "parameters": parameters}
-    save_avatar(out, avatar, {**facts, "effects": sorted(planned), "seconds": seconds})
+    facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned), "seconds": seconds}
+    save_avatar(out, avatar, {**facts, "texels": len(texels.face), "parameters": parameters})
     checkpoint.unlink(missing_ok=True)
     log.info("%d steps in %.0f s, photometric %.4f", settings.steps, seconds, rows[-1]["photometric"])
 

@@ -36,7 +36,7 @@ PICTURE_PIXELS = 1024
 
 
 def run(
-    *, capture: Path, index: Path, out: Path, settings: UnwrapAtlas = UnwrapAtlas(),  # noqa: B008 (immutable)
+    *, capture: Path, index: Path, out: Path, settings: UnwrapAtlas = UnwrapAtlas(),
 ) -> None:  # fmt: skip
     """Lay the template's surface out on a square map and tabulate its texels.
 

@@ -37,7 +37,7 @@ class LoadedAvatar:
         """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
         if self._frame is None or self._frame[0] is not frame:
             inputs = FrameInputs(self.atlas, frame)
-            self._frame = (frame, self.avatar.prepare(inputs.posed, inputs.irradiance, *inputs.lights))
+            self._frame = (frame, self.avatar.prepare(inputs.posed, *inputs.irradiance, *inputs.lights))
         picture = self.avatar.view(self._frame[1], *camera_tensors(image), image.width, image.height)
         return picture["rgb"], picture["alpha"]
 
@@ -56,9 +56,8 @@ def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
     avatar = Avatar(atlas, texel_spacing(atlas), spec)
     state = load_tensors(folder / "avatar.safetensors")[0]
     if state["albedo"].shape != avatar.albedo.shape:
-        raise InputError(
-            f"{folder}: expected {len(avatar.albedo)} texels as in {atlas_path}, found {len(state['albedo'])}; train again"
-        )
+        found, expected = len(state["albedo"]), len(avatar.albedo)
+        raise InputError(f"{folder}: expected {expected} texels as in {atlas_path}, found {found}; train again")
     avatar.load_state_dict(state)
     return LoadedAvatar(avatar, atlas)
 

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from pipeline.avatar.pose import PosedTexels
 from pipeline.avatar.shading import COLOR_DEGREES, shade_diffuse, shade_specular
-from pipeline.avatar.shadow_net import ShadowNet, horizon_share
+from pipeline.avatar.shadow_net import ShadowNet
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.lobes import unit
@@ -48,6 +48,7 @@ class AvatarSpec:
     dilation_px2: float
 
     def as_json(self) -> dict:
+        """The fields by name, for config.json."""
         return asdict(self)
 
 
@@ -86,7 +87,8 @@ class Avatar(nn.Module):
     def prepare(
         self,
         posed: PosedTexels,
-        irradiance: Float[Tensor, "texels"],
+        irradiance: Float[Tensor, " texels"],
+        falling: Float[Tensor, " texels"],
         light_positions: Float[Tensor, "lights 3"],
         intensities: Float[Tensor, "lights 3"],
     ) -> dict[str, Tensor]:
@@ -110,8 +112,7 @@ class Avatar(nn.Module):
             bent = self.normal_offset + torch.tensor([0.0, 0.0, 1.0])
             frame["specular_normals"] = unit((axes @ bent[..., None])[..., 0])
         if self.spec.shadow:
-            above = horizon_share(posed.points, frame["normals"], light_positions, channels)
-            frame["shadow"] = self.shadow_net(irradiance, above)
+            frame["shadow"] = self.shadow_net(irradiance, falling)
         return frame
 
     def orient(self, posed: PosedTexels) -> tuple[Tensor, Tensor]:
@@ -136,7 +137,8 @@ class Avatar(nn.Module):
             torch.cat(list(layers.values()), -1), R, t, K, width, height,
             factor=self.spec.supersample, dilation_px2=self.spec.dilation_px2,
         )  # fmt: skip
-        pixels = dict(zip(layers, picture.features.split([layer.shape[-1] for layer in layers.values()], -1), strict=True))
+        widths = [layer.shape[-1] for layer in layers.values()]
+        pixels = dict(zip(layers, picture.features.split(widths, -1), strict=True))
         return {"rgb": self.shade_pixels(pixels, picture, frame, R, center, K), "alpha": picture.alpha}
 
     def shade_pixels(self, pixels: dict, picture, frame: dict, R: Tensor, center: Tensor, K: Tensor) -> Tensor:

@@ -46,11 +46,13 @@ class FrameInputs:
 
     @cached_property
     def posed(self) -> PosedTexels:
+        """The anchors."""
         return pose_texels(self.atlas, self.record.vertices)
 
     @cached_property
-    def irradiance(self) -> Float[Tensor, "texels"]:
-        return torch.tensor(self.record.irradiance, dtype=torch.float32)
+    def irradiance(self) -> tuple[Float[Tensor, " texels"], Float[Tensor, " texels"]]:
+        """Normalised irradiance, plain and weighted by the cosine."""
+        return torch.tensor(self.record.irradiance), torch.tensor(self.record.falling)
 
     @cached_property
     def lights(self) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights 3"]]:

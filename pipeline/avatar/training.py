@@ -37,11 +37,11 @@ RATE_OF = {
 class Schedule:
     """Which images each step sees: every epoch all frames in random order, their cameras in random groups."""
 
-    def __init__(self, subject: str, images: Sequence[ImageRecord], train: Sequence[int], cameras_per_step: int) -> None:
+    def __init__(self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int) -> None:
         self.subject, self.cameras_per_step = subject, cameras_per_step
         self.by_frame: dict[int, list[int]] = defaultdict(list)
-        for index in train:
-            self.by_frame[images[index].frame].append(index)
+        for index, frame in enumerate(frame_of_image):
+            self.by_frame[frame].append(index)
         self.steps_per_epoch = sum(-(-len(group) // cameras_per_step) for group in self.by_frame.values())
         self.epoch = lru_cache(maxsize=2)(self._epoch)
 
@@ -74,14 +74,15 @@ def compute_loss(
     avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar
 ) -> dict[str, Tensor]:
     """Weighted terms of one step; their sum is what is minimised."""
-    frame = avatar.prepare(inputs.posed, inputs.irradiance, *inputs.lights)
+    frame = avatar.prepare(inputs.posed, *inputs.irradiance, *inputs.lights)
     terms = regularization(avatar, frame["diffuse"], settings)
     terms["photometric"] = terms["silhouette"] = torch.zeros(())
+    share = 1 / len(images)
     for image in images:
         picture = avatar.view(frame, *camera_tensors(image), image.width, image.height)
         captured, mask = torch.tensor(image.image), torch.tensor(image.mask)
-        terms["photometric"] = terms["photometric"] + photometric(picture["rgb"], captured, mask) / len(images)
-        terms["silhouette"] = terms["silhouette"] + settings.weight_mask * silhouette(picture["alpha"], mask) / len(images)
+        terms["photometric"] = terms["photometric"] + share * photometric(picture["rgb"], captured, mask)
+        terms["silhouette"] = terms["silhouette"] + share * settings.weight_mask * silhouette(picture["alpha"], mask)
     return terms
 
 
@@ -121,9 +122,7 @@ def save_state(
         safetensors.torch.save_file(tensors, temporary, metadata=metadata)
 
 
-def restore_state(
-    path: Path, fingerprint: str, avatar: Avatar, optimizer: torch.optim.Adam
-) -> tuple[int, list[dict]]:
+def restore_state(path: Path, fingerprint: str, avatar: Avatar, optimizer: torch.optim.Adam) -> tuple[int, list[dict]]:
     """Put back what `save_state` wrote and return its step and rows; 0 and none, changing nothing, if the state is
     missing or another training's."""
     if not path.exists():

@@ -8,6 +8,7 @@ from one read.
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -111,12 +112,19 @@ def read_exr_channel(path: Path, channel: str = "Y") -> Float32[np.ndarray, "h w
     return channels[channel].astype(np.float32)
 
 
-def write_exr(path: Path, image: Float[np.ndarray, "h w *channels"], *, half: bool = True) -> None:
-    """Write [h, w, 3] as channels R, G, B or [h, w] as channel Y, half (clamped to its finite range) or float."""
-    if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
-        raise ValueError(f"write_exr: expected shape [h, w] or [h, w, 3], found {list(image.shape)}")
-    pixels = np.clip(image, -HALF_MAX, HALF_MAX).astype(np.float16) if half else image.astype(np.float32)
-    planes = {"Y": pixels} if image.ndim == 2 else dict(zip("RGB", np.moveaxis(pixels, 2, 0), strict=True))
+def write_exr(
+    path: Path, image: Float[np.ndarray, "h w *channels"] | Mapping[str, Float[np.ndarray, "h w"]], *, half: bool = True
+) -> None:
+    """Write [h, w, 3] as channels R, G, B, [h, w] as channel Y, or channels by name; half (clamped to its finite range)
+    or float."""
+    if not isinstance(image, Mapping):
+        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+            raise ValueError(f"write_exr: expected shape [h, w] or [h, w, 3], found {list(image.shape)}")
+        image = {"Y": image} if image.ndim == 2 else dict(zip("RGB", np.moveaxis(image, 2, 0), strict=True))
+    planes = {
+        name: np.clip(plane, -HALF_MAX, HALF_MAX).astype(np.float16) if half else plane.astype(np.float32)
+        for name, plane in image.items()
+    }
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with written_whole(path) as temporary:
         OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in planes.items()}).write(

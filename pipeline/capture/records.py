@@ -50,6 +50,7 @@ class FrameRecord:
     Attributes:
         vertices: posed template, glTF vertex order, metres.
         irradiance: visible share of the light at each texel, about 0..1 (single samples may exceed 1).
+        falling: the same share weighted by the cosine, i.e. of the light falling on a matte surface.
         light_positions: lit lights only, stage frame, metres.
         light_intensities: radiant intensity of each, linear RGB.
     """
@@ -59,5 +60,6 @@ class FrameRecord:
     fully_lit: bool
     vertices: Float32[np.ndarray, "vertices 3"]
     irradiance: Float32[np.ndarray, " texels"]
+    falling: Float32[np.ndarray, " texels"]
     light_positions: Float32[np.ndarray, "lights 3"]
     light_intensities: Float32[np.ndarray, "lights 3"]

@@ -32,9 +32,9 @@ IMAGE_SCHEMA = pa.schema(
 
 FRAME_SCHEMA = pa.schema(
     [("frame", pa.int64()), ("segment", pa.string()), ("fully_lit", pa.bool_())]
-    + [(name, pa.binary()) for name in ("vertices", "irradiance", "light_positions", "light_intensities")]
+    + [(name, pa.binary()) for name in ("vertices", "irradiance", "falling", "light_positions", "light_intensities")]
 )
-"""irradiance: float16 little-endian [texels]; the others float32 little-endian [., 3]."""
+"""irradiance, falling: float16 little-endian [texels]; the others float32 little-endian [., 3]."""
 
 FLOAT16_MAX = 65504.0
 """Largest finite float16: brighter pixels (a light in view) are stored as this, not as infinity."""
@@ -187,7 +187,8 @@ def _image_record(batch: pa.RecordBatch) -> ImageRecord:
 
 def _frame_row(record: FrameRecord) -> dict:
     row = {name: getattr(record, name) for name in FRAME_SCHEMA.names}
-    row["irradiance"] = np.clip(record.irradiance, 0, FLOAT16_MAX).astype("<f2").tobytes()
+    for name in ("irradiance", "falling"):
+        row[name] = np.clip(getattr(record, name), 0, FLOAT16_MAX).astype("<f2").tobytes()
     for name in ("vertices", "light_positions", "light_intensities"):
         row[name] = np.asarray(row[name]).astype("<f4").tobytes()
     return row
@@ -195,7 +196,9 @@ def _frame_row(record: FrameRecord) -> dict:
 
 def _frame_record(batch: pa.RecordBatch) -> FrameRecord:
     row = {name: batch.column(name)[0] for name in FRAME_SCHEMA.names}
-    arrays = {"irradiance": np.frombuffer(row.pop("irradiance").as_buffer(), "<f2").astype(np.float32)}
+    arrays = {
+        name: np.frombuffer(row.pop(name).as_buffer(), "<f2").astype(np.float32) for name in ("irradiance", "falling")
+    }
     for name in ("vertices", "light_positions", "light_intensities"):
         arrays[name] = np.frombuffer(row.pop(name).as_buffer(), "<f4").reshape(-1, 3).astype(np.float32)
     return FrameRecord(**{name: value.as_py() for name, value in row.items()}, **arrays)

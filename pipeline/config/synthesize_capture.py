@@ -25,7 +25,7 @@ class SynthesizeCapture(Settings):
     partial_lights_min: int = Field(4, ge=1, description="fewest lights on in a partially lit frame")
     partial_lights_max: int = Field(8, ge=1, description="most lights on in a partially lit frame")
     total_intensity: float = Field(
-        38.0, gt=0, description="sum of the radiant intensities of all lights that are on [image value * m^2 * pi]"
+        38.0, gt=0, description="sum of the radiant intensities of the lights that are on, usually [image value * m^2]"
     )
     camera_distance_m: float = Field(2.5, gt=1, description="distance of the cameras from the stage's centre [m]")
     light_distance_m: float = Field(2.2, gt=1, description="radius of the light dome [m]")

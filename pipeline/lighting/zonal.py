@@ -102,9 +102,9 @@ def _gather_forward(points, axes, lights, intensities, normalisation, out):
                     total[a, 0, c] += light
                     total[a, 1, c] += light * x
                 for degree in range(2, DEGREES):
-                    after = (
-                        np.float32(2 * degree - 1) * x * here - np.float32(degree - 1) * before
-                    ) * (np.float32(1.0) / np.float32(degree))
+                    after = (np.float32(2 * degree - 1) * x * here - np.float32(degree - 1) * before) * (
+                        np.float32(1.0) / np.float32(degree)
+                    )
                     before, here = here, after
                     for c in range(channels):
                         total[a, degree, c] += intensities[n, c] / distance2 * after

@@ -120,17 +120,22 @@ def segment_of(frame: int, settings: SynthesizeCapture) -> tuple[str, float]:
 
 
 def light_patterns(subject: str, rig: StageRig, settings: SynthesizeCapture) -> pd.DataFrame:
-    """One row per lit light: frame, light, intensity. The lit intensities of a frame add up to about the same sum."""
+    """One row per lit light: frame, light, intensity.
+
+    Partially lit frames are as bright as fully lit ones on average, but brighter with more lights on: a stage's
+    synchronisation can only be checked where brightness changes.
+    """
     names = np.array(list(rig.light_positions))
+    usual_count = (settings.partial_lights_min + settings.partial_lights_max) / 2
     rows = []
     for frame in range(settings.frames):
         random = generator_for(subject, "pattern", frame)
         if frame % settings.fully_lit_every == 0:
-            lit, relative = names, np.ones(len(names))
+            lit, intensity = names, np.full(len(names), settings.total_intensity / len(names))
         else:
             count = random.integers(settings.partial_lights_min, settings.partial_lights_max, endpoint=True)
             lit = np.sort(random.choice(names, count, replace=False))
             relative = 1 + INTENSITY_SPREAD * random.uniform(-1, 1, count)
-        intensity = np.round(settings.total_intensity * relative / relative.sum(), 4)
-        rows.append(pd.DataFrame({"frame": frame, "light": lit, "intensity": intensity}))
+            intensity = settings.total_intensity / usual_count * relative
+        rows.append(pd.DataFrame({"frame": frame, "light": lit, "intensity": np.round(intensity, 4)}))
     return pd.concat(rows, ignore_index=True)

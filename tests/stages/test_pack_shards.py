@@ -19,6 +19,7 @@ from pipeline.geometry.texels import Atlas, write_atlas
 from pipeline.pack_shards import run
 
 FRAMES = [10, 11, 12, 13]
+MAP = np.array([[9, 0.25], [0.5, 1]], np.float32)
 SENSOR, DOWNSAMPLE = 64, 2
 SIZE = SENSOR // DOWNSAMPLE
 TINT = np.array([[0.5, 0.1, 0.0], [0.0, 1.2, 0.0], [0.1, 0.0, 2.0]])
@@ -60,7 +61,7 @@ def stage(tmp_path) -> Path:
     vertices = corners + np.arange(4, dtype=np.float32)[:, None, None] * 0.01
     write_arrays(tmp_path / "0000.safetensors", {"frames": np.array(FRAMES), "vertices": vertices})
     for i, frame in enumerate(FRAMES):
-        write_exr(tmp_path / f"irradiance/{frame:06d}.exr", np.array([[9, 0.25], [0.5, i]], np.float32))
+        write_exr(tmp_path / f"irradiance/{frame:06d}.exr", {"Y": MAP + np.diag([0, i]), "falling": MAP / 2})
     booked = {"frame": FRAMES[:3], "segment": "a", "fully_lit": [False, True, False]}
     pd.DataFrame(booked).to_parquet(tmp_path / "frames.parquet")  # frame 13 was dropped by the bookkeeping
     lit = [(10, "B", 1.0), (11, "A", 2.0), (11, "B", 3.0)]
@@ -113,7 +114,8 @@ def test_frames_carry_light_and_geometry(stage):
     assert frames[10].light_positions.shape == (1, 3)
     assert frames[12].light_positions.shape == (0, 3)
     assert (frames[11].segment, frames[11].fully_lit, frames[10].fully_lit) == ("a", True, False)
-    np.testing.assert_array_equal(frames[12].irradiance, [0.25, 0.5, 2])  # texels (0,1), (1,0), (1,1) of frame 12's map
+    np.testing.assert_array_equal(frames[12].irradiance, [0.25, 0.5, 3])  # texels (0,1), (1,0), (1,1) of frame 12's map
+    np.testing.assert_array_equal(frames[12].falling, [0.125, 0.25, 0.5])
     np.testing.assert_allclose(frames[12].vertices[0], [-0.2 + 0.02, -0.3 + 0.02, 0.02], rtol=1e-6)
 
 

@@ -136,6 +136,6 @@ def test_environments_list_what_the_project_needs(repo_root):
 
 
 def test_profile_is_found_and_compares_content(workflow):
-    profile = yaml.safe_load(Path(workflow.folder / "profiles/default/config.yaml").read_text())
+    profile = yaml.safe_load(Path(workflow.folder / "workflow/profiles/default/config.yaml").read_text())
     assert {"max-checksum-file-size", "rerun-incomplete", "show-failed-logs"} <= profile.keys()
     assert "profiles/default" in workflow.refused("results/nobody/metrics.csv")

@@ -34,7 +34,8 @@ def make_frame(atlas: Atlas, lights: np.ndarray, intensities: np.ndarray, number
     """The sheet at rest, all of it lit."""
     return FrameRecord(
         frame=number, segment="a", fully_lit=True, vertices=atlas.rest_vertices,
-        irradiance=np.ones(atlas.texel_count, np.float32), light_positions=np.asarray(lights, np.float32),
+        irradiance=np.ones(atlas.texel_count, np.float32),
+        falling=np.ones(atlas.texel_count, np.float32), light_positions=np.asarray(lights, np.float32),
         light_intensities=np.asarray(intensities, np.float32),
     )  # fmt: skip
 

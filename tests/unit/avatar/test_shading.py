@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pipeline.avatar.shading import COLOR_DEGREES, shade_diffuse, shade_specular
-from pipeline.avatar.shadow_net import RATIO_CEILING, RATIO_FLOOR, ShadowNet, horizon_share
+from pipeline.avatar.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light
 from tests.unit.avatar.sheet import make_sheet
 
@@ -48,17 +48,8 @@ def test_specular_is_finite_in_the_mirror_direction_at_the_smallest_roughness():
     assert all(torch.isfinite(tensor.grad).all() for tensor in (normal, sigma))
 
 
-def test_horizon_share_counts_light_above_the_surface():
-    normals = torch.tensor([[0.0, 0, 1.0], [0.0, 0, -1.0], [1.0, 0, 0]])
-    lights = torch.tensor([[0.0, 0.1, 2.0], [0.0, 0.1, -1.0]])
-    share = horizon_share(torch.zeros(3, 3), normals, lights, torch.ones(2, 1))
-    near, far = 1 / 1.01, 1 / 4.01
-    assert share.tolist() == pytest.approx([far / (near + far), near / (near + far), 0.0])
-    assert horizon_share(torch.zeros(3, 3), normals, lights[:0], torch.ones(0, 1)).tolist() == [1, 1, 1]
-
-
-def test_shadow_net_starts_at_what_arrives_of_what_could():
+def test_shadow_net_starts_at_the_unshadowed_share():
     net = ShadowNet(make_sheet(8), width=4)
-    irradiance = torch.linspace(0, 0.6, 64)
-    shadow = net(irradiance, torch.full((64,), 0.5))
-    assert torch.allclose(shadow, (irradiance / 0.5).clamp(RATIO_FLOOR, RATIO_CEILING), atol=1e-6)
+    share = torch.linspace(0, 1, 64)
+    shadow = net(torch.full((64,), 0.5), share)
+    assert torch.allclose(shadow, share.clamp(SHARE_FLOOR, SHARE_CEILING), atol=1e-6)

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
 
 from pipeline.avatar.checkpoint import LoadedAvatar
 from pipeline.avatar.losses import outside, photometric, silhouette
@@ -14,6 +13,7 @@ from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.training import Schedule, make_optimizer, restore_state, save_state, take_step
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
+from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
 
 ALBEDO = np.array([0.7, 0.4, 0.2])
 SPEC = AvatarSpec(specular=True, shadow=True, shadow_width=4, supersample=2, dilation_px2=0.1)
@@ -36,7 +36,7 @@ def train(scene, settings, steps, start=None, folder=None):
     torch.manual_seed(0)
     avatar = Avatar(atlas, texel_spacing(atlas), SPEC)
     optimizer = make_optimizer(avatar, settings)
-    schedule = Schedule("sheet", images, range(len(images)), settings.cameras_per_step)
+    schedule = Schedule("sheet", [image.frame for image in images], settings.cameras_per_step)
     first, _ = restore_state(start, "same", avatar, optimizer) if start else (0, [])
     for step in range(first, steps):
         batch = [images[i] for i in schedule[step]]
@@ -102,12 +102,13 @@ def test_non_finite_loss_names_its_images(scene):
 
 def test_schedule_shows_every_image_once_an_epoch_and_one_frame_a_step(scene):
     _, _, images = scene
-    schedule = Schedule("sheet", images, range(len(images)), 2)
+    frames = [image.frame for image in images]
+    schedule = Schedule("sheet", frames, 2)
     for epoch in range(2):
         steps = [schedule[epoch * schedule.steps_per_epoch + i] for i in range(schedule.steps_per_epoch)]
         assert sorted(i for step in steps for i in step) == list(range(len(images)))
         assert all(len({images[i].frame for i in step}) == 1 for step in steps)
-    assert schedule[0] == Schedule("sheet", images, range(len(images)), 2)[0]
+    assert schedule[0] == Schedule("sheet", frames, 2)[0]
 
 
 def test_bound_is_zero_inside_and_its_slope_finite_everywhere():

@@ -101,7 +101,7 @@ def test_new_layout_of_a_box() -> None:
     uv = unwrap_faces(vertices, faces, 64, 2)
     table = rasterize_faces(uv, 64)
     assert table.overlap == 0
-    assert 0 <= uv.min() and uv.max() <= 1
+    assert uv.min() >= 0 and uv.max() <= 1
     assert len(np.unique(chart_ids(faces, uv, weld_vertices(vertices, faces)))) == 6
     # Flat sides: one scale for all, to the half texel that xatlas rounds charts to, and no shear.
     scale = np.abs(uv_areas(uv)) / np.linalg.norm(area_vectors(vertices, faces), axis=1)

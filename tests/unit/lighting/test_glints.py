@@ -7,8 +7,8 @@ from pipeline.lighting.glints import gather_glints, gather_glints_reference
 from pipeline.lighting.lobes import unit
 
 ANGLE_ERROR_RAD = 3e-7
-"""Of float32 unit vectors: three roundings of half an ulp (6e-8) in each of three components. Against the narrowest lobe
-(roughness / 2) and at its reach of 6 sigma, the exponent moves by 6 times this over sigma, its slope 6 times more."""
+"""Of float32 unit vectors: three roundings of half an ulp (6e-8) in each of three components. Against the narrowest
+lobe (roughness / 2), at its reach of 6 sigma, the exponent moves by 6 times this over sigma, its slope 6 times more."""
 
 
 def random_inputs(pixels, lights, channels, roughness):

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from pipeline.geometry.mesh import area_vectors, unit_or
-from pipeline.lighting.irradiance import draw_lights, trace_irradiance
+from pipeline.lighting.irradiance import IrradianceMap, draw_lights, trace_irradiance
 from pipeline.lighting.visibility import Occluders
 
 UP = np.array([0, 1.0, 0])
@@ -33,6 +33,7 @@ def test_no_light_is_one_and_is_told() -> None:
         assert traced.unlit
         assert traced.rays == 0
         np.testing.assert_array_equal(traced.values, 1)
+        np.testing.assert_array_equal(traced.falling, 1)
 
 
 def test_one_light_is_zero_or_one() -> None:
@@ -51,6 +52,8 @@ def test_two_lights_on_paper(scale: float) -> None:
     lights = scale * np.array([[0, 5.0, 0], [2 * np.sqrt(0.75), 1.0, 0]])
     traced = trace_irradiance(occluders, np.zeros((1, 3)), UP[None], lights, np.array([1.0, 2.0]))
     assert traced.values[0] == pytest.approx(0.5 / 0.54, rel=1e-12)
+    # On a matte floor the cosines are 1 and 1/2.
+    assert traced.falling[0] == pytest.approx(0.25 / (0.04 + 0.25), rel=1e-12)
     assert not traced.unlit
 
 
@@ -68,7 +71,12 @@ def test_lights_below_the_horizon_count_but_cost_no_ray() -> None:
     traced = trace_irradiance(occluders, points, normals, under, LUMINANCES[:2])
     assert traced.rays == 0
     np.testing.assert_array_equal(traced.values, 0)
+    np.testing.assert_array_equal(traced.falling, 0)
     assert not traced.unlit
+
+
+def both_maps(traced: IrradianceMap) -> np.ndarray:
+    return np.concatenate([traced.values, traced.falling])
 
 
 @pytest.mark.parametrize("samples", [1, 3])
@@ -77,10 +85,10 @@ def test_estimates_are_unbiased(sampling: str, samples: int) -> None:
     """The mean of 400 estimates per point lies within its own standard error of the sum over all lights: over 300
     points the squared deviations in units of that error average 1 +- sqrt(2 / 300), and none exceeds 5 sigma."""
     scene = floor_under_a_ball()
-    full = trace_irradiance(*scene, LIGHTS, LUMINANCES).values
+    full = both_maps(trace_irradiance(*scene, LIGHTS, LUMINANCES))
     rng = np.random.default_rng(11)
     draws = np.stack([
-        trace_irradiance(*scene, LIGHTS, LUMINANCES, samples=samples, sampling=sampling, random=rng).values
+        both_maps(trace_irradiance(*scene, LIGHTS, LUMINANCES, samples=samples, sampling=sampling, random=rng))
         for _ in range(400)
     ])  # fmt: skip
     error = draws.std(0, ddof=1) / 20

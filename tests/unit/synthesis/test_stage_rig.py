@@ -55,10 +55,12 @@ def test_patterns_follow_the_settings(rig):
         assert rows.light.is_unique
         if frame % 3 == 0:
             assert len(rows) == SETTINGS.lights
+            # Intensities are rounded to 1e-4 each.
+            assert rows.intensity.sum() == pytest.approx(SETTINGS.total_intensity, abs=1e-4 * len(rows))
         else:
             assert 4 <= len(rows) <= 8
-        # Intensities are rounded to 1e-4 each.
-        assert rows.intensity.sum() == pytest.approx(SETTINGS.total_intensity, abs=1e-4 * len(rows))
+            assert (rows.intensity / (SETTINGS.total_intensity / 6)).between(0.749, 1.251).all()
+            assert rows.intensity.nunique() > 1
     assert sorted(patterns.frame.unique()) == list(range(SETTINGS.frames))
 
 
