@@ -7,6 +7,8 @@ FLAGS ?=
 
 BIN := .venv/bin
 READY := .venv/.ready
+# Waiting threads sleep, and small matrices stay on one thread: spinning slows everything else many times.
+QUIET := OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1
 
 MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
@@ -23,10 +25,10 @@ help:
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
 test: $(READY)
-	$(BIN)/python -m pytest -q
+	$(QUIET) $(BIN)/python -m pytest -q
 
 hard-cases: $(READY)
-	$(BIN)/python -m pytest tests/hard_cases -v
+	$(QUIET) $(BIN)/python -m pytest tests/hard_cases -v
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -17,9 +17,6 @@ settings.load_profile("project")
 
 # Stages that tests start as processes share the cores with the tests.
 os.environ.setdefault("OMP_NUM_THREADS", "2")
-# Waiting threads sleep, and small matrices stay on one thread: spinning slows everything else many times.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,7 @@ SETTINGS = SynthesizeCapture(
     width=48, height=64, downsample_from_sensor=4, test_cameras=1, test_frames=0, uvs=False, scale_to_m=0.01,
     vertex_spacing_m=0.045, texture_size=64, spp=4, spp_fully_lit=4, supersampling=1,
     black_level=0.02, total_intensity=60.0,
-    board_squares_x=4, board_squares_y=3, board_square_m=0.2, board_marker_m=0.15, board_poses=6,
+    board_squares_x=4, board_squares_y=3, board_square_m=0.2, board_marker_m=0.15, board_poses=14,
     ball_positions=1, ball_cameras=2,
 )  # fmt: skip
 

@@ -26,7 +26,8 @@ def one_light(position, number=0):
 @pytest.fixture
 def scene():
     atlas = make_sheet(16)
-    frames = [one_light([0.5, 0.3, 1.5], 0), one_light([-0.6, 0.0, 1.2], 1), one_light([0.1, -0.5, 1.4], 2)]
+    places = [[0.5, 0.3, 1.5], [-0.6, 0.0, 1.2], [0.1, -0.5, 1.4], [-0.3, 0.5, 1.3], [0.6, -0.3, 1.2]]
+    frames = [one_light(place, number) for number, place in enumerate(places)]
     images = [make_image(frame, ALBEDO, shift) for frame in frames for shift in (-0.2, 0.2)]
     return atlas, {frame.frame: FrameInputs(atlas, frame) for frame in frames}, images
 
