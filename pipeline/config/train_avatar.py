@@ -10,7 +10,7 @@ from pipeline.config.settings import Settings
 class TrainAvatar(Settings):
     """How an avatar is trained; the loss weights are those of RFGCA 17-18 and its Appendix B where named there."""
 
-    steps: int = Field(3000, ge=1, description="Optimisation steps [steps]")
+    steps: int = Field(2000, ge=1, description="Optimisation steps [steps]")
     cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
     checkpoint_every: int = Field(250, ge=1, description="Steps between two checkpoints [steps]")
     log_every: int = Field(50, ge=1, description="Steps between two rows of the log [steps]")
@@ -32,4 +32,4 @@ class TrainAvatar(Settings):
     weight_scale: float = Field(0.01, ge=0, description="Weight of the bounds on scales and roughness (lambda_bound)")
     weight_normal: float = Field(0.05, ge=0, description="Weight of the squared normal offset")
     weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
-    weight_transfer: float = Field(0.002, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
+    weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
