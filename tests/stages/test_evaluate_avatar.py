@@ -46,7 +46,8 @@ def results(tmp_path, monkeypatch):
     records += [record("c1", 1, test_frame=True), record("c1", 2, test_segment=True)]
     write_image_shard(tmp_path / "shards/test/0000.arrow", records)
     ones = np.ones((2, 3), np.float32)
-    frames = [FrameRecord(f, "a", f % 2 == 0, ones, np.ones(4, np.float32), ones, ones) for f in range(3)]
+    share = np.ones(4, np.float32)
+    frames = [FrameRecord(f, "a", f % 2 == 0, ones, share, share, ones, ones) for f in range(3)]
     write_frame_shard(tmp_path / "shards/frames/0000.arrow", frames)
     (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": False}}))
     errors = {"good": 0.01, "bad": 0.1}
