@@ -22,7 +22,8 @@ NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 
 
 def read_csv(root: Path, path: str, columns: Mapping[str, Kind], complaints: Complaints) -> pd.DataFrame | None:
-    """The wanted columns of a csv file, other columns left out; None if a column is missing or holds something else."""
+    """The wanted columns of a csv file, other columns left out; None if a column is missing or a
+    name or whole number is something else."""
     try:
         text = pd.read_csv(
             locate(root, path), dtype=str, keep_default_na=False, skipinitialspace=True, encoding="utf-8-sig"
@@ -51,13 +52,15 @@ def _typed(path: str, text: pd.DataFrame, columns: Mapping[str, Kind], complaint
             numbers = pd.to_numeric(values, errors="coerce").astype(np.float64)
             valid, expected = np.isfinite(numbers), "a finite number"
         if not valid.all():
-            good = False
             complain_rows(complaints, path, column, ~valid, expected, values)
-        elif kind == "number":
+        if kind == "number":
+            # A bad number is not a number in the table: names beside it can still be checked against other tables.
             # One parser for all digits: pandas' own rounds the last one differently.
-            table[column] = values.map(float).astype(np.float64)
-        else:
+            table[column] = values.where(valid, "nan").map(float).astype(np.float64)
+        elif valid.all():
             table[column] = values.astype(DTYPES[kind])
+        else:
+            good = False
     return pd.DataFrame(table) if good else None
 
 

@@ -184,9 +184,12 @@ def test_complaints_come_all_at_once_and_each_once(known: Path, tmp_path: Path) 
     truncate(capture / "images/left/000001.exr")
     (capture / "masks/right/000002.png").unlink()
     replace_text(capture / "template/keypoints.csv", "head,2", "head,7")
+    with open(capture / "patterns.csv", "a") as file:
+        file.write("1,unheard-of,1.0\n")
     message = complaints_of(capture, tmp_path / "out")
     expected = [
-        "6 problems",
+        "7 problems",
+        "patterns.csv: light: expected one that the table of lights lists, found unheard-of",
         "capture.yaml: fps",
         "did you mean fps?",
         "lights.csv: x",
