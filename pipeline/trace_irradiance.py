@@ -17,7 +17,7 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_table, write_table, written_whole
+from pipeline.base.files import digest_file, read_table, write_table, written_whole
 from pipeline.base.progress import progress
 from pipeline.base.seeds import generator_for
 from pipeline.capture.images import write_exr
@@ -88,7 +88,8 @@ def run(
             frame = int(chunk.frames[row])
             image = texels.to_map(traced.values)
             write_exr(folder / f"{frame:06d}.exr", {"Y": image, "falling": texels.to_map(traced.falling)})
-            table.append(_describe(frame, traced, len(lit.get(frame, NO_LIGHTS).positions)))
+            row_of_table = _describe(frame, traced, len(lit.get(frame, NO_LIGHTS).positions))
+            table.append({**row_of_table, "digest": digest_file(folder / f"{frame:06d}.exr")})
             if row in shown:
                 sheet.append((frame, image))
         _write_sheet(out.with_name(f"{out.name}.png"), texels, sheet)

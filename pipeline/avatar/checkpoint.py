@@ -21,7 +21,7 @@ from pipeline.geometry.texels import Atlas, read_atlas
 def save_avatar(folder: Path, avatar: Avatar, config: Mapping) -> None:
     """Write avatar.safetensors, then config.json with what was built and how it was trained."""
     with written_whole(folder / "avatar.safetensors") as temporary:
-        safetensors.torch.save_file(avatar.state_dict(), temporary)
+        temporary.write_bytes(safetensors.torch.save(avatar.state_dict()))
     write_json(folder / "config.json", {"spec": avatar.spec.as_json(), **config})
 
 

@@ -119,7 +119,7 @@ def save_state(
         tensors |= {f"adam.{key}.{name}": value for key, value in optimizer.state[parameter].items()}
     metadata = {"step": str(step), "rows": json.dumps(rows), "fingerprint": fingerprint}
     with written_whole(path) as temporary:
-        safetensors.torch.save_file(tensors, temporary, metadata=metadata)
+        temporary.write_bytes(safetensors.torch.save(tensors, metadata=metadata))
 
 
 def restore_state(path: Path, fingerprint: str, avatar: Avatar, optimizer: torch.optim.Adam) -> tuple[int, list[dict]]:

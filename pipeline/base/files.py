@@ -78,7 +78,8 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray], metadata: Mapping
     """Write named arrays, and optional text metadata, as one safetensors file."""
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     with written_whole(path) as temporary:
-        safetensors.numpy.save_file(contiguous, temporary, metadata=dict(metadata or {}))
+        # Not save_file, which makes files that only their owner can read, whatever the umask.
+        temporary.write_bytes(safetensors.numpy.save(contiguous, metadata=dict(metadata or {})))
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:

@@ -31,7 +31,9 @@ checkpoint pack_shards:
         capture=capture_folder,
         index=subpath(input.capture, parent=True),
         out=subpath(output.train, ancestor=2),
-        irradiance=lambda wildcards, input: (["--irradiance", *input.irradiance] if input.irradiance else []),
+        irradiance=lambda wildcards, input: [
+            word for table in input.irradiance for word in ("--irradiance", table.removesuffix(".parquet"))
+        ],
         chunk_size=chunk_size,
         settings=settings_of("pack_shards"),
     message:

@@ -92,10 +92,11 @@ def shards_of(split):
 
 
 def traced_irradiance(wildcards):
-    """The irradiance maps of a chunk, if plan_effects found that this capture needs shadows."""
+    """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows. It holds the maps'
+    digests and stands for their folder, whose content Snakemake cannot compare."""
     effects = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
     is_on = json.loads(Path(effects).read_text())["shadow"]["on"]
-    return [f"results/{wildcards.subject}/irradiance/{wildcards.chunk}"] if is_on else []
+    return [f"results/{wildcards.subject}/irradiance/{wildcards.chunk}.parquet"] if is_on else []
 
 
 def avatars_of(*files):

@@ -102,3 +102,10 @@ def test_digest_depends_on_content_alone(tmp_path: Path) -> None:
     assert digest_file(tmp_path / "a") == digest_file(tmp_path / "b") == digest_bytes(content) == expected
     (tmp_path / "b").write_bytes(content[:-1] + b"\x00")
     assert digest_file(tmp_path / "b") != expected
+
+
+def test_arrays_are_as_readable_as_any_other_file(tmp_path: Path) -> None:
+    """A lab shares its results: no file is for its owner alone unless the umask says so."""
+    write_json(tmp_path / "a.json", {})
+    write_arrays(tmp_path / "a.safetensors", {"a": np.ones(2)})
+    assert (tmp_path / "a.safetensors").stat().st_mode == (tmp_path / "a.json").stat().st_mode
