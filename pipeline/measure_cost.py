@@ -27,13 +27,14 @@ from pipeline.dials.calibration import CALIBRATION_DIALS
 from pipeline.dials.dial import Dial, Files, Subject, possible_dials
 from pipeline.dials.irradiance import IRRADIANCE_DIALS
 from pipeline.dials.tracking import TRACKING_DIALS
+from pipeline.dials.trained import TRAINED_DIALS
 from pipeline.figures.cost_plot import draw_costs
 from pipeline.metrics.cost import IMPORTS_ONLY, Cost, cost_table, interleaved
 from pipeline.metrics.measured_run import MeasuredRun, run_measured
 
 log = logging.getLogger("measure_cost")
 
-DIALS: list[Dial] = [*CALIBRATION_DIALS, *TRACKING_DIALS, *IRRADIANCE_DIALS]
+DIALS: list[Dial] = [*CALIBRATION_DIALS, *TRACKING_DIALS, *IRRADIANCE_DIALS, *TRAINED_DIALS]
 """All dials, in data order."""
 
 
@@ -118,7 +119,9 @@ def prepare(dial: Dial, subject: Subject, folder: Path) -> list[Job]:
     """
     values = list(dial.values(subject))
     log.info("%s: %s, a first run that does not count", dial.name, label(values[-1]))
-    run_measured(dial.stage.command(subject, folder, {dial.setting: values[-1]})).require_success()
+    reference = {**dial.fixed, dial.setting: values[-1]}
+    for command in [dial.stage.command(subject, folder, reference), *dial.stage.later_commands(subject, folder)]:
+        run_measured(command).require_success()
     truth = dial.stage.truth(subject)
     against = "truth" if truth else "reference"
     tolerances = {f"{metric.name} ({against})": metric.tolerance(subject) for metric in dial.stage.metrics}
@@ -140,14 +143,17 @@ def measure(job: Job, subject: Subject, out: Path) -> MeasuredRun:
         InputError: if the stage breaks.
     """
     stage, cost, only_imports = job.dial.stage, job.cost, job.expected is None
-    change = {job.dial.setting: job.value}
+    change = {**job.dial.fixed, job.dial.setting: job.value}
     done = run_measured(stage.imports() if only_imports else stage.command(subject, out, change))
     cost.seconds.append(done.seconds)
     cost.cpu_seconds.append(done.cpu_seconds)
     cost.peak_mb.append(done.peak_mb)
     if not done.refused:
         done.require_success()
-    if not (done.refused or only_imports):
+    judged_before = bool(stage.afterwards and cost.errors)  # later stages give the same again, and take minutes
+    if not (done.refused or only_imports or judged_before):
+        for command in stage.later_commands(subject, out):
+            run_measured(command).require_success()
         output = stage.written(out)
         cost.work = stage.work(output)
         for name, metric in zip(cost.tolerances, stage.metrics, strict=True):

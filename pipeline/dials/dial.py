@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,8 @@ class CostedStage:
         metrics: the first one decides.
         unit, work: what the stage counts, and how often, read from its output.
         runs_on: whether a subject calls for the stage at all.
+        afterwards: later stages, with paths as in `arguments`, run once per setting if the metrics judge what they make
+            of the output; their time does not count.
     """
 
     name: str
@@ -76,14 +78,15 @@ class CostedStage:
     unit: str
     work: Callable[[Files], float | int]
     runs_on: Callable[[Subject], bool] = lambda subject: True
+    afterwards: Mapping[str, str] = field(default_factory=dict)
 
     def command(self, subject: Subject, out: Path, change: Mapping[str, Any]) -> list[str]:
         """Its command line with the subject's settings but for `change`."""
-        settings = SECTIONS[self.name](**{**subject.sections.get(self.name, {}), **change})
-        paths = {"results": subject.results, "capture": subject.capture, "subject": subject.results.name, "out": out}
-        numbers = {"threads": subject.threads, "chunk_size": subject.chunk_size}
-        words = [word.format(**paths, **numbers) for word in self.arguments.split()]
-        return [sys.executable, "-m", f"pipeline.{self.name}", *words, *flags(settings)]
+        return _command_line(self.name, self.arguments, subject, out, change)
+
+    def later_commands(self, subject: Subject, out: Path) -> list[list[str]]:
+        """The command lines of `afterwards`, in order."""
+        return [_command_line(name, words, subject, out, {}) for name, words in self.afterwards.items()]
 
     def imports(self) -> list[str]:
         """A command line that does nothing but import the stage."""
@@ -103,6 +106,16 @@ class CostedStage:
         return [name for name in self.inputs if not (subject.results / name).exists()]
 
 
+def _command_line(
+    stage: str, arguments: str, subject: Subject, out: Path, change: Mapping[str, Any]
+) -> list[str]:  # fmt: skip
+    settings = SECTIONS[stage](**{**subject.sections.get(stage, {}), **change})
+    paths = {"results": subject.results, "capture": subject.capture, "subject": subject.results.name, "out": out}
+    numbers = {"threads": subject.threads, "chunk_size": subject.chunk_size}
+    words = [word.format(**paths, **numbers) for word in arguments.split()]
+    return [sys.executable, "-m", f"pipeline.{stage}", *words, *flags(settings)]
+
+
 @dataclass(frozen=True)
 class Dial:
     """A setting that trades accuracy for time.
@@ -112,12 +125,14 @@ class Dial:
         stage: whose setting it is.
         setting: its name in the stage's settings.
         values: for a subject, the last one being the reference; None reads `all` in the table.
+        fixed: other settings of the stage that hold for all values.
     """
 
     name: str
     stage: CostedStage
     setting: str
     values: Callable[[Subject], Sequence[Any]]
+    fixed: Mapping[str, Any] = field(default_factory=dict)
 
 
 def possible_dials(dials: Sequence[Dial], wanted: Sequence[str], subject: Subject) -> tuple[list[Dial], list[str]]:

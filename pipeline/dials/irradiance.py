@@ -22,20 +22,30 @@ def _irradiance(subject: Subject, output: Files, expected: Files) -> float:
     return float(np.sqrt(squares / table.texels.sum()))
 
 
+TRACED = (
+    "--subject {subject} --atlas {results}/atlas.safetensors --tracking {results}/tracking/0000.safetensors "
+    "--lights {results}/calibration/lights.parquet --patterns {results}/patterns.parquet "
+    "--frames {results}/frames.parquet --out {out}/0000 --threads {threads}"
+)
+INPUTS = (
+    "atlas.safetensors", "tracking/0000.safetensors", "calibration/lights.parquet", "patterns.parquet",
+    "frames.parquet",
+)  # fmt: skip
+
+
+def _rays(output: Files) -> int:
+    return int(read_table(output["table"]).rays.sum())
+
+
 IRRADIANCE = CostedStage(
     name="trace_irradiance",
-    arguments="--subject {subject} --atlas {results}/atlas.safetensors --tracking {results}/tracking/0000.safetensors "
-    "--lights {results}/calibration/lights.parquet --patterns {results}/patterns.parquet "
-    "--frames {results}/frames.parquet --out {out}/0000 --threads {threads}",
-    inputs=(
-        "atlas.safetensors", "tracking/0000.safetensors", "calibration/lights.parquet", "patterns.parquet",
-        "frames.parquet",
-    ),
+    arguments=TRACED,
+    inputs=INPUTS,
     outputs={"maps": ("0000", None), "table": ("0000.parquet", None)},
     metrics=(Metric("irradiance, RMS", _irradiance, lambda subject: TOLERANCE),),
     unit="rays",
-    work=lambda output: int(read_table(output["table"]).rays.sum()),
-)  # fmt: skip
+    work=_rays,
+)
 
 
 def _samples(subject: Subject) -> list[str]:
@@ -46,5 +56,8 @@ def _samples(subject: Subject) -> list[str]:
 
 
 IRRADIANCE_DIALS = [
-    Dial("irradiance_samples", IRRADIANCE, "samples", _samples),
+    *(
+        Dial(f"irradiance_{sampling}", IRRADIANCE, "samples", _samples, {"sampling": sampling})
+        for sampling in ("uniform", "power", "arriving")
+    ),
 ]

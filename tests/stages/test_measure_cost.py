@@ -155,7 +155,7 @@ def test_samples_of_irradiance(tmp_path) -> None:
     }.items():  # fmt: skip
         (results / place).parent.mkdir(parents=True, exist_ok=True)
         (results / place).write_bytes(paths[name].read_bytes())
-    settings = MeasureCost(dials=("irradiance_samples",), repeats=1)
+    settings = MeasureCost(dials=("irradiance_power",), repeats=1)
     run(results=results, capture=tmp_path / "capture", out=tmp_path / "out", settings=settings)
     table = pd.read_csv(tmp_path / "out/accuracy_cost.csv").set_index("setting")
     assert table.index.tolist() == ["imports only", "1", "full"]

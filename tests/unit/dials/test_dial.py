@@ -19,6 +19,7 @@ from pipeline.dials.calibration import CAMERAS
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject, possible_dials
 from pipeline.dials.tolerances import small_focal_percent, small_length_mm, small_light_mm
 from pipeline.dials.tracking import TRACKING
+from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
 from pipeline.geometry.cameras import write_cameras
 from pipeline.measure_cost import DIALS
 from tests.walking_figure import ring_of_cameras
@@ -93,7 +94,9 @@ class TestPossibleDials:
 
 @pytest.mark.parametrize("dial", DIALS, ids=lambda dial: dial.name)
 def test_dial_turns_a_setting_that_its_stage_has(dial) -> None:
-    assert dial.setting in SECTIONS[dial.stage.name].model_fields
+    assert {dial.setting, *dial.fixed} <= set(SECTIONS[dial.stage.name].model_fields)
+    assert dial.setting not in dial.fixed
+    assert set(dial.stage.afterwards) <= set(SECTIONS)
 
 
 def test_workflow_knows_all_stages_that_are_measured() -> None:
@@ -102,6 +105,25 @@ def test_workflow_knows_all_stages_that_are_measured() -> None:
 
 def test_names_of_dials_differ() -> None:
     assert len({dial.name for dial in DIALS}) == len(DIALS)
+
+
+def test_stages_that_follow_are_run_like_any_other(subject) -> None:
+    stage = replace(STAGE, afterwards={"pack_shards": "--irradiance {out}/0000 --chunk-size {chunk_size}"})
+    (command,) = stage.later_commands(subject, Path("/tmp/out"))
+    assert command[1:6] == ["-m", "pipeline.pack_shards", "--irradiance", "/tmp/out/0000", "--chunk-size"]
+    assert STAGE.later_commands(subject, Path("/tmp/out")) == []
+
+
+def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:
+    metric = TRACED_AND_TRAINED.metrics[0]
+    files = []
+    for name, psnr in (("found", 27.5), ("expected", 28.25)):
+        table = pd.DataFrame({"split": ["test", "test", "frames"], "lit": ["partial", "all", "partial"]})
+        (tmp_path / name).mkdir()
+        table.assign(psnr_db=[psnr, 99, 99]).to_csv(tmp_path / name / "metrics.csv", index=False)
+        files.append({"metrics": tmp_path / name / "metrics.csv"})
+    assert metric.error(subject, *files) == pytest.approx(0.75)
+    assert metric.error(subject, *files[::-1]) == LEAST_DB
 
 
 class TestVertices:
@@ -148,7 +170,7 @@ class TestValues:
     def test_samples_up_to_all_lights(self, subject) -> None:
         lit = pd.DataFrame({"frame": [0] * 24 + [1] * 5, "light": [*range(24), *range(5)]})
         write_table(subject.results / "patterns.parquet", lit)
-        assert self.values("irradiance_samples", subject) == ["1", "2", "4", "8", "16", "full"]
+        assert self.values("irradiance_power", subject) == ["1", "2", "4", "8", "16", "full"]
 
     def test_shares_of_board_views(self, subject) -> None:
         views = [{"camera": camera, "view": view} for camera in ("a", "b") for view in range(40)]
