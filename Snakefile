@@ -11,6 +11,7 @@ wildcard_constraints:
     subject="[A-Za-z0-9_-]+",
     variant="[A-Za-z0-9_-]+",
     chunk=r"\d{4}",
+    light="[A-Za-z0-9_-]+",
 
 
 # Validates the configuration of all subjects, and the subjects named in the targets.
@@ -22,6 +23,7 @@ include: "workflow/rules/geometry.smk"
 include: "workflow/rules/light.smk"
 include: "workflow/rules/avatar.smk"
 include: "workflow/rules/results.smk"
+include: "workflow/rules/relight.smk"
 include: "workflow/rules/cost.smk"
 
 

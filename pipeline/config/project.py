@@ -19,6 +19,7 @@ from pipeline.config.index_capture import IndexCapture
 from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.pack_shards import PackShards
 from pipeline.config.plan_effects import PlanEffects
+from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.config.review_calibration import ReviewCalibration
 from pipeline.config.settings import Settings
 from pipeline.config.synthesize_capture import SynthesizeCapture
@@ -59,6 +60,7 @@ class SubjectSettings(Settings):
     pack_shards: PackShards = PackShards()
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
+    relight_avatar: RelightAvatar = RelightAvatar()
     measure_cost: MeasureCost = MeasureCost()
 
 

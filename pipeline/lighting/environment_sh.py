@@ -1,0 +1,69 @@
+"""Light of an environment map for the transfer's lobes, by spherical harmonics of the light (RFGCA 7-9).
+
+A zonal lobe about axis a gathers from distant lights of irradiance E_j, with the addition theorem read backwards,
+
+    sum_j E_j (2 l + 1) / (4 pi) P_l(a . w_j) = sum_m Y_lm(a) L_lm,   L_lm = sum_j E_j Y_lm(w_j)
+
+so only the 81 coefficients of degrees 0..8 of the light matter, and no frame pays for the number of pixels. The two
+sides agree to rounding: nothing of the light is left out that degree 8 could see. Points at all places share the
+coefficients, which is what "distant" means.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from pipeline.lighting.environment import Environment
+from pipeline.lighting.zonal import DEGREES
+
+COEFFICIENTS = DEGREES**2
+
+
+def spherical_harmonics(directions: Float[Tensor, "n 3"]) -> Float[Tensor, "n 81"]:
+    """Real, orthonormal Y_lm of unit directions, at index l^2 + l + m; m < 0 are the sines.
+
+    Polynomials of x, y, z (Sloan 2013, Efficient Spherical Harmonic Evaluation): no angle, so finite with finite
+    gradients everywhere, the poles on z included. Without the Condon-Shortley sign, which no sum over m sees.
+    """
+    x, y, z = directions.unbind(-1)
+    columns: list[Tensor] = [z] * COEFFICIENTS
+    cosine, sine = torch.ones_like(z), torch.zeros_like(z)  # of m times the azimuth, times sin(polar angle)^m
+    diagonal = math.sqrt(1 / (4 * math.pi))
+    for m in range(DEGREES):
+        before, here = torch.zeros_like(z), torch.full_like(z, diagonal)
+        for degree in range(m, DEGREES):
+            center = degree * degree + degree
+            columns[center + m] = here * cosine * (math.sqrt(2) if m else 1)
+            columns[center - m] = here * sine * math.sqrt(2) if m else here
+            # The recursion in the degree of normalised associated Legendre functions without their sin^m.
+            step = math.sqrt((4 * (degree + 1) ** 2 - 1) / ((degree + 1) ** 2 - m * m))
+            back = math.sqrt((degree * degree - m * m) / (4 * degree * degree - 1)) if degree > m else 0.0
+            before, here = here, step * (z * here - back * before)
+        cosine, sine = x * cosine - y * sine, x * sine + y * cosine
+        diagonal *= math.sqrt((2 * m + 3) / (2 * m + 2))
+    return torch.stack(columns, -1)
+
+
+def project_environment(environment: Environment) -> Float64[np.ndarray, "81 3"]:
+    """L_lm of all pixels, linear RGB; a row at a time, for a large map's harmonics fill no memory."""
+    rows = zip(environment.directions(), environment.radiance * environment.solid_angles()[:, None, None], strict=True)
+    return sum(spherical_harmonics(torch.from_numpy(row)).numpy().T @ irradiances for row, irradiances in rows)
+
+
+def gather_environment(
+    axes: Float[Tensor, "points 3 3"], light: Float[Tensor, "81 channels"]
+) -> Float[Tensor, "points 3 9 channels"]:
+    """Incident light per axis and degree: `pipeline.lighting.zonal.gather_light` of distant lights.
+
+    Args:
+        axes: rotation matrices; column a is the axis of lobe a.
+        light: L_lm, linear RGB.
+    """
+    harmonics = spherical_harmonics(axes.mT.reshape(-1, 3)).reshape(len(axes), 3, COEFFICIENTS)
+    degrees = [harmonics[..., n * n : (n + 1) ** 2] @ light[n * n : (n + 1) ** 2] for n in range(DEGREES)]
+    return torch.stack(degrees, -2)

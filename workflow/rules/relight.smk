@@ -1,0 +1,45 @@
+LIGHT_KINDS = {".hdr": "environment", ".exr": "environment", ".csv": "lights", ".json": "lights"}
+
+
+def light_file(wildcards):
+    """The panorama or list of lights of that name in config/lights."""
+    found = [path for kind in LIGHT_KINDS if (path := Path(f"config/lights/{wildcards.light}{kind}")).is_file()]
+    if len(found) != 1:
+        raise WorkflowError(
+            f"config/lights: expected one file named {wildcards.light} with the suffix {', '.join(LIGHT_KINDS)}; "
+            f"found {len(found)}"
+        )
+    return str(found[0])
+
+
+# Nothing needs it; ask for it by the names of an avatar and a light.
+rule relight_avatar:
+    input:
+        atlas="results/{subject}/atlas.safetensors",
+        avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
+        config="results/{subject}/avatars/{variant}/config.json",
+        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        cameras="results/{subject}/calibration/cameras.json",
+        light=light_file,
+    output:
+        directory("results/{subject}/relit/{variant}/{light}"),
+    log:
+        "results/{subject}/logs/relight_avatar.{variant}.{light}.log",
+    benchmark:
+        "results/{subject}/benchmarks/relight_avatar.{variant}.{light}.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 16
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("relight_avatar"),
+        avatar=subpath(input.avatar, parent=True),
+        kind=lambda wildcards, input: LIGHT_KINDS[Path(input.light).suffix],
+        settings=settings_of("relight_avatar"),
+    message:
+        "{wildcards.subject}: avatar {wildcards.variant} under {wildcards.light}"
+    shell:
+        "python -m pipeline.relight_avatar --atlas {input.atlas:q} --avatar {params.avatar:q} "
+        "--tracking {input.tracking:q} --cameras {input.cameras:q} --{params.kind} {input.light:q} "
+        "--out {output:q} {params.settings:q} > {log:q} 2>&1"
