@@ -2,15 +2,18 @@
 
 In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
 pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
-stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet and
-images/VARIANT_{worst,median,best}.png.
+stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet, ablations.csv (a row per
+variant: its scores on all held-out images, and what it costs) and images/VARIANT_{worst,median,best}.png.
 """
 
 from __future__ import annotations
 
 import logging
+import math
+import time
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from pipeline.avatar.checkpoint import load_avatar
@@ -21,10 +24,13 @@ from pipeline.capture.images import write_png
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.metrics.comparison import side_by_side
-from pipeline.metrics.evaluation import COLOR_SPACE, REGION, Render, display_pair, evaluate, summarize
+from pipeline.metrics.evaluation import COLOR_SPACE, LIT, METRICS, REGION, Render, display_pair, evaluate, summarize
 from pipeline.metrics.lpips import open_lpips
 
 log = logging.getLogger("evaluate_avatar")
+
+TIMED_IMAGES = 9
+"""Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
 
 
 def run(
@@ -44,7 +50,7 @@ def run(
         shards: folder with test/ and frames/ of pack_shards.
         effects: effects.json of plan_effects; what is on is logged beside the scores.
         avatars: folders of train_avatar; each folder's name is the variant.
-        out: folder for metrics.csv, metrics_per_image.parquet and images/.
+        out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv and images/.
         subject: name of the subject, for the table.
         settings: see the flags below.
     """
@@ -61,18 +67,42 @@ def run(
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     protocol = {"color_space": COLOR_SPACE, "region": REGION, "lpips_net": settings.lpips_net, "lpips_weights": weights}
 
-    means, singles = [], []
+    means, singles, ablations = [], [], []
     for folder in avatars:
         render = load_avatar(folder, atlas).render
         per_image = evaluate(render, images, frames, lpips)
         names = {"subject": subject, "variant": folder.name}
         means.append(summarize(per_image).assign(**names, **protocol))
         singles.append(per_image.assign(**names, lpips_net=settings.lpips_net, lpips_weights=weights))
+        ablations.append(names | costs_of(folder, render, images, frames) | scores_in_a_row(means[-1]))
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", "psnr_db", "ssim", "lpips", "flip"]].to_dict())
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, frames)
     write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
+    write_table(out / "ablations.csv", pd.DataFrame(ablations))
+
+
+def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
+    """METRIC_LIT of all held-out images, for each metric and lighting."""
+    rows = means[means.split == "test"].set_index("lit")
+    return {f"{metric}_{lit}": rows.loc[lit, metric] for metric in METRICS for lit in LIT}
+
+
+def costs_of(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
+    """Number of parameters, seconds of training, and milliseconds from a new pose and light to a picture (median)."""
+    config, taken = read_json(folder / "config.json"), []
+    for index in range(0, len(images), max(1, len(images) // TIMED_IMAGES)):
+        image = images[index]
+        frame = frames[image.frame]  # a record of its own each time: nothing of an earlier picture is used again
+        started = time.perf_counter()
+        render(frame, image)
+        taken.append(1e3 * (time.perf_counter() - started))
+    return {
+        "parameters": config["parameters"],
+        "training_seconds": config["seconds"],
+        "render_milliseconds": float(np.median(taken)) if taken else math.nan,
+    }
 
 
 def names_first(table: pd.DataFrame) -> pd.DataFrame:

@@ -17,8 +17,9 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from pipeline.avatar.checkpoint import save_avatar
-from pipeline.avatar.model import Avatar, AvatarSpec
+from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import AvatarSpec, spec_of
 from pipeline.avatar.training import Schedule, make_optimizer, restore_state, save_state, take_step
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
@@ -61,10 +62,7 @@ def run(
     planned = {name for name, effect in read_json(effects).items() if effect["on"]}
 
     torch.manual_seed(seed_for(subject, "train_avatar"))
-    spec = AvatarSpec(
-        specular=settings.specular, shadow="shadow" in planned, shadow_width=settings.shadow_width,
-        supersample=settings.supersample, dilation_px2=settings.dilation_px2,
-    )  # fmt: skip
+    spec = spec_of(settings, planned)
     avatar = Avatar(texels, texel_spacing(texels), spec)
     optimizer = make_optimizer(avatar, settings)
     schedule = Schedule(subject, images.table.frame.tolist(), settings.cameras_per_step)

@@ -10,8 +10,9 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from pipeline.avatar.model import Avatar, AvatarSpec
+from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import AvatarSpec
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, write_json, written_whole
 from pipeline.capture.records import FrameRecord, ImageRecord
@@ -36,8 +37,7 @@ class LoadedAvatar:
     def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[Tensor, Tensor]:
         """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
         if self._frame is None or self._frame[0] is not frame:
-            inputs = FrameInputs(self.atlas, frame)
-            self._frame = (frame, self.avatar.prepare(inputs.posed, *inputs.irradiance, *inputs.lights))
+            self._frame = (frame, self.avatar.prepare(FrameInputs(self.atlas, frame)))
         picture = self.avatar.view(self._frame[1], *camera_tensors(image), image.width, image.height)
         return picture["rgb"], picture["alpha"]
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from pipeline.avatar.model import Avatar
 from pipeline.base.color import srgb_from_linear
-from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.train_avatar import Edges, TrainAvatar
 
 SCALE_BOUNDS_M = (1e-4, 1e-2)
 """Bounds of Gaussian scales (RFGCA Appendix B)."""
@@ -16,23 +16,41 @@ SCALE_BOUNDS_M = (1e-4, 1e-2)
 ROUGHNESS_BOUNDS = (0.01, 0.25)
 """Bounds of the lobe width in radians (RFGCA Appendix B)."""
 
+GGX_WIDTH_BOUNDS = (0.05, 1.0)
+"""Bounds of the width of GGX: at 0.05 a highlight is as wide as a lamp of the stage, at 1 it is matte."""
+
 
 def photometric(
-    rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
+    rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], edges: Edges
 ) -> Float[Tensor, ""]:
     """L1 in sRGB, where the result is scored, against the capture over black; summed over the picture, per subject
-    pixel, so that the width of the crop's margin does not change the balance with the other terms."""
-    difference = srgb_from_linear(rgb) - srgb_from_linear(captured * mask[..., None])
-    return difference.abs().sum() / (3 * mask.sum()).clamp_min(1)
+    pixel, so that the width of the crop's margin does not change the balance with the other terms.
+
+    A mask of zeros and ones cuts through pixels that the subject covers in part. Compared with black, those beyond its
+    edge would teach the avatar to end half a pixel inside its outline, so `edges` says what to do with them.
+    """
+    beside = widest(mask) - mask
+    wanted = captured * (mask if edges == "ignored" else mask + beside)[..., None]
+    difference = (srgb_from_linear(rgb) - srgb_from_linear(wanted)).abs()
+    if edges == "ignored":
+        difference = difference * (1 - beside)[..., None]
+    return difference.sum() / (3 * mask.sum()).clamp_min(1)
+
+
+def widest(mask: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
+    """The largest value among each pixel and its eight neighbours."""
+    padded = torch.nn.functional.pad(mask[None, None], (1, 1, 1, 1), mode="replicate")
+    return torch.nn.functional.max_pool2d(padded, 3, 1)[0, 0]
 
 
 def silhouette(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> Float[Tensor, ""]:
     """L1 between alpha and mask per subject pixel. Pixels that touch the mask's edge are left out (Appendix B)."""
-    padded = torch.nn.functional.pad(mask[None, None], (1, 1, 1, 1), mode="replicate")
-    high = torch.nn.functional.max_pool2d(padded, 3, 1)[0, 0]
-    low = -torch.nn.functional.max_pool2d(-padded, 3, 1)[0, 0]
+    high, low = widest(mask), -widest(-mask)
     inside = (high == low).to(mask.dtype)
     return ((alpha - mask).abs() * inside).sum() / mask.sum().clamp_min(1)
+
+
+TRANSFER = ("transfer_color", "transfer_mono")
 
 
 def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
@@ -47,19 +65,20 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
 
 def regularization(avatar: Avatar, diffuse: Float[Tensor, "texels 3"], weights: TrainAvatar) -> dict[str, Tensor]:
     """All terms that look at parameters, weighted."""
-    lambert = avatar.lambert
-    colored, mono = lambert[: avatar.transfer_color.shape[2]], lambert[avatar.transfer_color.shape[2] :]
-    normal_lobe = torch.tensor([0.0, 0.0, 1.0])
-    transfer = (avatar.transfer_color - (normal_lobe[:, None] * colored)[None, :, :, None]).square().mean()
-    transfer = transfer + (avatar.transfer_mono - (normal_lobe[:, None] * mono)[None]).square().mean()
     terms = {
         "offset": weights.weight_offset * (avatar.offset / avatar.spacing.mean(-1, keepdim=True)).square().mean(),
         "scale": weights.weight_scale * outside(avatar.log_scale.exp(), *SCALE_BOUNDS_M),
         "negative": weights.weight_negative
         * (torch.relu(-diffuse).square().mean() + torch.relu(-avatar.albedo).square().mean()),
-        "transfer": weights.weight_transfer * transfer,
     }
-    if avatar.spec.specular:
+    if avatar.spec.shading != "microfacet":
+        distances = [(avatar.get_parameter(name) - avatar.get_buffer(f"start_{name}")) for name in TRANSFER]
+        terms["transfer"] = weights.weight_transfer * sum(distance.square().mean() for distance in distances)
+    if avatar.spec.bent_normals:
         terms["normal"] = weights.weight_normal * avatar.normal_offset.square().mean()
+    if avatar.spec.lobe:
         terms["roughness"] = weights.weight_scale * outside(avatar.log_roughness.exp(), *ROUGHNESS_BOUNDS)
+    if avatar.spec.gloss:
+        terms["roughness"] = weights.weight_scale * outside(avatar.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS)
+        terms["gloss"] = weights.weight_gloss * avatar.log_gloss.square().mean()
     return terms

@@ -1,30 +1,44 @@
-"""The full-body avatar: one Gaussian per atlas texel, relit by zonal transfer, a specular lobe and a shadow network.
+"""The full-body avatar: one Gaussian per atlas texel, relit by learned transfer or by microfacets, splatted.
 
 RFGCA 5-16 with per-texel parameters that are optimised directly: what the decoders of RFGCA 4 and 14 would predict per
-pose and per view is here one value per texel. Only what the effects plan turned on is built.
+pose and per view is here one value per texel. Only what `AvatarSpec` asks for is built.
 """
 
 from __future__ import annotations
-
-from dataclasses import asdict, dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pipeline.avatar.pose import PosedTexels
-from pipeline.avatar.shading import COLOR_DEGREES, shade_diffuse, shade_specular
+from pipeline.avatar.pose import FrameInputs, PosedTexels, white_once
+from pipeline.avatar.shading import (
+    arriving_light,
+    every_light,
+    points_of_pixels,
+    shade_diffuse,
+    shade_gloss,
+    shade_harmonics,
+    shade_matte,
+    shade_specular,
+    start_harmonics,
+    start_transfer,
+)  # fmt: skip
 from pipeline.avatar.shadow_net import ShadowNet
+from pipeline.avatar.spec import AvatarSpec
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
 from pipeline.geometry.texels import Atlas
+from pipeline.lighting.bounces import bounced_irradiance
 from pipeline.lighting.lobes import unit
-from pipeline.lighting.zonal import DEGREES, clamped_cosine_coefficients, gather_light
+from pipeline.lighting.zonal import gather_light
+from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.supersample import splat_supersampled
 
 START_ALBEDO = 0.4
+START_OPACITY = 0.95
 START_ROUGHNESS = 0.15
 START_VISIBILITY = 0.02
-START_OPACITY = 0.95
+START_GGX_WIDTH = 0.4
+START_AMBIENT = 0.02
 START_FILL = 0.6
 """A Gaussian's standard deviation along the surface, in texel spacings: neighbours' weights then sum to within 3 % of
 a constant, so the start surface is closed and even."""
@@ -34,22 +48,6 @@ START_THICKNESS = 0.1
 
 SMALLEST_ALPHA = 1 / 255
 """Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
-
-
-@dataclass(frozen=True)
-class AvatarSpec:
-    """What is built; stored beside the parameters. `supersample` and `dilation_px2` belong to the avatar because it
-    was fitted through them."""
-
-    specular: bool
-    shadow: bool
-    shadow_width: int
-    supersample: int
-    dilation_px2: float
-
-    def as_json(self) -> dict:
-        """The fields by name, for config.json."""
-        return asdict(self)
 
 
 class Avatar(nn.Module):
@@ -65,54 +63,55 @@ class Avatar(nn.Module):
         self.spec = spec
         texels = len(spacing)
         thickness = START_THICKNESS * spacing.mean(-1, keepdim=True)
-        lambert = torch.as_tensor(clamped_cosine_coefficients(), dtype=torch.float32)
-        transfer = torch.zeros(texels, 3, DEGREES)
-        transfer[:, 2] = lambert  # the lobe of the normal; tangent and bitangent start empty
         self.offset = nn.Parameter(torch.zeros(texels, 3))
         self.rotation = nn.Parameter(torch.tensor([1.0, 0, 0, 0]).repeat(texels, 1))
         self.log_scale = nn.Parameter(torch.cat([START_FILL * spacing, thickness], -1).log())
         self.opacity = nn.Parameter(torch.full((texels,), START_OPACITY).logit())
         self.albedo = nn.Parameter(torch.full((texels, 3), START_ALBEDO))
-        self.transfer_color = nn.Parameter(transfer[:, :, :COLOR_DEGREES, None].repeat(1, 1, 1, 3))
-        self.transfer_mono = nn.Parameter(transfer[:, :, COLOR_DEGREES:].clone())
         self.register_buffer("spacing", spacing)
-        self.register_buffer("lambert", lambert)
-        if spec.specular:
+        self.build_transfer(texels)
+        if spec.bent_normals:
             self.normal_offset = nn.Parameter(torch.zeros(texels, 3))
+        if spec.lobe:
             self.log_roughness = nn.Parameter(torch.full((texels,), START_ROUGHNESS).log())
             self.visibility = nn.Parameter(torch.full((texels,), START_VISIBILITY).logit())
-        if spec.shadow:
+        if spec.gloss:
+            self.log_ggx_width = nn.Parameter(torch.full((texels,), START_GGX_WIDTH).log())
+            self.log_gloss = nn.Parameter(torch.zeros(texels))
+        if spec.shadow_net:
             self.shadow_net = ShadowNet(atlas, spec.shadow_width)
+        if spec.indirect == "ambient":
+            self.ambient = nn.Parameter(torch.full((texels, 3), START_AMBIENT))
 
-    def prepare(
-        self,
-        posed: PosedTexels,
-        irradiance: Float[Tensor, " texels"],
-        falling: Float[Tensor, " texels"],
-        light_positions: Float[Tensor, "lights 3"],
-        intensities: Float[Tensor, "lights 3"],
-    ) -> dict[str, Tensor]:
+    def build_transfer(self, texels: int) -> None:
+        """Transfer coefficients, started at the Lambertian lobe of the normal; buffer `start_*` keeps where."""
+        if self.spec.shading == "microfacet":
+            return
+        start = start_transfer() if self.spec.shading == "transfer" else start_harmonics()
+        for name, values in zip(("transfer_color", "transfer_mono"), start, strict=True):
+            self.register_buffer(f"start_{name}", values)
+            setattr(self, name, nn.Parameter(values.repeat(texels, *[1] * values.ndim)))
+
+    def prepare(self, inputs: FrameInputs) -> dict[str, Tensor]:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15)."""
-        means = posed.points + (posed.frames @ self.offset[..., None])[..., 0]
+        posed, (positions, intensities) = inputs.posed, inputs.lights
         axes, quaternions = self.orient(posed)
-        channels = intensities[:, :1] if bool((intensities == intensities[:, :1]).all()) else intensities
-        light = gather_light(means, axes, light_positions, channels)
         frame = {
-            "means": means,
+            "means": posed.points + (posed.frames @ self.offset[..., None])[..., 0],
             "quaternions": quaternions,
             "scales": self.log_scale.exp(),
             "opacities": torch.sigmoid(self.opacity),
             "normals": posed.frames[..., 2],
-            "diffuse": shade_diffuse(self.albedo, self.transfer_color, self.transfer_mono, light),
-            "light_positions": light_positions,
-            "intensities": channels,
+            "bent_normals": self.bend(posed, axes),
+            "light_positions": positions,
+            "intensities": white_once(intensities),
+            "seen": inputs.seen if self.spec.traced else every_light(len(positions), len(posed.points)),
         }
-        if self.spec.specular:
-            # RFGCA 10; dn is kept in the Gaussian's frame, so that it turns with the pose.
-            bent = self.normal_offset + torch.tensor([0.0, 0.0, 1.0])
-            frame["specular_normals"] = unit((axes @ bent[..., None])[..., 0])
-        if self.spec.shadow:
-            frame["shadow"] = self.shadow_net(irradiance, falling)
+        frame["diffuse"] = self.shade_direct(frame, axes, inputs)
+        if self.spec.shadow_net:
+            frame["shadow"] = self.shadow_net(*inputs.irradiance)
+        if self.spec.indirect != "none":
+            frame["indirect"] = self.shade_indirect(frame, inputs)
         return frame
 
     def orient(self, posed: PosedTexels) -> tuple[Tensor, Tensor]:
@@ -120,43 +119,93 @@ class Avatar(nn.Module):
         matrices = posed.frames @ matrix_from_quaternion(self.rotation)
         return matrices, multiply_quaternions(posed.quaternions, self.rotation)
 
-    def view(self, frame: dict[str, Tensor], R: Tensor, t: Tensor, K: Tensor, width: int, height: int) -> dict:
+    def bend(self, posed: PosedTexels, axes: Float[Tensor, "texels 3 3"]) -> Float[Tensor, "texels 3"]:
+        """Unit normals for shading (RFGCA 10); dn is kept in the Gaussian's frame, so that it turns with the pose."""
+        if not self.spec.bent_normals:
+            return posed.frames[..., 2]
+        return unit((axes @ (self.normal_offset + torch.tensor([0.0, 0.0, 1.0]))[..., None])[..., 0])
+
+    def shade_direct(self, frame: dict, axes: Tensor, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
+        """Light of the lamps that leaves every texel alike in all directions, before the shadow network."""
+        lights = (frame["light_positions"], frame["intensities"], frame["seen"])
+        if self.spec.shading == "microfacet":
+            return shade_matte(self.albedo, frame["means"].detach(), frame["bent_normals"], *lights)
+        transfer = (self.transfer_color, self.transfer_mono)
+        if self.spec.shading == "harmonics":
+            return shade_harmonics(self.albedo, *transfer, inputs.harmonics)
+        return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
+
+    def shade_indirect(self, frame: dict, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
+        """Light by way of other surfaces. What these send is taken as it is: no gradient goes back along the bounce."""
+        if self.spec.indirect == "ambient":
+            sent = arriving_light(frame["means"].detach(), frame["light_positions"], frame["intensities"])
+            return self.albedo * self.ambient / torch.pi * sent
+        source = frame["diffuse"].detach().clamp_min(0)
+        if self.spec.shadow_net:
+            source = source * frame["shadow"].detach()[:, None]
+        return self.albedo / torch.pi * bounced_irradiance(source, inputs.bounces)
+
+    def view(self, frame: dict, R: Tensor, t: Tensor, K: Tensor, width: int, height: int) -> dict[str, Tensor]:
         """One camera's picture of a prepared frame: linear RGB [h, w, 3] over black, and alpha [h, w]."""
         center = -R.T @ t
         # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
         facing = (frame["normals"] * (center - frame["means"].detach())).sum(-1) > 0
-        layers = {"diffuse": frame["diffuse"]}
-        if self.spec.specular:
-            layers["normal"] = frame["specular_normals"]
-            layers["roughness"] = self.log_roughness.exp()[:, None]
-            layers["visibility"] = torch.sigmoid(self.visibility)[:, None]
-        if self.spec.shadow:
-            layers["shadow"] = frame["shadow"][:, None]
+        layers = self.layers(frame, center)
         picture = splat_supersampled(
             frame["means"], frame["quaternions"], frame["scales"], frame["opacities"] * facing,
             torch.cat(list(layers.values()), -1), R, t, K, width, height,
-            factor=self.spec.supersample, dilation_px2=self.spec.dilation_px2,
+            factor=self.spec.supersample, filter=self.spec.pixel_filter, filter_std_px=self.spec.filter_std_px,
+            dilation_px2=self.spec.dilation_px2,
         )  # fmt: skip
         widths = [layer.shape[-1] for layer in layers.values()]
         pixels = dict(zip(layers, picture.features.split(widths, -1), strict=True))
         return {"rgb": self.shade_pixels(pixels, picture, frame, R, center, K), "alpha": picture.alpha}
 
-    def shade_pixels(self, pixels: dict, picture, frame: dict, R: Tensor, center: Tensor, K: Tensor) -> Tensor:
+    def layers(self, frame: dict, center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, "texels _"]]:
+        """What is splatted for one camera. The light that the shadow network's factor dims is a layer of its own."""
+        spec, color = self.spec, frame["diffuse"]
+        if spec.gloss:
+            width = self.log_ggx_width.exp()
+            color = color + self.log_gloss.exp()[:, None] * shade_gloss(width, frame, center)
+        layers = {}
+        if spec.lobe:
+            roughness, visibility = self.log_roughness.exp(), torch.sigmoid(self.visibility)
+            if spec.deferred:
+                layers = {
+                    "normal": frame["bent_normals"],
+                    "roughness": roughness[:, None],
+                    "visibility": visibility[:, None],
+                }
+            else:
+                lights = (frame["light_positions"], frame["intensities"])
+                points = frame["means"].detach()
+                color = color + shade_specular(points, frame["bent_normals"], roughness, visibility, center, *lights)
+        if spec.shadow_net:
+            layers["shadow"] = frame["shadow"][:, None]
+            if spec.indirect != "none":
+                layers["indirect"] = frame["indirect"]
+        elif spec.indirect != "none":
+            color = color + frame["indirect"]
+        return {"color": color, **layers}
+
+    def shade_pixels(
+        self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor
+    ) -> Tensor:
         """(c_d + c_s) shadow (RFGCA 16), the specular lobe evaluated once per covered pixel (RFGCA 11-12)."""
-        color, alpha = pixels["diffuse"], picture.alpha
-        if self.spec.specular:
+        color, alpha = pixels["color"], picture.alpha
+        if "normal" in pixels:
             row, column = torch.nonzero(alpha.detach() > SMALLEST_ALPHA, as_tuple=True)
-            covered = {name: layer[row, column] for name, layer in pixels.items()}
+            normal, roughness, visibility = (
+                pixels[name][row, column] for name in ("normal", "roughness", "visibility")
+            )
             weight = alpha[row, column].clamp_min(SMALLEST_ALPHA)
             # The depth only says where the pixel's point is; sharpening it is not the lobe's business: no gradient.
-            depth = (picture.depth[row, column] / weight).detach()
-            in_camera = torch.stack([(column + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1]], -1)
-            points = depth[:, None] * torch.cat([in_camera, torch.ones_like(depth)[:, None]], -1) @ R + center
+            points = points_of_pixels(row, column, (picture.depth[row, column] / weight).detach(), R, center, K)
             specular = shade_specular(
-                points, unit(covered["normal"]), covered["roughness"][:, 0] / weight, covered["visibility"][:, 0],
-                center, frame["light_positions"], frame["intensities"],
+                points, normal, roughness[:, 0] / weight, visibility[:, 0], center, frame["light_positions"],
+                frame["intensities"],
             )  # fmt: skip
             color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
-        if self.spec.shadow:
+        if "shadow" in pixels:
             color = color * (pixels["shadow"] / alpha[..., None].clamp_min(SMALLEST_ALPHA))
-        return color
+        return color + pixels["indirect"] if "indirect" in pixels else color

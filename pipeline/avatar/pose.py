@@ -7,12 +7,18 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int, UInt8
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from pipeline.avatar.shading import gather_harmonics
 from pipeline.capture.records import FrameRecord
+from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.texels import Atlas, texel_frames
+from pipeline.lighting.bounces import trace_bounces
+from pipeline.lighting.visibility import Occluders
+from pipeline.lighting.visibility_bits import trace_bits
 
 
 @dataclass(frozen=True)
@@ -37,9 +43,17 @@ def pose_texels(atlas: Atlas, vertices: np.ndarray) -> PosedTexels:
     return PosedTexels(*(torch.as_tensor(array.astype(np.float32)) for array in arrays))
 
 
+BOUNCE_RAYS = 32
+"""Rays per texel for light that other surfaces send. A tenth of them meet the body, whose light is a tenth of the
+direct light: their sampling error is below 1 % of a texel's colour, and splatting averages over neighbours."""
+
+
 @dataclass
 class FrameInputs:
-    """One frame's tensors, made from its record once and kept while training comes back to it."""
+    """One frame's tensors, made from its record once and kept while training comes back to it.
+
+    Nothing is traced before it is asked for.
+    """
 
     atlas: Atlas
     record: FrameRecord
@@ -55,9 +69,46 @@ class FrameInputs:
         return torch.tensor(self.record.irradiance), torch.tensor(self.record.falling)
 
     @cached_property
+    def seen(self) -> UInt8[np.ndarray, "lights bytes"]:
+        """Row j has the texels that see lit light j, packed as np.packbits does."""
+        points, _, face_normals, occluders = self._surface()
+        return trace_bits(
+            occluders, points, face_normals[self.atlas.face], self.record.light_positions.astype(np.float64)
+        ).bits
+
+    @cached_property
+    def bounces(self) -> Int[Tensor, "texels rays"]:
+        """The texel that each ray from each texel hits, see `pipeline.lighting.bounces`."""
+        points, frames, face_normals, occluders = self._surface()
+        return torch.as_tensor(trace_bounces(self.atlas, occluders, points, frames, face_normals, BOUNCE_RAYS))
+
+    @cached_property
+    def harmonics(self) -> Float[Tensor, "texels 81 channels"]:
+        """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`."""
+        positions, intensities = self.lights
+        body = body_rotation(self.atlas, self.record.vertices)
+        return gather_harmonics(self.posed.points, body, positions, white_once(intensities))
+
+    def _surface(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Occluders]:
+        vertices = self.record.vertices.astype(np.float64)
+        normals = unit_or(area_vectors(vertices, self.atlas.faces), 0.0)  # no direction is above a degenerate face
+        return *texel_frames(self.atlas, vertices), normals, Occluders(vertices, self.atlas.faces)
+
+    @cached_property
     def lights(self) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights 3"]]:
         """Positions in metres and linear RGB radiant intensities."""
         return torch.tensor(self.record.light_positions), torch.tensor(self.record.light_intensities)
+
+
+def white_once(intensities: Float[Tensor, "lights 3"]) -> Float[Tensor, "lights channels"]:
+    """One channel if all lights are white, which spares two thirds of the sums over them; else all three."""
+    return intensities[:, :1] if bool((intensities == intensities[:, :1]).all()) else intensities
+
+
+def body_rotation(atlas: Atlas, vertices: np.ndarray) -> Float[Tensor, "3 3"]:
+    """Rotation that best turns the posed body as a whole back to rest (Kabsch 1976): body from world."""
+    rest, posed = (array.astype(np.float64) - array.mean(0) for array in (atlas.rest_vertices, vertices))
+    return torch.as_tensor(Rotation.align_vectors(rest, posed)[0].as_matrix(), dtype=torch.float32)
 
 
 SMALLEST_SPACING_M = 1e-5

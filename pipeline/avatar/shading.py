@@ -1,15 +1,37 @@
-"""Shading of texels and pixels under point lights: diffuse transfer and the deferred specular lobe."""
+"""Shading of texels and pixels under point lights: learned transfer with a deferred lobe, and microfacets."""
 
 from __future__ import annotations
 
-from jaxtyping import Float
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
+from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.glints import gather_glints
 from pipeline.lighting.lobes import mirror_direction, unit
+from pipeline.lighting.microfacet import arriving_vectors, gather_reflections
+from pipeline.lighting.zonal import DEGREES, clamped_cosine_coefficients
 
 COLOR_DEGREES = 4
 """Degrees 0..3 of the transfer are coloured, 4..8 monochrome (RGCA section 3.3, RFGCA 9)."""
+
+
+def start_transfer() -> tuple[Float[Tensor, "3 4 3"], Float[Tensor, "3 5"]]:
+    """Zonal coefficients of a Lambertian texel, coloured and monochrome: tangent and bitangent lobes are empty."""
+    transfer = torch.zeros(3, DEGREES)
+    transfer[2] = torch.as_tensor(clamped_cosine_coefficients())
+    return transfer[:, :COLOR_DEGREES, None].repeat(1, 1, 3), transfer[:, COLOR_DEGREES:].clone()
+
+
+def start_harmonics() -> tuple[Float[Tensor, "16 3"], Float[Tensor, "65"]]:
+    """SH coefficients of a transfer that reflects light from everywhere alike, and as much of it as a Lambertian one:
+    without a frame that turns with the surface there is no normal to start from."""
+    transfer = torch.zeros(COEFFICIENTS)
+    transfer[0] = float(clamped_cosine_coefficients()[0]) / math.sqrt(4 * math.pi)
+    return transfer[: COLOR_DEGREES**2, None].repeat(1, 3), transfer[COLOR_DEGREES**2 :].clone()
 
 
 def shade_diffuse(
@@ -39,3 +61,79 @@ def shade_specular(
     """
     lobe_centers = mirror_direction(unit(normals), unit(camera_center - points))
     return visibility[:, None] * gather_glints(points, lobe_centers, roughness, light_positions, intensities)
+
+
+def shade_harmonics(
+    albedo: Float[Tensor, "texels 3"],
+    transfer_color: Float[Tensor, "texels 16 3"],
+    transfer_mono: Float[Tensor, "texels 65"],
+    light: Float[Tensor, "texels 81 channels"],
+) -> Float[Tensor, "texels 3"]:
+    """c_d with 113 SH coefficients per texel instead of 51 zonal ones (RGCA 5), both in the frame of `light`."""
+    color = (transfer_color * light[:, : COLOR_DEGREES**2]).sum(1)
+    mono = (transfer_mono[..., None] * light[:, COLOR_DEGREES**2 :]).sum(1)
+    return albedo * (color + mono)
+
+
+@torch.no_grad()
+def gather_harmonics(
+    points: Float[Tensor, "texels 3"],
+    body: Float[Tensor, "3 3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+) -> Float[Tensor, "texels 81 channels"]:
+    """sum_j I_j / d_j^2 Y_lm(w_j) at every texel, with the directions w_j turned by `body` (body from world)."""
+    out = torch.zeros(len(points), COEFFICIENTS, intensities.shape[1])
+    for position, intensity in zip(light_positions, intensities, strict=True):
+        offset = position - points
+        harmonics = spherical_harmonics(unit(offset) @ body.T) / offset.square().sum(-1, keepdim=True)
+        out += harmonics[..., None] * intensity
+    return out
+
+
+def points_of_pixels(
+    row: Int[Tensor, "pixels"], column: Int[Tensor, "pixels"], depth: Float[Tensor, "pixels"],
+    R: Float[Tensor, "3 3"], center: Float[Tensor, "3"], K: Float[Tensor, "3 3"],
+) -> Float[Tensor, "pixels 3"]:  # fmt: skip
+    """World points, metres, at the given depths along the axis of the camera."""
+    x, y = (column + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1]
+    return depth[:, None] * torch.stack([x, y, torch.ones_like(depth)], -1) @ R + center
+
+
+def every_light(lights: int, points: int) -> UInt8[np.ndarray, "lights bytes"]:
+    """Visibility bits where nothing is hidden."""
+    return np.full((lights, (points + 7) // 8), 255, np.uint8)
+
+
+def shade_matte(
+    albedo: Float[Tensor, "texels 3"],
+    points: Float[Tensor, "texels 3"],
+    normals: Float[Tensor, "texels 3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+    seen: UInt8[np.ndarray, "lights bytes"],
+) -> Float[Tensor, "texels 3"]:
+    """Lambert under the lights that are seen: albedo / pi * sum I / d^2 max(0, n . w)."""
+    vectors = arriving_vectors(points, normals, light_positions, intensities, seen)
+    return albedo / torch.pi * (vectors * normals[:, None]).sum(-1)
+
+
+def shade_gloss(
+    width: Float[Tensor, "texels"], frame: dict, camera_center: Float[Tensor, "3"]
+) -> Float[Tensor, "texels channels"]:
+    """Light that a dielectric's surface reflects to the camera, of a prepared frame."""
+    points = frame["means"].detach()
+    return gather_reflections(
+        points, frame["bent_normals"], unit(camera_center - points), width, frame["light_positions"],
+        frame["intensities"], frame["seen"],
+    )  # fmt: skip
+
+
+@torch.no_grad()
+def arriving_light(
+    points: Float[Tensor, "texels 3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+) -> Float[Tensor, "texels channels"]:
+    """Sum of I / d^2, seen or not."""
+    return (1 / torch.cdist(points, light_positions).square()) @ intensities

@@ -28,6 +28,7 @@ from pipeline.config.train_avatar import TrainAvatar
 
 RATE_OF = {
     "albedo": "texture", "log_roughness": "texture", "visibility": "texture", "opacity": "texture",
+    "log_gloss": "texture", "log_ggx_width": "texture", "ambient": "texture",
     "transfer_color": "transfer", "transfer_mono": "transfer",
     "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
 }  # fmt: skip
@@ -74,14 +75,15 @@ def compute_loss(
     avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar
 ) -> dict[str, Tensor]:
     """Weighted terms of one step; their sum is what is minimised."""
-    frame = avatar.prepare(inputs.posed, *inputs.irradiance, *inputs.lights)
+    frame = avatar.prepare(inputs)
     terms = regularization(avatar, frame["diffuse"], settings)
     terms["photometric"] = terms["silhouette"] = torch.zeros(())
     share = 1 / len(images)
     for image in images:
         picture = avatar.view(frame, *camera_tensors(image), image.width, image.height)
         captured, mask = torch.tensor(image.image), torch.tensor(image.mask)
-        terms["photometric"] = terms["photometric"] + share * photometric(picture["rgb"], captured, mask)
+        difference = photometric(picture["rgb"], captured, mask, settings.edges)
+        terms["photometric"] = terms["photometric"] + share * difference
         terms["silhouette"] = terms["silhouette"] + share * settings.weight_mask * silhouette(picture["alpha"], mask)
     return terms
 

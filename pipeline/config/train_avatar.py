@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Literal
+
+from pydantic import Field, model_validator
 
 from pipeline.config.settings import Settings
+
+Edges = Literal["captured", "ignored"]
 
 
 class TrainAvatar(Settings):
@@ -15,9 +19,29 @@ class TrainAvatar(Settings):
     checkpoint_every: int = Field(250, ge=1, description="Steps between two checkpoints [steps]")
     log_every: int = Field(50, ge=1, description="Steps between two rows of the log [steps]")
 
-    specular: bool = Field(True, description="Build the deferred specular lobe (RFGCA 10-14)")
+    shading: Literal["transfer", "harmonics", "microfacet"] = Field(
+        "transfer",
+        description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH, or Lambert and GGX",
+    )
+    specular: bool = Field(True, description="Build the specular lobe (RFGCA 10-14), or GGX")
+    shadow: bool = Field(True, description="Build shadows, if plan_effects turned them on")
+    deferred: bool = Field(True, description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
+    normals: Literal["learned", "mesh"] = Field(
+        "learned", description="Normals for shading: learned (RFGCA 10) or mesh"
+    )
+    visibility: Literal["learned", "traced"] = Field(
+        "learned",
+        description="Where shadow is on: a factor per texel from a network (RFGCA 15-16), or traced per light",
+    )
+    indirect: Literal["none", "ambient", "bounce"] = Field(
+        "none", description="Light from other surfaces: a learned share of all light sent, or traced one bounce back"
+    )
     shadow_width: int = Field(16, ge=1, description="Hidden channels of the shadow network, where shadow is on")
     supersample: int = Field(2, ge=1, le=4, description="Splat at this many times the image resolution, then average")
+    pixel_filter: Literal["box", "gaussian"] = Field(
+        "gaussian", description="How splatted samples are averaged to a pixel"
+    )
+    filter_std_px: float = Field(0.5, gt=0, description="Standard deviation of the Gaussian pixel filter [pixel]")
     dilation_px2: float = Field(0.1, ge=0, description="Variance added to each projected Gaussian [splatted pixel^2]")
 
     learning_rate_texture: float = Field(1e-2, gt=0, description="Adam's rate of albedo, roughness, opacity")
@@ -27,9 +51,20 @@ class TrainAvatar(Settings):
     learning_rate_network: float = Field(1e-3, gt=0, description="Adam's rate of the shadow network")
     final_rate: float = Field(0.05, gt=0, le=1, description="Rates fall exponentially to this share of their start")
 
+    edges: Edges = Field(
+        "captured",
+        description="Pixels just outside the mask: as captured (the background is dark) or ignored (it is not)",
+    )
     weight_mask: float = Field(0.1, ge=0, description="Weight of the L1 between alpha and mask (lambda_mask)")
     weight_offset: float = Field(0.05, ge=0, description="Weight of the squared offset, in texel sizes (lambda_offset)")
     weight_scale: float = Field(0.01, ge=0, description="Weight of the bounds on scales and roughness (lambda_bound)")
     weight_normal: float = Field(0.05, ge=0, description="Weight of the squared normal offset")
+    weight_gloss: float = Field(0.01, ge=0, description="Weight that keeps the gloss of GGX near a dielectric's")
     weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
+
+    @model_validator(mode="after")
+    def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:
+        if self.shading == "harmonics" and self.visibility == "traced":
+            raise ValueError("shading: harmonics: expected visibility: learned, found traced, which it cannot use")
+        return self

@@ -161,6 +161,26 @@ class Occluders:
         found[rays.rows[:, 0]] = np.where(hits < rays.lengths, hits.astype(np.float64) * self.half_extent, np.inf)
         return found
 
+    def first_faces(
+        self,
+        points: Float[np.ndarray, "n 3"],
+        face_normals: Float[np.ndarray, "n 3"],
+        directions: Float[np.ndarray, "n 3"],
+    ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
+        """The first face on the way from each point, and where it is hit (barycentric); -1 if there is none.
+
+        Also -1 for directions below the horizon of the point's face.
+        """
+        face, at = np.full(len(points), -1, np.int32), np.zeros((len(points), 3), np.float32)
+        rows = np.flatnonzero((directions * face_normals).sum(1) > 0)
+        origins = self.scaled(points[rows]) + ORIGIN_OFFSET * face_normals[rows]
+        if len(rows):
+            ways = directions[rows].astype(np.float32)
+            hits = self._scene.run(origins.astype(np.float32), ways, query="INTERSECT", output=True)
+            face[rows] = hits["primID"]
+            at[rows] = np.stack([1 - hits["u"] - hits["v"], hits["u"], hits["v"]], 1)
+        return face, at
+
     def _rays(self, points: np.ndarray, face_normals: np.ndarray, lights: np.ndarray) -> Rays:
         chosen = np.arange(len(points)) if lights.ndim == 2 else np.zeros(len(points), np.int64)
         return self.aim(self.receivers(points, face_normals), self.scaled(np.atleast_2d(lights)), chosen=chosen)

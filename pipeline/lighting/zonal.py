@@ -17,7 +17,7 @@ from typing import no_type_check
 import numba
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 DEGREES = 9
@@ -54,6 +54,7 @@ def gather_light(
     axes: Float[Tensor, "points 3 3"],
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
+    seen: UInt8[np.ndarray, "lights bytes"] | None = None,
 ) -> Float[Tensor, "points 3 9 channels"]:
     """Incident light per axis and degree, differentiable in `points` and `axes`.
 
@@ -62,17 +63,21 @@ def gather_light(
         axes: rotation matrices; column a is the axis of lobe a.
         light_positions: metres.
         intensities: radiant intensity, linear; one channel for white lights, three for coloured ones.
+        seen: row j has the points that see light j, packed as np.packbits does; not given: all of them do.
     """
-    return _GatherLight.apply(points, axes, light_positions, intensities)
+    if seen is None:
+        seen = np.full((len(light_positions), (len(points) + 7) // 8), 255, np.uint8)
+    return _GatherLight.apply(points, axes, light_positions, intensities, seen)
 
 
 class _GatherLight(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, points, axes, light_positions, intensities):
+    def forward(ctx, points, axes, light_positions, intensities, seen):
         inputs = [tensor.detach().contiguous() for tensor in (points, axes, light_positions, intensities)]
         ctx.save_for_backward(*inputs)
+        ctx.seen = seen
         out = torch.empty(len(points), 3, DEGREES, intensities.shape[1])
-        _gather_forward(*(tensor.numpy() for tensor in inputs), NORMALISATION, out.numpy())
+        _gather_forward(*(tensor.numpy() for tensor in inputs), seen, NORMALISATION, out.numpy())
         return out
 
     @staticmethod
@@ -80,17 +85,19 @@ class _GatherLight(torch.autograd.Function):
         points, axes, light_positions, intensities = ctx.saved_tensors
         grad_points, grad_axes = torch.empty_like(points), torch.empty_like(axes)
         arrays = [tensor.numpy() for tensor in (points, axes, light_positions, intensities, grad_out.contiguous())]
-        _gather_backward(*arrays, NORMALISATION, grad_points.numpy(), grad_axes.numpy())
-        return grad_points, grad_axes, None, None
+        _gather_backward(*arrays, ctx.seen, NORMALISATION, grad_points.numpy(), grad_axes.numpy())
+        return grad_points, grad_axes, None, None, None
 
 
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _gather_forward(points, axes, lights, intensities, normalisation, out):
+def _gather_forward(points, axes, lights, intensities, seen, normalisation, out):
     channels = intensities.shape[1]
     for p in numba.prange(points.shape[0]):
         total = np.zeros((3, DEGREES, channels), np.float32)
         for n in range(lights.shape[0]):
+            if not seen[n, p >> 3] & (128 >> (p & 7)):
+                continue
             dx, dy, dz = lights[n, 0] - points[p, 0], lights[n, 1] - points[p, 1], lights[n, 2] - points[p, 2]
             distance2 = max(dx * dx + dy * dy + dz * dz, SMALLEST_DISTANCE2_M2)
             inverse = np.float32(1.0) / np.sqrt(distance2)
@@ -116,13 +123,15 @@ def _gather_forward(points, axes, lights, intensities, normalisation, out):
 
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _gather_backward(points, axes, lights, intensities, grad_out, normalisation, grad_points, grad_axes):
+def _gather_backward(points, axes, lights, intensities, grad_out, seen, normalisation, grad_points, grad_axes):
     channels = intensities.shape[1]
     for p in numba.prange(points.shape[0]):
         to_point = np.zeros(3, np.float32)
         to_axes = np.zeros((3, 3), np.float32)
         w, grad_w = np.zeros(3, np.float32), np.zeros(3, np.float32)
         for n in range(lights.shape[0]):
+            if not seen[n, p >> 3] & (128 >> (p & 7)):
+                continue
             for i in range(3):
                 w[i] = lights[n, i] - points[p, i]
                 grad_w[i] = np.float32(0.0)

@@ -51,6 +51,10 @@ def results(tmp_path, monkeypatch):
     write_frame_shard(tmp_path / "shards/frames/0000.arrow", frames)
     (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": False}}))
     errors = {"good": 0.01, "bad": 0.1}
+    for position, name in enumerate(errors):
+        folder = tmp_path / "avatars" / name
+        folder.mkdir(parents=True)
+        (folder / "config.json").write_text(json.dumps({"parameters": 10 + position, "seconds": 2.5}))
     monkeypatch.setattr(evaluate_avatar, "load_avatar", lambda folder, atlas: PlantedAvatar(errors[folder.name]))
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "no cache"))
     return tmp_path
@@ -73,6 +77,17 @@ def expected_psnr(error: float) -> float:
         return 1.055 * v ** (1 / 2.4) - 0.055
 
     return -20 * math.log10(srgb(LEVEL + error) - srgb(LEVEL))
+
+
+def test_ablations_have_a_row_per_variant_with_scores_and_costs(results):
+    evaluate(results, "good", "bad")
+    table, metrics = (pd.read_csv(results / name) for name in ("ablations.csv", "metrics.csv"))
+    assert table[["variant", "parameters", "training_seconds"]].values.tolist() == [["good", 10, 2.5], ["bad", 11, 2.5]]
+    assert (table.render_milliseconds > 0).all()
+    assert table.psnr_db_partial.tolist() == pytest.approx([expected_psnr(0.01), expected_psnr(0.1)], abs=0.01)
+    row = metrics[(metrics.variant == "bad") & (metrics.split == "test") & (metrics.lit == "full")].iloc[0]
+    assert table.ssim_full[1] == pytest.approx(row.ssim) and table.flip_full[1] == pytest.approx(row.flip)
+    assert table.lpips_all.isna().all()
 
 
 def test_the_table_says_what_was_planted(results):

@@ -10,6 +10,7 @@ rule evaluate_avatar:
     output:
         metrics="results/{subject}/metrics.csv",
         per_image="results/{subject}/metrics_per_image.parquet",
+        ablations="results/{subject}/ablations.csv",
         images=directory("results/{subject}/images"),
     log:
         "results/{subject}/logs/evaluate_avatar.log",

@@ -8,8 +8,9 @@ import torch
 
 from pipeline.avatar.checkpoint import LoadedAvatar
 from pipeline.avatar.losses import outside, photometric, silhouette
-from pipeline.avatar.model import Avatar, AvatarSpec
+from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import AvatarSpec, spec_of
 from pipeline.avatar.training import Schedule, make_optimizer, restore_state, save_state, take_step
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
@@ -32,10 +33,10 @@ def scene():
     return atlas, {frame.frame: FrameInputs(atlas, frame) for frame in frames}, images
 
 
-def train(scene, settings, steps, start=None, folder=None):
+def train(scene, settings, steps, start=None, folder=None, spec=SPEC):
     atlas, frames, images = scene
     torch.manual_seed(0)
-    avatar = Avatar(atlas, texel_spacing(atlas), SPEC)
+    avatar = Avatar(atlas, texel_spacing(atlas), spec)
     optimizer = make_optimizer(avatar, settings)
     schedule = Schedule("sheet", [image.frame for image in images], settings.cameras_per_step)
     first, _ = restore_state(start, "same", avatar, optimizer) if start else (0, [])
@@ -54,11 +55,66 @@ def test_learns_a_lambertian_sheet_and_relights_it(scene):
     frame = one_light([0.3, -0.1, 1.3], 9)
     image = make_image(frame, ALBEDO, shift_x=0.05)
     rgb, alpha = LoadedAvatar(avatar, scene[0]).render(frame, image)
+    assert np.median(relative_errors(rgb, image)) < 0.03
+    assert alpha.numpy()[8:16, 8:16].min() > 0.9
+
+
+VARIANTS = {
+    "pbr": {"shading": "microfacet", "visibility": "traced", "indirect": "bounce"},
+    "traced": {"visibility": "traced", "indirect": "bounce"},
+    "ambient": {"indirect": "ambient"},
+    "sh": {"shading": "harmonics"},
+    "no_shadow": {"shadow": False},
+    "mesh_normals": {"normals": "mesh"},
+    "no_deferred": {"deferred": False},
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_variant_learns_the_sheet_under_its_lights(scene, name):
+    """The relative error of the sheet's middle after a few steps; a flat sheet asks little of any of them."""
+    atlas, frames, _ = scene
+    settings = TrainAvatar(steps=80, cameras_per_step=2, **VARIANTS[name])
+    avatar = train(scene, settings, settings.steps, spec=spec_of(settings, {"shadow"}))
+    image = make_image(frames[0].record, ALBEDO, shift_x=0.05)
+    rgb, _ = LoadedAvatar(avatar, atlas).render(frames[0].record, image)
+    assert np.median(relative_errors(rgb, image)) < (0.3 if name == "sh" else 0.1)
+
+
+def relative_errors(rgb, image):
+    """Of the pixels of the sheet whose neighbours are on it as well."""
     inside = image.mask.astype(bool)
     inside[1:-1, 1:-1] &= inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
-    relative = np.abs(rgb.numpy() - image.image)[inside] / image.image[inside]
-    assert np.median(relative) < 0.03
-    assert alpha.numpy()[inside].min() > 0.9
+    return np.abs(rgb.numpy() - image.image)[inside] / image.image[inside]
+
+
+def test_only_what_a_variant_needs_is_built(scene):
+    atlas = scene[0]
+
+    def names(**choices):
+        spec = spec_of(TrainAvatar(**choices), {"shadow"})
+        return {name.split(".")[0] for name, _ in Avatar(atlas, texel_spacing(atlas), spec).named_parameters()}
+
+    full = names()
+    assert full - names(**VARIANTS["pbr"]) == {
+        "transfer_color", "transfer_mono", "log_roughness", "visibility", "shadow_net"
+    }  # fmt: skip
+    assert full - names(shadow=False) == {"shadow_net"}
+    assert full - names(normals="mesh") == {"normal_offset"}
+    assert names(indirect="ambient") - full == {"ambient"}
+
+
+def test_traced_shadows_and_gloss_are_linear_in_the_light(scene):
+    """Superposition holds for shadows as well once every light has its own."""
+    atlas, _, images = scene
+    settings = TrainAvatar(steps=20, **VARIANTS["pbr"])
+    avatar = train(scene, settings, 20, spec=spec_of(settings, {"shadow"}))
+    positions, power = np.array([[0.5, 0.3, 1.5], [-0.4, 0.2, 1.0]]), np.array([[3.0, 2.0, 1.0], [1.0, 2.0, 4.0]])
+    pictures = [
+        LoadedAvatar(avatar, atlas).render(make_frame(atlas, positions[chosen], power[chosen]), images[0])[0]
+        for chosen in ([0], [1], [0, 1])
+    ]
+    assert torch.allclose(pictures[0] + pictures[1], pictures[2], rtol=1e-4, atol=1e-6)
 
 
 def test_continued_training_is_bitwise_the_same(scene, tmp_path):
@@ -126,9 +182,22 @@ def test_photometric_loss_does_not_depend_on_the_margin():
     mask = torch.ones(6, 6)
     pad = (0, 0, 3, 3, 3, 3)
     wide = [torch.nn.functional.pad(tensor, pad) for tensor in (rgb, captured)]
-    assert photometric(*wide, torch.nn.functional.pad(mask, pad[2:])).item() == pytest.approx(
-        photometric(rgb, captured, mask).item(), rel=1e-6
-    )
+    found = photometric(*wide, torch.nn.functional.pad(mask, pad[2:]), "ignored").item()
+    assert found == pytest.approx(photometric(rgb, captured, mask, "ignored").item(), rel=1e-6)
+
+
+def test_photometric_loss_knows_what_edges_are():
+    """One pixel of mask in the middle: its neighbours count as captured or not at all, those further out are black."""
+    mask = torch.zeros(5, 5)
+    mask[2, 2] = 1
+    captured = torch.ones(5, 5, 3)
+    near = torch.zeros(5, 5, 3)
+    near[1:4, 1:4] = 1
+    assert photometric(near, captured, mask, "captured").item() == 0
+    assert photometric(near, captured, mask, "ignored").item() == 0
+    assert photometric(captured, captured, mask, "captured").item() == pytest.approx(16)
+    assert photometric(torch.zeros(5, 5, 3), captured, mask, "captured").item() == pytest.approx(9)
+    assert photometric(torch.zeros(5, 5, 3), captured, mask, "ignored").item() == pytest.approx(1)
 
 
 def test_silhouette_ignores_the_edge_of_the_mask():

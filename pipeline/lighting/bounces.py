@@ -1,0 +1,82 @@
+"""Light that reaches a texel by way of another: one traced bounce over the atlas.
+
+The irradiance from other surfaces is the integral of their radiance L times the cosine; with directions drawn in
+proportion to the cosine it is pi times the mean of L over the rays, nothing counted for rays that leave the scene:
+
+    E(v) = pi / n sum_k L(texel hit by ray k)
+
+Which texel a ray hits depends on the pose alone. Traced once per pose, a bounce is a sum over a table: of any light,
+and of colours that are still being learned. The mesh occludes from both sides, but only its outside shines.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64, Int, Int32
+from scipy.ndimage import distance_transform_edt
+from torch import Tensor
+
+from pipeline.geometry.texels import Atlas
+from pipeline.lighting.visibility import Occluders
+
+GOLDEN = (1 + 5**0.5) / 2
+
+
+def cosine_directions(count: int, points: int) -> Float64[np.ndarray, "points count 3"]:
+    """Unit directions about +z with density cosine / pi, the same for all points but for a turn about z.
+
+    A Fibonacci spiral on the disc, raised to the hemisphere (Malley's method; Pharr et al., Physically Based
+    Rendering, 13.6.3). The turns of neighbouring points are far apart, so that their errors average out in a picture.
+    """
+    k = np.arange(count) + 0.5
+    radius = np.sqrt(k / count)
+    turn = 2 * np.pi * (k / GOLDEN**2 + (np.arange(points) / GOLDEN % 1)[:, None])
+    across = np.broadcast_to(radius, turn.shape)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), np.sqrt(1 - across**2)], -1)
+
+
+def trace_bounces(
+    atlas: Atlas,
+    occluders: Occluders,
+    points: Float[np.ndarray, "t 3"],
+    frames: Float[np.ndarray, "t 3 3"],
+    face_normals: Float[np.ndarray, "f 3"],
+    count: int,
+) -> Int32[np.ndarray, "t {count}"]:
+    """The texel that each of `count` rays from each texel hits; t, one past the last, where it hits none.
+
+    Args:
+        atlas: NumPy.
+        occluders: the posed mesh.
+        points, frames: posed texels; rays are spread by the cosine with the third column.
+        face_normals: outward unit normals of all faces.
+    """
+    texels = len(points)
+    directions = (frames[:, None] @ cosine_directions(count, texels)[..., None])[..., 0].reshape(-1, 3)
+    above = np.repeat(face_normals[atlas.face], count, 0)
+    hit = np.full(len(directions), texels, np.int32)
+    face, barycentric = occluders.first_faces(np.repeat(points, count, 0), above, directions)
+    rows = np.flatnonzero(face >= 0)
+    face, barycentric = face[rows], barycentric[rows]
+    outside = (face_normals[face] * directions[rows]).sum(-1) < 0
+    uv = (atlas.uv[face] * barycentric[..., None]).sum(1)
+    column, row = np.clip((uv * atlas.size).astype(np.int64), 0, atlas.size - 1).T
+    hit[rows[outside]] = nearest_texels(atlas)[row, column][outside]
+    return hit.reshape(texels, count)
+
+
+def nearest_texels(atlas: Atlas) -> Int[np.ndarray, "size size"]:
+    """Index of the texel at each place of the map; where there is none, of the nearest."""
+    index = atlas.to_map(np.arange(atlas.texel_count), outside=-1.0)
+    row, column = distance_transform_edt(index < 0, return_distances=False, return_indices=True)
+    return index[row, column]
+
+
+def bounced_irradiance(
+    radiance: Float[Tensor, "t channels"], hits: Int[Tensor, "t rays"]
+) -> Float[Tensor, "t channels"]:
+    """Irradiance at every texel from all others of the given radiance; `hits` as `trace_bounces` makes them."""
+    padded = torch.cat([radiance, torch.zeros_like(radiance[:1])])
+    summed = torch.nn.functional.embedding_bag(hits, padded, mode="sum")
+    return summed * (torch.pi / hits.shape[1])

@@ -1,0 +1,177 @@
+"""Matte and glossy reflection of point lights that a surface point sees: Lambert, and Cook-Torrance with GGX.
+
+Every pair of point and light has its own visibility bit, so a shadow has an edge, and each highlight is shadowed by
+itself: what one shadow factor per point (RFGCA 16) cannot do. Rows of bits are packed as np.packbits does
+(`pipeline.lighting.visibility_bits`). Both sums come with their derivatives, made in the same pass.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import no_type_check
+
+import numba
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
+
+DIELECTRIC_F0 = 0.04
+"""Reflectance of skin, cloth and plastic at normal incidence (refractive index 1.5). A factor per point scales it."""
+
+SMALLEST_COSINE = np.float32(1e-4)
+"""Light or camera closer to the surface's plane than this: nothing. The reflected light vanishes with the cosine of
+the light; the guard keeps the 1 / cosine of the masking term in float32's range."""
+
+
+def arriving_vectors(
+    points: Float[Tensor, "points 3"],
+    normals: Float[Tensor, "points 3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+    seen: UInt8[np.ndarray, "lights bytes"],
+) -> Float[Tensor, "points channels 3"]:
+    """Vector irradiance: sum of I_j / d_j^2 w_j over the lights seen and above the horizon of the normal.
+
+    Its product with the normal is the irradiance sum_j V_j I_j / d_j^2 max(0, n . w_j), and it is also that sum's
+    derivative with respect to n. No gradient flows through it.
+    """
+    tensors = [tensor.detach().contiguous() for tensor in (points, normals, light_positions, intensities)]
+    out = torch.empty(len(points), intensities.shape[1], 3)
+    _arriving_vectors(*(tensor.numpy() for tensor in tensors), seen, out.numpy())
+    return out
+
+
+def gather_reflections(
+    points: Float[Tensor, "points 3"],
+    normals: Float[Tensor, "points 3"],
+    to_camera: Float[Tensor, "points 3"],
+    alpha: Float[Tensor, " points"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+    seen: UInt8[np.ndarray, "lights bytes"],
+) -> Float[Tensor, "points channels"]:
+    """sum_j V_j I_j / d_j^2 D G F / (4 (n . w_j) (n . w_o)) max(0, n . w_j): radiance of a dielectric's gloss.
+
+    D and G of GGX, G correlated in height (Heitz 2014, eqs. 71, 99), F by Schlick's approximation. Differentiable in
+    `normals` and `alpha`; points that face away from the camera have 0.
+
+    Args:
+        points: metres.
+        normals, to_camera: unit vectors.
+        alpha: widths of GGX, positive.
+        light_positions: metres.
+        intensities: radiant intensity, linear.
+        seen: row j has the points that see light j.
+    """
+    inputs = (points, normals, to_camera, alpha, light_positions, intensities)
+    arrays = [tensor.detach().contiguous().numpy() for tensor in inputs]
+    channels = intensities.shape[1]
+    value, slope = torch.empty(len(points), channels), torch.empty(len(points), channels, 4)
+    _gather_reflections(*arrays, seen, value.numpy(), slope.numpy())
+    variable = torch.cat([normals, alpha[:, None]], -1)
+    # First order about where it was evaluated: the value is exact, and so is the gradient.
+    return value + (slope * (variable - variable.detach())[:, None]).sum(-1)
+
+
+def gather_reflections_reference(
+    points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
+    seen: Tensor,
+) -> Tensor:  # fmt: skip
+    """Slow twin of `gather_reflections` in plain torch, `seen` as a mask [lights, points]: its oracle."""
+    offset = light_positions - points[:, None]
+    distance2 = offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
+    to_light = offset / distance2.sqrt()
+    half = torch.nn.functional.normalize(to_light + to_camera[:, None], dim=-1)
+    cos_i = (normals[:, None] * to_light).sum(-1)
+    cos_o = (normals * to_camera).sum(-1)[:, None].expand_as(cos_i)
+    cos_h = (normals[:, None] * half).sum(-1)
+    cos_d = (to_camera[:, None] * half).sum(-1)
+    a2 = alpha.square()[:, None]
+    d = a2 / (math.pi * (cos_h.square() * (a2 - 1) + 1).square())
+    lit = (cos_i > SMALLEST_COSINE) & (cos_o > SMALLEST_COSINE) & seen.T
+    ci, co = (torch.where(lit, cosine, torch.ones_like(cosine)) for cosine in (cos_i, cos_o))
+    masked = 0.5 / (ci * (a2 + (1 - a2) * co.square()).sqrt() + co * (a2 + (1 - a2) * ci.square()).sqrt())
+    fresnel = DIELECTRIC_F0 + (1 - DIELECTRIC_F0) * (1 - cos_d) ** 5
+    return (torch.where(lit, d * masked * fresnel * ci, torch.zeros_like(ci)) / distance2[..., 0]) @ intensities
+
+
+F0, ONE, PI = np.float32(DIELECTRIC_F0), np.float32(1.0), np.float32(math.pi)
+
+
+@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@no_type_check  # keeps the tests' run-time shape checks out of compiled code
+def _arriving_vectors(points, normals, lights, intensities, seen, out):
+    channels = intensities.shape[1]
+    for p in numba.prange(points.shape[0]):
+        out[p] = 0
+        for j in range(lights.shape[0]):
+            if not seen[j, p >> 3] & (128 >> (p & 7)):
+                continue
+            x, y, z = lights[j, 0] - points[p, 0], lights[j, 1] - points[p, 1], lights[j, 2] - points[p, 2]
+            if x * normals[p, 0] + y * normals[p, 1] + z * normals[p, 2] <= 0:
+                continue
+            distance2 = max(x * x + y * y + z * z, SMALLEST_DISTANCE2_M2)
+            weight = ONE / (distance2 * math.sqrt(distance2))
+            for c in range(channels):
+                out[p, c, 0] += intensities[j, c] * weight * x
+                out[p, c, 1] += intensities[j, c] * weight * y
+                out[p, c, 2] += intensities[j, c] * weight * z
+
+
+@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@no_type_check
+def _gather_reflections(points, normals, to_camera, alpha, lights, intensities, seen, value, slope):
+    channels = intensities.shape[1]
+    two = np.float32(2.0)
+    for p in numba.prange(points.shape[0]):
+        value[p] = 0
+        slope[p] = 0
+        nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
+        ox, oy, oz = to_camera[p, 0], to_camera[p, 1], to_camera[p, 2]
+        co, a = nx * ox + ny * oy + nz * oz, alpha[p]
+        if co <= SMALLEST_COSINE:
+            continue
+        a2 = a * a
+        root_o = math.sqrt(a2 + (ONE - a2) * co * co)
+        for j in range(lights.shape[0]):
+            if not seen[j, p >> 3] & (128 >> (p & 7)):
+                continue
+            x, y, z = lights[j, 0] - points[p, 0], lights[j, 1] - points[p, 1], lights[j, 2] - points[p, 2]
+            distance2 = max(x * x + y * y + z * z, SMALLEST_DISTANCE2_M2)
+            inverse = ONE / math.sqrt(distance2)
+            x, y, z = x * inverse, y * inverse, z * inverse
+            ci = nx * x + ny * y + nz * z
+            if ci <= SMALLEST_COSINE:
+                continue
+            # Unit vectors with positive cosines to n: w_i + w_o is not zero.
+            hx, hy, hz = x + ox, y + oy, z + oz
+            inverse = ONE / math.sqrt(hx * hx + hy * hy + hz * hz)
+            hx, hy, hz = hx * inverse, hy * inverse, hz * inverse
+            ch = nx * hx + ny * hy + nz * hz
+            grazing = ONE - (ox * hx + oy * hy + oz * hz)
+            grazing2 = grazing * grazing
+            fresnel = F0 + (ONE - F0) * grazing2 * grazing2 * grazing
+            t = ch * ch * (a2 - ONE) + ONE
+            root_i = math.sqrt(a2 + (ONE - a2) * ci * ci)
+            q = ci * root_o + co * root_i
+            f = a2 / (PI * t * t) * fresnel * ci / (two * q) / distance2
+            # Derivatives of log f; with them the gradient needs no second pass.
+            by_ch = -two * two * ch * (a2 - ONE) / t
+            by_ci = ONE / ci - (root_o + co * (ONE - a2) * ci / root_i) / q
+            by_co = -(ci * (ONE - a2) * co / root_o + root_i) / q
+            by_a2 = ONE / a2 - two * ch * ch / t
+            by_a2 -= (ci * (ONE - co * co) / root_o + co * (ONE - ci * ci) / root_i) / (two * q)
+            gx = f * (by_ch * hx + by_ci * x + by_co * ox)
+            gy = f * (by_ch * hy + by_ci * y + by_co * oy)
+            gz = f * (by_ch * hz + by_ci * z + by_co * oz)
+            ga = f * by_a2 * two * a
+            for c in range(channels):
+                light = intensities[j, c]
+                value[p, c] += light * f
+                slope[p, c, 0] += light * gx
+                slope[p, c, 1] += light * gy
+                slope[p, c, 2] += light * gz
+                slope[p, c, 3] += light * ga

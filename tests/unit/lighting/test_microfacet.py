@@ -1,0 +1,98 @@
+"""Reflection of the lights that a point sees: against the plain-torch twin, and against energy and reciprocity."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.lighting.lobes import unit
+from pipeline.lighting.microfacet import arriving_vectors, gather_reflections, gather_reflections_reference
+
+COUNT, LIGHTS = 40, 9
+
+
+@pytest.fixture
+def scene():
+    generator = torch.Generator().manual_seed(3)
+
+    def random(*shape):
+        return torch.randn(*shape, generator=generator)
+
+    normals, to_camera = unit(random(COUNT, 3)), unit(random(COUNT, 3))
+    lights = 2 * unit(random(LIGHTS, 3))
+    alpha = 0.05 + 0.9 * torch.rand(COUNT, generator=generator)
+    seen = torch.rand(LIGHTS, COUNT, generator=generator) < 0.7
+    return 0.3 * random(COUNT, 3), normals, to_camera, alpha, lights, torch.rand(LIGHTS, 3, generator=generator), seen
+
+
+def packed(seen):
+    return np.packbits(seen.numpy(), axis=1)
+
+
+def test_value_and_gradients_are_those_of_the_twin(scene):
+    *inputs, seen = scene
+    inputs[1].requires_grad_()
+    inputs[3].requires_grad_()
+    found = gather_reflections(*inputs, packed(seen))
+    doubles = [tensor.detach().double() for tensor in inputs]
+    doubles[1].requires_grad_()
+    doubles[3].requires_grad_()
+    expected = gather_reflections_reference(*doubles, seen)
+    assert expected.abs().max() > 1e-3
+    assert torch.allclose(found.double(), expected, rtol=1e-4, atol=1e-6)
+    weight = torch.linspace(-1, 1, found.numel()).reshape(found.shape)
+    (found * weight).sum().backward()
+    (expected * weight).sum().backward()
+    for single, double in ((inputs[1], doubles[1]), (inputs[3], doubles[3])):
+        assert torch.allclose(single.grad.double(), double.grad, rtol=1e-3, atol=1e-4 * double.grad.abs().max().item())
+
+
+def test_irradiance_is_the_cosine_law_over_seen_lights(scene):
+    points, normals, _, _, lights, intensities, seen = scene
+    found = (arriving_vectors(points, normals, lights, intensities, packed(seen)) * normals[:, None]).sum(-1)
+    offset = lights - points[:, None]
+    cosine_over_distance2 = (offset * normals[:, None]).sum(-1).clamp_min(0) / offset.norm(dim=-1) ** 3
+    assert torch.allclose(found, (cosine_over_distance2 * seen.T) @ intensities, atol=1e-5)
+
+
+def test_gloss_reflects_no_more_than_schlicks_share():
+    """Under light from everywhere a smooth dielectric reflects its Fresnel share: about 4 % seen from above, and a
+    rough one no more (masking only takes away)."""
+    rows = 4000
+    height = (torch.arange(rows) + 0.5) / rows
+    around = math.pi * (3 - math.sqrt(5)) * torch.arange(rows)
+    across = (1 - height**2).sqrt()
+    directions = torch.stack([across * around.cos(), across * around.sin(), height], -1)
+    far, up = 1000.0, torch.tensor([[0.0, 0, 1]])
+    power = torch.full((rows, 1), far**2 * 2 * math.pi / rows)
+    seen = np.full((rows, 1), 255, np.uint8)
+    shares = [
+        gather_reflections(torch.zeros(1, 3), up, up, torch.tensor([a]), far * directions, power, seen).item()
+        for a in (0.1, 1.0)
+    ]
+    assert shares[0] == pytest.approx(0.04, rel=0.03)
+    assert 0.01 < shares[1] < 0.04
+
+
+def test_swapping_camera_and_light_changes_only_the_cosine(scene):
+    """Helmholtz reciprocity: f(w_i, w_o) = f(w_o, w_i); a light of intensity d^2 gives f times its own cosine."""
+    a, b = (unit(torch.tensor([v])) for v in ([0.3, 0.1, 0.8], [-0.6, 0.4, 0.5]))
+    up, alpha, one = torch.tensor([[0.0, 0, 1]]), torch.tensor([0.4]), torch.full((1, 1), 9.0)
+    seen = np.full((1, 1), 255, np.uint8)
+    there = gather_reflections(torch.zeros(1, 3), up, a, alpha, 3 * b, one, seen) / b[0, 2]
+    back = gather_reflections(torch.zeros(1, 3), up, b, alpha, 3 * a, one, seen) / a[0, 2]
+    assert there.item() == pytest.approx(back.item(), rel=1e-5)
+
+
+def test_finite_at_the_horizon_and_for_the_narrowest_lobe():
+    up = torch.tensor([[0.0, 0, 1]], requires_grad=True)
+    alpha = torch.tensor([0.01], requires_grad=True)
+    for camera in ([1.0, 0, 1e-3], [0.0, 0, 1.0], [1.0, 0, -0.2]):
+        for light in ([[-1.0, 0, 1e-3]], [[0.0, 0, 1.0]], [[0.0, 0, 0.0]], [[0.5, 0.0, -1.0]]):
+            seen = np.full((1, 1), 255, np.uint8)
+            out = gather_reflections(
+                torch.zeros(1, 3), up, unit(torch.tensor([camera])), alpha, torch.tensor(light), torch.ones(1, 1), seen
+            )
+            gradients = torch.autograd.grad(out.sum(), (up, alpha))
+            assert torch.isfinite(out).all() and all(torch.isfinite(g).all() for g in gradients)
