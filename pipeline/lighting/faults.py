@@ -165,8 +165,10 @@ class Fit:
         ratios = others - log_likelihood(self.distances, self.variances, count)
         worst = int(ratios.argmax())
         fits = pattern_likelihoods(model, seen[worst : worst + 1], logged, variance)[0]
-        # Named only if it explains the frame as well as not knowing does.
-        shows = int(fits.argmax()) if fits.max() > others[worst] else -1
+        alike = (model.levels == model.levels[fits.argmax()]).all(1)
+        # Named only if more likely than not: half of the prior is the log's, as `unknown_pattern` has it.
+        likely = np.exp(fits[alike] - others[worst]).sum() / (2 * len(fits)) > 0.5
+        shows = int(fits.argmax()) if likely else -1
         return Found("wrong_pattern", int(self.rows[worst]), _sigmas(ratios[worst]), float(shows))
 
     @cached_property

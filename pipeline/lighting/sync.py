@@ -88,7 +88,7 @@ def check_sync(model: BrightnessModel, max_offset: int = 5, sigmas: float = 5.0)
     aligned = align(model, max_offset, sigmas)
     rows = model.log.rows_of(model.frames + aligned.offsets)
     found, patterns, powers = find_faults(model, Patterns(model.levels[rows], rows >= 0), sigmas)
-    faults = [*_timing_faults(model, aligned), *(_fault(model, item) for item in found)]
+    faults = [*_timing_faults(model, aligned), *(_fault(model, aligned, item) for item in found)]
     ahead = {int(k): aligned.sigmas(0, int(k)) for k in aligned.tried if k != 0}
     verdict, why = _judge(model, aligned, patterns, faults, ahead, sigmas)
     constants = {
@@ -158,12 +158,13 @@ def _places(aligned: Alignment, first: int, last: int) -> tuple[int, int]:
     return earlier, later
 
 
-def _fault(model: BrightnessModel, found: Found) -> Fault:
+def _fault(model: BrightnessModel, aligned: Alignment, found: Found) -> Fault:
     sure = f"({found.sigmas:.0f} sigma)"
     if found.kind == "wrong_pattern":
         frame = int(model.frames[found.index])
         shown = int(model.log.numbers[int(found.value)]) if found.value >= 0 else -1
-        instead = f"rather that of frame {shown}" if shown not in (-1, frame) else "nor any other that is logged"
+        own = frame + int(aligned.offsets[found.index])
+        instead = f"rather the one logged for {shown}" if shown not in (-1, own) else "nor any other that is logged"
         why = f"frame {frame} does not show its pattern, {instead} {sure}"
         return Fault(found.kind, str(frame), found.sigmas, float(shown), why)
     light = model.log.lights[found.index]

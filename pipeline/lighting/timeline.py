@@ -67,8 +67,8 @@ def _draw_brightness(axes: Axes, frames: pd.DataFrame, booked: pd.DataFrame) -> 
     for i, frame in enumerate(frames.frame[frames.suspicious]):
         axes.axvline(frame, color="red", linewidth=2, alpha=0.6, label=None if i else "wrong pattern")
     axes.set(ylabel="irradiance / intensity, 1/m²", title="Brightness of the subject, mean over cameras")
-    axes.set_ylim(bottom=0, top=axes.get_ylim()[1] * 1.15)
-    axes.legend(loc="upper right", ncols=7, fontsize="small")
+    axes.set_ylim(bottom=0, top=axes.get_ylim()[1] * 1.25)
+    axes.legend(loc="upper right", ncols=4, fontsize="small")
 
 
 def _draw_offsets(axes: Axes, check: SyncCheck) -> None:
@@ -109,7 +109,11 @@ def _draw_leds(axes: Axes, patterns: pd.DataFrame, lights: list[str], check: Syn
 
 def _draw_powers(axes: Axes, lights: list[str], check: SyncCheck) -> None:
     colors = [GRADE_COLORS[verdict.grade] for verdict in check.lights]
-    axes.bar(range(len(lights)), np.minimum(check.powers.dead, check.powers.stuck), color=colors)
+    heights = np.minimum(check.powers.dead, check.powers.stuck)
+    for fault in check.faults:  # what a fault of a light that is faulty would add says nothing
+        if fault.name in lights:
+            heights[lights.index(fault.name)] = fault.sigmas
+    axes.bar(range(len(lights)), heights, color=colors)
     for grade, color in GRADE_COLORS.items():
         axes.bar([0], [0], color=color, label=f"{sum(v.grade == grade for v in check.lights)} {grade}")
     axes.legend(loc="upper right", ncols=3, fontsize="small")
