@@ -1,8 +1,10 @@
 """Posed mesh and light patterns -> normalised irradiance per frame: how much of the light sent to a texel arrives.
 
 RFGCA 15-16 and A.1-A.3; see `pipeline.lighting.irradiance`. Every tracked frame that was booked gets an EXR (half
-float, channel Y, 0 outside the charts), and a row in a table. In a frame without a lit light the irradiance is 1.
-Frames are computed on several threads; the result does not depend on how many.
+float, 0 outside the charts; channels Y, falling and error, the standard error of Y where lights were drawn), and a row
+in a table that says what it took and what was saved. In a frame without a lit light the irradiance is 1. With an
+environment map, it lights all frames instead of their patterns. Frames are computed on several threads; the result does
+not depend on how many.
 """
 
 from __future__ import annotations
@@ -22,12 +24,11 @@ from pipeline.base.progress import progress
 from pipeline.base.seeds import generator_for
 from pipeline.capture.images import write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
-from pipeline.geometry.mesh import area_vectors, unit_or
-from pipeline.geometry.texels import Atlas, read_atlas, texel_frames
-from pipeline.geometry.tracked import read_tracked
-from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights, read_frame_lights
-from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, trace_irradiance
-from pipeline.lighting.visibility import Occluders
+from pipeline.geometry.texels import Atlas, read_atlas
+from pipeline.geometry.tracked import TrackedChunk, read_tracked
+from pipeline.lighting.environment import read_environment
+from pipeline.lighting.frame_irradiance import StageLights, environment_lights, read_stage_lights, trace_frame
+from pipeline.lighting.irradiance import IrradianceMap
 
 log = logging.getLogger("trace_irradiance")
 
@@ -46,6 +47,8 @@ def run(
     patterns: Path,
     frames: Path,
     out: Path,
+    environment: Path | None = None,
+    cache: Path | None = None,
     subject: str = "",
     threads: int = 1,
     settings: TraceIrradiance = TraceIrradiance(),
@@ -59,13 +62,47 @@ def run(
         patterns: patterns.parquet of book_patterns.
         frames: frames.parquet of book_patterns; tracked frames that it lacks are left out.
         out: folder for the chunk's maps; the table is written beside it as OUT.parquet, a contact sheet as OUT.png.
+        environment: panorama (.hdr or .exr) that lights all frames instead of the patterns.
+        cache: folder for visibility bits, if they are kept; they are found again by their content.
         subject: the subject's name, part of the seed of the random draws.
         threads: frames traced at once.
         settings: numbers and modes.
     """
     texels = read_atlas(atlas)
     chunk = read_tracked(tracking, len(texels.rest_vertices))
-    lit = read_frame_lights(lights, patterns)
+    if environment is None:
+        stage = read_stage_lights(lights, patterns)
+    else:
+        stage = environment_lights(read_environment(environment).reduced(settings.environment_height), chunk.frames)
+    rows = booked_rows(chunk, frames, tracking)
+
+    def trace(row: int) -> IrradianceMap:
+        random = generator_for(subject, "trace_irradiance", int(chunk.frames[row]))
+        return trace_frame(texels, chunk.vertices[row], stage, int(chunk.frames[row]), settings, random, cache)
+
+    table, sheet = [], []
+    shown = set(rows[np.linspace(0, len(rows) - 1, min(SHEET_FRAMES, len(rows))).astype(int)])
+    with written_whole(out) as folder, ThreadPoolExecutor(threads) as pool:
+        folder.mkdir()
+        for row, traced in zip(rows, progress(pool.map(trace, rows.tolist()), "frames", len(rows)), strict=True):
+            frame, path = int(chunk.frames[row]), folder / f"{int(chunk.frames[row]):06d}.exr"
+            maps = {"Y": traced.values, "falling": traced.falling, "error": traced.error}
+            images = {name: texels.to_map(values) for name, values in maps.items()}
+            write_exr(path, images)
+            table.append({**describe(frame, traced, stage, texels), "digest": digest_file(path)})
+            if row in shown:
+                sheet.append((frame, images["Y"]))
+        _write_sheet(out.with_name(f"{out.name}.png"), texels, sheet)
+        write_table(out.with_name(f"{out.name}.parquet"), pd.DataFrame(table))
+    report(pd.DataFrame(table))
+
+
+def booked_rows(chunk: TrackedChunk, frames: Path, tracking: Path) -> np.ndarray:
+    """Rows of the chunk that were booked.
+
+    Raises:
+        InputError: if there are none.
+    """
     booked = np.isin(chunk.frames, read_table(frames).frame)
     if not booked.any():
         raise InputError(
@@ -73,51 +110,35 @@ def run(
         )
     if not booked.all():
         log.info("left out, not in %s: frames %s", frames, chunk.frames[~booked].tolist())
-
-    def trace(row: int) -> IrradianceMap:
-        frame = int(chunk.frames[row])
-        random = generator_for(subject, "trace_irradiance", frame)
-        return trace_frame(texels, chunk.vertices[row], lit.get(frame, NO_LIGHTS), settings, random)
-
-    rows, sheet = np.flatnonzero(booked), []
-    shown = set(rows[np.linspace(0, len(rows) - 1, min(SHEET_FRAMES, len(rows))).astype(int)])
-    table = []
-    with written_whole(out) as folder, ThreadPoolExecutor(threads) as pool:
-        folder.mkdir()
-        for row, traced in zip(rows, progress(pool.map(trace, rows.tolist()), "frames", len(rows)), strict=True):
-            frame = int(chunk.frames[row])
-            image = texels.to_map(traced.values)
-            write_exr(folder / f"{frame:06d}.exr", {"Y": image, "falling": texels.to_map(traced.falling)})
-            row_of_table = _describe(frame, traced, len(lit.get(frame, NO_LIGHTS).positions))
-            table.append({**row_of_table, "digest": digest_file(folder / f"{frame:06d}.exr")})
-            if row in shown:
-                sheet.append((frame, image))
-        _write_sheet(out.with_name(f"{out.name}.png"), texels, sheet)
-        write_table(out.with_name(f"{out.name}.parquet"), pd.DataFrame(table))
-    unlit = sum(row["unlit"] for row in table)
-    log.info("%d frames, %.3g rays, %d frames without a light", len(table), sum(r["rays"] for r in table), unlit)
+    return np.flatnonzero(booked)
 
 
-def trace_frame(
-    atlas: Atlas, vertices: np.ndarray, lit: FrameLights, settings: TraceIrradiance, random: np.random.Generator
-) -> IrradianceMap:
-    """Irradiance per texel of one frame."""
-    posed = vertices.astype(np.float64)
-    points, frames = texel_frames(atlas, posed)
-    # A degenerate face has no horizon: a normal of zero leaves its texels dark, without rays.
-    normals = unit_or(area_vectors(posed, atlas.faces), 0.0)[atlas.face]
-    return trace_irradiance(
-        Occluders(posed, atlas.faces), points, normals, lit.positions, lit.intensities @ LUMINANCE,
-        normals=frames[..., 2], samples=settings.samples_or_none, sampling=settings.sampling, random=random,
-    )  # fmt: skip
+def describe(frame: int, traced: IrradianceMap, stage: StageLights, atlas: Atlas) -> dict[str, object]:
+    """A row of the table: the map in numbers, and the rays traced and saved.
 
-
-def _describe(frame: int, traced: IrradianceMap, lights_on: int) -> dict[str, object]:
-    values = traced.values
+    Saved are rays of a renderer that asks for every pixel of the map and every light of the stage: outside the charts
+    there is no surface, an unlit light sends nothing, one below its face's horizon is hidden, and the rest was either
+    left to chance or known from visibility bits.
+    """
+    values, texels, lit = traced.values, len(traced.values), stage.lit_count(frame)
+    asked, on_surface = atlas.size**2 * len(stage.places), texels * len(stage.places)
     return {
-        "frame": frame, "lights_on": lights_on, "unlit": traced.unlit, "rays": traced.rays, "mean": values.mean(),
-        "largest": values.max(), "texels": len(values), "dark_texels": int((values < DARK_BELOW).sum()),
+        "frame": frame, "lights_on": lit, "unlit": traced.unlit, "rays": traced.rays, "mean": values.mean(),
+        "largest": values.max(), "texels": texels, "dark_texels": int((values < DARK_BELOW).sum()),
+        "error_rms": float(np.sqrt(np.mean(traced.error**2))), "saved_outside_charts": asked - on_surface,
+        "saved_unlit": on_surface - texels * lit, "saved_below_horizon": traced.below_horizon,
+        # Bits of a pose may take more rays than its first pattern would have.
+        "saved_drawn_or_known": max(texels * lit - traced.below_horizon - traced.rays, 0),
     }  # fmt: skip
+
+
+def report(table: pd.DataFrame) -> None:
+    """Log what was traced, and what was not."""
+    rays, saved = table.rays.sum(), table.filter(like="saved_").sum()
+    asked = max(rays + saved.sum(), 1)
+    parts = ", ".join(f"{name.removeprefix('saved_')} {100 * count / asked:.1f} %" for name, count in saved.items())
+    log.info("%d frames, %.3g rays, %d frames without a light", len(table), rays, table.unlit.sum())
+    log.info("traced %.1f %% of all pixels x lights; saved: %s", 100 * rays / asked, parts.replace("_", " "))
 
 
 def _write_sheet(path: Path, atlas: Atlas, maps: list[tuple[int, np.ndarray]]) -> None:

@@ -17,6 +17,22 @@ class TraceIrradiance(Settings):
         "power",
         description="probability of a light: the same for all, by intensity, or by what would arrive unoccluded",
     )
+    spread: Literal["random", "stratified", "low_discrepancy"] = Field(
+        "low_discrepancy",
+        description="draws of neighbouring texels: independent, one in each sixteenth per 4 x 4 texels, or a shifted "
+        "lattice over the map",
+    )
+    visibility: Literal["auto", "traced", "cached"] = Field(
+        "auto",
+        description="whether every texel's visibility to every light of the stage is kept as bits, from which any "
+        "pattern costs no rays; auto: if that is cheaper for `relightings` patterns per pose",
+    )
+    relightings: int = Field(
+        1, ge=1, description="light patterns that each posed frame is expected to be asked for, over all runs"
+    )
+    environment_height: int = Field(
+        64, ge=1, description="height to which environment maps are reduced before they are traced [pixels]"
+    )
 
     @property
     def samples_or_none(self) -> int | None:

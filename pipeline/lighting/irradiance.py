@@ -6,10 +6,11 @@ Beside the papers' map stands a second one from the same rays, with L_j max(0, n
 falling on a matte surface that is not shadowed. The first mixes cast shadow with the surface's own horizon; the second
 is the factor that direct light on a matte surface has to be multiplied by, and where the shadow network starts.
 
-The denominator needs no rays and is always exact. The numerator is summed over all lights, or estimated from N of them
-drawn with probability p_j: (1/N) sum L_j Vis_j / p_j, unbiased; single estimates may exceed 1. The draws are stratified
-(the n-th lies in the n-th of N equal parts of the cumulative distribution), which keeps the mean and lowers the
-variance.
+The denominator needs no rays and is always summed over all lights. The numerator is summed over all lights, or
+estimated from N of them drawn with probability p_j: (1/N) sum L_j Vis_j / p_j, unbiased; single estimates may exceed 1.
+The draws are stratified (the n-th lies in the n-th of N equal parts of the cumulative distribution), which keeps the
+mean and lowers the variance. Distant lights, the pixels of an environment map, have a direction instead of a position,
+and L_j = I_j.
 """
 
 from __future__ import annotations
@@ -18,9 +19,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Float64, Int
+from jaxtyping import Bool, Float, Float64, Int
 
-from pipeline.lighting.visibility import Occluders
+from pipeline.lighting.draws import Spread, spread_uniforms
+from pipeline.lighting.ray_kernels import add_clear_rays, arriving_sums, draw_by_arrival, draw_by_weight
+from pipeline.lighting.standard_error import BlockVariance
+from pipeline.lighting.visibility import Occluders, Rays, Receivers, light_blocks
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of linear RGB with Rec. 709 primaries (ITU-R BT.709, item 3.2)."""
@@ -29,7 +33,48 @@ MIN_DISTANCE = 1e-6
 """Least distance to a light, relative to the scene's half extent: a light on the surface is finite, and outshines all
 others there all the same."""
 
+NOT_DRAWN = np.empty(0)
+"""Probabilities of lights that were not drawn but all summed."""
+
 Sampling = Literal["uniform", "power", "arriving"]
+
+
+@dataclass(frozen=True)
+class Lights:
+    """The lit lights of a frame.
+
+    Attributes:
+        places: positions, in the unit of the mesh; or, if `distant`, unit directions towards them.
+        luminances: of their radiant intensities; of distant lights, the irradiance on a surface that faces them.
+        distant: as far away as the sky.
+    """
+
+    places: Float64[np.ndarray, "m 3"]
+    luminances: Float64[np.ndarray, " m"]
+    distant: bool = False
+
+    def lit(self) -> Lights:
+        """Those that shine: a light at zero is off, and costs nothing."""
+        on = self.luminances > 0
+        return Lights(self.places[on], self.luminances[on], self.distant)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """How lights are drawn.
+
+    Attributes:
+        count: per texel.
+        sampling: probability of a light: the same for all; by luminance; by what would arrive at the point unoccluded.
+        spread: how the draws of neighbouring texels hang together, see `pipeline.lighting.draws`.
+        texel: row and column of each point on the map.
+    """
+
+    count: int
+    sampling: Sampling
+    spread: Spread
+    texel: Int[np.ndarray, "t 2"]
+    random: np.random.Generator
 
 
 @dataclass(frozen=True)
@@ -39,87 +84,125 @@ class IrradianceMap:
     Attributes:
         values: the papers' normalised irradiance.
         falling: the same weighted by the cosine; 0 where no light is above the horizon.
+        error: standard error of `values`; 0 if no lights were drawn.
         rays: how many were traced.
+        below_horizon: rays that would have been traced, had their light not been below their face's horizon.
         unlit: no light was on, so both are 1 by definition.
     """
 
     values: Float64[np.ndarray, " t"]
     falling: Float64[np.ndarray, " t"]
+    error: Float64[np.ndarray, " t"]
     rays: int
+    below_horizon: int
     unlit: bool
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Lit lights, the brightest of luminance 1, and the points they shine on, in Embree's scaled scene."""
+
+    occluders: Occluders
+    receivers: Receivers
+    normals: Float64[np.ndarray, "t 3"]
+    lights: Float64[np.ndarray, "m 3"]
+    luminances: Float64[np.ndarray, " m"]
+    distant: bool
+
+    def denominators(
+        self, wanted: Bool[np.ndarray, " t"]
+    ) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
+        """Sums of L_j, and of L_j max(0, n . w_j), over all lights, to `arriving_sums`' 7e-7; 1 where not wanted."""
+        arriving, falling = np.ones((2, len(self.receivers)))
+        arriving_sums(
+            self.receivers.points, self.normals, np.ascontiguousarray(self.lights.T, np.float32),
+            self.luminances.astype(np.float32), self.distant, MIN_DISTANCE**2, wanted, arriving, falling,
+        )  # fmt: skip
+        return arriving, falling
 
 
 def trace_irradiance(
     occluders: Occluders,
     points: Float[np.ndarray, "t 3"],
     face_normals: Float[np.ndarray, "t 3"],
-    positions: Float64[np.ndarray, "m 3"],
-    luminances: Float64[np.ndarray, " m"],
+    lights: Lights,
     *,
     normals: Float[np.ndarray, "t 3"] | None = None,
-    samples: int | None = None,
-    sampling: Sampling = "power",
-    random: np.random.Generator | None = None,
+    samples: Samples | None = None,
 ) -> IrradianceMap:
-    """Irradiance of every point under point lights; see the module's docstring.
+    """Irradiance of every point; see the module's docstring.
 
     Args:
         occluders: the posed mesh.
         points: on the mesh; `face_normals`: geometric, outward, unit length.
-        positions: of the lights, in the unit of the points.
-        luminances: of the lights' radiant intensities, not negative; lights at zero are off and cost nothing.
         normals: of the smooth surface, for the cosine; the faces' if not given.
-        samples: lights drawn per point, or None for all of them.
-        sampling: probability of a light: the same for all; by luminance; by what would arrive at the point unoccluded.
-        random: needed if `samples` is given.
+        samples: how to draw lights, or None to sum over all of them.
     """
-    lit = luminances > 0
-    positions, luminances = positions[lit], luminances[lit]
-    if not len(luminances):
-        return IrradianceMap(np.ones(len(points)), np.ones(len(points)), 0, True)
-    least = MIN_DISTANCE * occluders.half_extent
-    normals = face_normals if normals is None else normals
-    if samples is None:
-        return _trace_all(occluders, points, face_normals, normals, positions, luminances, least)
-    if random is None:
-        raise ValueError("expected a random generator where samples are drawn, found None")
-    arriving = np.stack([arriving_light(points, p, i, least) for p, i in zip(positions, luminances, strict=True)], 1)
-    weights = {"uniform": np.ones_like(luminances), "power": luminances, "arriving": arriving}[sampling]
-    cosines = np.stack([cosine_to(points, normals, position) for position in positions], 1)
-    sums, falling, rays = np.zeros(len(points)), np.zeros(len(points)), 0
-    each = np.arange(len(points))
-    for n in range(samples):
-        chosen, probability = draw_lights(weights, (n + random.random(len(points))) / samples)
-        seen, cast = occluders.visible(points, face_normals, positions[chosen])
-        estimate = np.where(seen, arriving[each, chosen] / probability, 0.0) / samples
-        sums += estimate
-        falling += estimate * cosines[each, chosen]
-        rays += cast
-    return IrradianceMap(sums / arriving.sum(1), _share(falling, (arriving * cosines).sum(1)), rays, False)
+    scene = light_scene(occluders, points, face_normals, lights, normals)
+    if scene is None:
+        return unlit_map(len(points))
+    return _trace_all(scene) if samples is None else _trace_drawn(scene, samples)
 
 
-def _trace_all(
-    occluders: Occluders, points: np.ndarray, face_normals: np.ndarray, normals: np.ndarray, positions: np.ndarray,
-    luminances: np.ndarray, least: float,
-) -> IrradianceMap:  # fmt: skip
-    """Light by light: neighbouring rays then run side by side, and memory does not grow with the lights."""
-    sums, rays = np.zeros((4, len(points))), 0
-    for position, luminance in zip(positions, luminances, strict=True):
-        light = arriving_light(points, position, luminance, least)
-        seen, cast = occluders.visible(points, face_normals, position)
-        falling = light * cosine_to(points, normals, position)
-        sums += np.stack([light * seen, light, falling * seen, falling])
-        rays += cast
-    return IrradianceMap(sums[0] / sums[1], _share(sums[2], sums[3]), rays, False)
+def unlit_map(points: int) -> IrradianceMap:
+    """The map of a frame without a lit light: 1 everywhere, by definition (METHOD.md's 0/0)."""
+    return IrradianceMap(np.ones(points), np.ones(points), np.zeros(points), 0, 0, True)
 
 
-def cosine_to(
-    points: Float[np.ndarray, "t 3"], normals: Float[np.ndarray, "t 3"], position: Float64[np.ndarray, " 3"]
-) -> Float64[np.ndarray, " t"]:
-    """max(0, n . w) at each point, w towards the light; 0 for a light on the point."""
-    to_light = position - points
-    distance = np.linalg.norm(to_light, axis=1)
-    return np.maximum((to_light * normals).sum(1), 0.0) / np.maximum(distance, np.finfo(np.float64).tiny)
+def light_scene(
+    occluders: Occluders, points: np.ndarray, face_normals: np.ndarray, lights: Lights, normals: np.ndarray | None
+) -> Scene | None:
+    """What the sums need, or None if no light is lit."""
+    lit = lights.lit()
+    if not len(lit.luminances):
+        return None
+    receivers = occluders.receivers(points, face_normals)
+    normals = receivers.normals if normals is None else np.ascontiguousarray(normals, np.float64)
+    places = np.ascontiguousarray(lit.places if lit.distant else occluders.scaled(lit.places))
+    # Only ratios of lights matter, and these fit into float32.
+    return Scene(occluders, receivers, normals, places, lit.luminances / lit.luminances.max(), lit.distant)
+
+
+def _trace_all(scene: Scene) -> IrradianceMap:
+    """A few lights at a time: neighbouring rays then run side by side, and memory does not grow with the lights."""
+    arrived, fallen, rays = *np.zeros((2, len(scene.receivers))), 0
+    for block in light_blocks(len(scene.receivers), len(scene.lights)):
+        aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, block=block)
+        rays += _add(scene, aimed, arrived, fallen)
+    return exact_map(scene, arrived, fallen, rays, arrived.size * len(scene.lights))
+
+
+def exact_map(scene: Scene, arrived: np.ndarray, fallen: np.ndarray, rays: int, pairs: int) -> IrradianceMap:
+    """The map from the sums over what is seen; `pairs`: of point and light that rays were asked for."""
+    # Where nothing arrived both are 0, and what might have arrived does not matter.
+    arriving, falling = scene.denominators(arrived > 0)
+    return IrradianceMap(
+        arrived / arriving, _share(fallen, falling), np.zeros_like(arrived), rays, pairs - rays, False
+    )  # fmt: skip
+
+
+def _trace_drawn(scene: Scene, samples: Samples) -> IrradianceMap:
+    values, fallen, rays = *np.zeros((2, len(scene.receivers))), 0
+    variance = BlockVariance(samples.texel)
+    # A single draw often brings nothing, and nothing needs no denominator; several draws mostly bring something.
+    lazy = samples.count == 1 and samples.sampling != "arriving"
+    arriving, falling = scene.denominators(np.full(len(values), not lazy))
+    for n in range(samples.count):
+        uniform = (n + spread_uniforms(samples.spread, samples.texel, samples.random)) / samples.count
+        chosen, probability = draw_lights(scene, samples.sampling, uniform, arriving)
+        aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, chosen=chosen)
+        one = np.zeros_like(values)
+        rays += _add(scene, aimed, one, fallen, probability)
+        if lazy:
+            arriving, falling = scene.denominators(one > 0)
+        one /= arriving
+        values += one
+        variance.add(one)
+    count = samples.count
+    share = _share(fallen / count, falling)
+    return IrradianceMap(
+        values / count, share, np.sqrt(variance.total) / count, rays, values.size * count - rays, False
+    )
 
 
 def _share(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
@@ -127,30 +210,31 @@ def _share(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
     return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0)
 
 
-def arriving_light(
-    points: Float[np.ndarray, "t 3"], position: Float64[np.ndarray, " 3"], intensity: float, least_distance: float
-) -> Float64[np.ndarray, " t"]:
-    """I / d^2 at each point, before any cosine or shadow; distances below `least_distance` count as that."""
-    squared = ((points - position) ** 2).sum(1)
-    return intensity / np.maximum(squared, least_distance**2)
+def _add(scene: Scene, rays: Rays, arrived: np.ndarray, fallen: np.ndarray, probability: np.ndarray = NOT_DRAWN) -> int:
+    """Trace rays and add what arrives along the clear ones; returns how many there were."""
+    add_clear_rays(
+        scene.receivers.points, scene.normals, scene.lights, scene.luminances, scene.distant, MIN_DISTANCE**2,
+        probability, rays.rows, scene.occluders.occluded(rays), arrived, fallen,
+    )  # fmt: skip
+    return len(rays.rows)
 
 
 def draw_lights(
-    weights: Float64[np.ndarray, " m"] | Float64[np.ndarray, "t m"], uniform: Float64[np.ndarray, " t"]
+    scene: Scene, sampling: Sampling, uniform: Float64[np.ndarray, " t"], arriving: Float64[np.ndarray, " t"]
 ) -> tuple[Int[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
-    """One light per point with probability proportional to its weight, by inversion, and that probability.
+    """One light per point, by inversion of the cumulative distribution, and the probability it had.
 
     Args:
-        weights: not negative, per light, or per point and light.
         uniform: numbers in [0, 1), one per point.
+        arriving: sum of what would arrive at each point; needed for `arriving`.
     """
-    cumulative = np.cumsum(weights, -1)
-    target = uniform * cumulative[..., -1]
-    if weights.ndim == 1:
-        chosen = np.searchsorted(cumulative, target, side="right")
+    chosen, probability = np.empty(len(uniform), np.int32), np.empty(len(uniform))
+    if sampling == "arriving":
+        draw_by_arrival(
+            scene.receivers.points, scene.lights, scene.luminances, scene.distant, MIN_DISTANCE**2, arriving,
+            uniform, chosen, probability,
+        )  # fmt: skip
     else:
-        chosen = (cumulative <= target[:, None]).sum(1)
-    # Rounding may carry `target` up to the very end of the distribution.
-    chosen = np.minimum(chosen, weights.shape[-1] - 1)
-    drawn = weights[chosen] if weights.ndim == 1 else weights[np.arange(len(chosen)), chosen]
-    return chosen, drawn / cumulative[..., -1]
+        weights = scene.luminances if sampling == "power" else np.ones_like(scene.luminances)
+        draw_by_weight(weights, uniform, chosen, probability)
+    return chosen, probability

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float64, Int
+
+from pipeline.lighting.ray_kernels import aim
 
 ORIGIN_OFFSET = 64 * 2.0**-23
 """How far above its face a ray starts, relative to the scene's half extent: 7.6e-6, or 7 micrometres on a body.
@@ -22,6 +26,44 @@ LIGHT_CLEARANCE = 16 * 2.0**-23
 distances are good to a few 2^-23."""
 
 
+FARTHEST = 8.0
+"""Length of a ray to a distant light in half extents: the whole scene lies within 2 sqrt(3) of any of its points."""
+
+
+RAYS_AT_ONCE = 16384
+"""Rays aimed at in one go where points are few: a thousand times the cost of a call."""
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Points of a mesh that light falls on, in Embree's scaled scene, and the outward unit normals of their faces.
+
+    The normals are geometric, not smoothed (see `ORIGIN_OFFSET`).
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    normals: Float64[np.ndarray, "n 3"]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays in Embree's scaled scene, float32; `rows` has the receiver and the light of each."""
+
+    rows: Int[np.ndarray, "r 2"]
+    origins: Float[np.ndarray, "r 3"]
+    directions: Float[np.ndarray, "r 3"]
+    lengths: Float[np.ndarray, " r"]
+
+
+def light_blocks(points: int, lights: int) -> list[range]:
+    """Lights in groups that make enough rays at a time to be worth a call, and few enough to stay in memory."""
+    size = max(1, RAYS_AT_ONCE // max(points, 1))
+    return [range(start, min(start + size, lights)) for start in range(0, lights, size)]
+
+
 class Occluders:
     """A triangle mesh to cast shadow rays against. Both sides of a face occlude; faces without area never do.
 
@@ -35,17 +77,55 @@ class Occluders:
         """
         if not len(faces) or not np.isfinite(vertices).all():
             raise ValueError(f"expected faces with finite vertices, found {len(faces)} faces")
-        used = vertices[np.unique(faces)].astype(np.float64)
+        used = vertices[np.bincount(faces.ravel(), minlength=len(vertices)) > 0].astype(np.float64)
         self.center = (used.min(0) + used.max(0)) / 2
         self.half_extent = float(np.ptp(used, axis=0).max() / 2) or 1.0
         self._scene = EmbreeScene(robust=True)
-        scaled = self._scaled(vertices)
-        TriangleMesh(self._scene, np.ascontiguousarray(scaled[faces]))
+        TriangleMesh(self._scene, self.scaled(vertices).astype(np.float32), faces.astype(np.int32))
         # The first query builds the tree; done here so that threads find it built.
         self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 1, 0]], np.float32), query="OCCLUDED")
 
-    def _scaled(self, points: np.ndarray) -> Float[np.ndarray, "n 3"]:
-        return ((points.astype(np.float64) - self.center) / self.half_extent).astype(np.float32)
+    def scaled(self, points: Float[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
+        """Points in Embree's scene: centred, the half extent 1."""
+        return (np.asarray(points, np.float64) - self.center) / self.half_extent
+
+    def receivers(self, points: Float[np.ndarray, "n 3"], face_normals: Float[np.ndarray, "n 3"]) -> Receivers:
+        """The points made ready for `aim`; `face_normals` are geometric, outward, of unit length."""
+        return Receivers(self.scaled(points), np.ascontiguousarray(face_normals, np.float64))
+
+    def aim(
+        self,
+        receivers: Receivers,
+        lights: Float64[np.ndarray, "m 3"],
+        distant: bool = False,
+        *,
+        chosen: Int[np.ndarray, " n"] | None = None,
+        block: range = range(0),
+    ) -> Rays:
+        """Rays from receivers to lights, of those pairs whose light is above the horizon of the receiver's face.
+
+        A light on or below it is hidden by the face itself, on open meshes as well: known without a ray.
+
+        Args:
+            lights: positions in the scaled scene, or with `distant` unit directions towards them.
+            chosen: index of each receiver's light; or, if not given,
+            block: lights that all receivers are joined with.
+        """
+        count = len(receivers) * (len(block) if chosen is None else 1)
+        chosen = np.empty(0, np.int32) if chosen is None else chosen
+        rows, lengths = np.empty((count, 2), np.int32), np.empty(count, np.float32)
+        origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+        n = aim(
+            receivers.points, receivers.normals, lights, chosen, block.start, distant, ORIGIN_OFFSET, LIGHT_CLEARANCE,
+            FARTHEST, rows, origins, directions, lengths,
+        )  # fmt: skip
+        return Rays(rows[:n], origins[:n], directions[:n], lengths[:n])
+
+    def occluded(self, rays: Rays) -> Int[np.ndarray, " r"]:
+        """Embree's answer per ray: -1 where it meets nothing."""
+        if not len(rays.rows):
+            return np.empty(0, np.int32)
+        return self._scene.run(rays.origins, rays.directions, dists=rays.lengths, query="OCCLUDED")
 
     def visible(
         self,
@@ -55,19 +135,15 @@ class Occluders:
     ) -> tuple[Bool[np.ndarray, " n"], int]:
         """Whether each point sees its light, and the number of rays it took.
 
-        A light on or below the horizon of the point's face is hidden by that face: known without a ray.
-
         Args:
             points: on the mesh.
-            face_normals: outward unit normals of the points' faces (geometric, not smoothed; see `ORIGIN_OFFSET`).
+            face_normals: outward unit normals of the points' faces.
             lights: positions, one per point or one [3] for all.
         """
-        above = np.flatnonzero(((lights - points) * face_normals).sum(-1) > 0)
+        rays = self._rays(points, face_normals, lights)
         seen = np.zeros(len(points), bool)
-        if len(above):
-            origins, directions, distances = self._rays(points[above], face_normals[above], _rows(lights, above))
-            seen[above] = self._scene.run(origins, directions, dists=distances, query="OCCLUDED") == -1
-        return seen, len(above)
+        seen[rays.rows[:, 0]] = self.occluded(rays) == -1
+        return seen, len(rays.rows)
 
     def first_hits(
         self,
@@ -75,23 +151,16 @@ class Occluders:
         face_normals: Float[np.ndarray, "n 3"],
         lights: Float[np.ndarray, "*#rows 3"],
     ) -> Float64[np.ndarray, " n"]:
-        """Distance from each point to the first surface on its way to the light; infinite if there is none."""
-        origins, directions, distances = self._rays(points, face_normals, lights)
+        """Distance from each point to the first surface on its way to the light; infinite if there is none.
+
+        NaN where the light is below the horizon.
+        """
+        rays, found = self._rays(points, face_normals, lights), np.full(len(points), np.nan)
         # embreex writes the hits into the array of lengths that it is given; a ray without one keeps its length.
-        hits = np.asarray(self._scene.run(origins, directions, dists=distances.copy(), query="DISTANCE"))
-        return np.where(hits < distances, hits.astype(np.float64) * self.half_extent, np.inf)
+        hits = self._scene.run(rays.origins, rays.directions, dists=rays.lengths.copy(), query="DISTANCE")
+        found[rays.rows[:, 0]] = np.where(hits < rays.lengths, hits.astype(np.float64) * self.half_extent, np.inf)
+        return found
 
-    def _rays(
-        self, points: np.ndarray, face_normals: np.ndarray, lights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Origins, unit directions and lengths in Embree's scaled scene, float32."""
-        origins = (points.astype(np.float64) - self.center) / self.half_extent + ORIGIN_OFFSET * face_normals
-        way = (np.asarray(lights, np.float64) - self.center) / self.half_extent - origins
-        distances = np.linalg.norm(way, axis=1)
-        directions = way / np.maximum(distances, np.finfo(np.float64).tiny)[:, None]
-        lengths = distances * (1 - LIGHT_CLEARANCE)
-        return origins.astype(np.float32), directions.astype(np.float32), lengths.astype(np.float32)
-
-
-def _rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    return values[rows] if values.ndim == 2 else values
+    def _rays(self, points: np.ndarray, face_normals: np.ndarray, lights: np.ndarray) -> Rays:
+        chosen = np.arange(len(points)) if lights.ndim == 2 else np.zeros(len(points), np.int64)
+        return self.aim(self.receivers(points, face_normals), self.scaled(np.atleast_2d(lights)), chosen=chosen)

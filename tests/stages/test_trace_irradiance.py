@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays, write_table
-from pipeline.capture.images import read_exr_channel
+from pipeline.capture.images import read_exr_channel, write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texels import read_atlas
 from pipeline.trace_irradiance import run
@@ -55,6 +55,73 @@ def test_threads_do_not_matter_and_seeds_do(tmp_path: Path) -> None:
     one, two, other = (read_exr_channel(tmp_path / out / "000010.exr") for out in ("one", "two", "other"))
     np.testing.assert_array_equal(one, two)
     assert (one != other).any()
+
+
+def test_what_was_saved_adds_up(tmp_path: Path) -> None:
+    """Pixels of the map times lights of the stage = rays + everything that needed none."""
+    paths = write_posed_capture(tmp_path)
+    atlas = read_atlas(paths["atlas"])
+    for out, settings in (("full", TraceIrradiance()), ("drawn", TraceIrradiance(samples="1"))):
+        run(**paths, out=tmp_path / out, settings=settings)
+        table = pd.read_parquet(tmp_path / f"{out}.parquet").set_index("frame")
+        np.testing.assert_array_equal(table.rays + table.filter(like="saved_").sum(axis=1), 64 * 64 * 3)
+        assert (table.saved_outside_charts == (64 * 64 - atlas.texel_count) * 3).all()
+        assert table.saved_unlit.tolist() == [atlas.texel_count * off for off in (1, 2, 3)]
+    assert table.saved_drawn_or_known.loc[10] == atlas.texel_count
+    # The light under the floor is below the horizon of all its texels.
+    write_table(paths["patterns"], pd.read_parquet(paths["patterns"]).assign(light="L2"))
+    run(**paths, out=tmp_path / "below")
+    assert pd.read_parquet(tmp_path / "below.parquet").set_index("frame").saved_below_horizon.loc[11] >= 32 * 64
+
+
+def test_standard_error_is_written_beside_the_map(tmp_path: Path) -> None:
+    paths = write_posed_capture(tmp_path)
+
+    def error_of(samples: str) -> np.ndarray:
+        settings = TraceIrradiance(samples=samples, sampling="uniform")
+        run(**paths, out=tmp_path / samples, settings=settings)
+        return read_exr_channel(tmp_path / samples / "000010.exr", "error")
+
+    assert not error_of("full").any()
+    one = error_of("1")
+    # Two lights and three strata: the middle one alone is left to chance, with a third of the weight.
+    assert error_of("3").mean() == pytest.approx(one.mean() / 3, rel=0.2)
+    truth = read_exr_channel(tmp_path / "full/000010.exr")
+    off = np.sqrt(np.mean((read_exr_channel(tmp_path / "1/000010.exr") - truth) ** 2))
+    assert np.sqrt(np.mean(one**2)) == pytest.approx(off, rel=0.3)
+
+
+def test_kept_visibility_makes_other_patterns_free(tmp_path: Path) -> None:
+    paths, kept = write_posed_capture(tmp_path), {"cache": tmp_path / "visibility"}
+    run(**paths, **kept, out=tmp_path / "first", settings=TraceIrradiance(relightings=100))
+    assert len(list((tmp_path / "visibility").iterdir())) == 2  # of the two frames that are lit
+    patterns = pd.read_parquet(paths["patterns"])
+    write_table(paths["patterns"], patterns.assign(light="L1", intensity_g=3.0))
+    run(**paths, **kept, out=tmp_path / "known")
+    run(**paths, out=tmp_path / "traced")
+    assert pd.read_parquet(tmp_path / "known.parquet").rays.sum() == 0
+    assert pd.read_parquet(tmp_path / "traced.parquet").rays.sum() > 0
+    for frame in (10, 11, 12):
+        for channel in ("Y", "falling"):
+            maps = [read_exr_channel(tmp_path / out / f"{frame:06d}.exr", channel) for out in ("known", "traced")]
+            np.testing.assert_array_equal(*maps)
+    # Nothing is kept where one pattern is all that a pose is asked for.
+    run(**paths, cache=tmp_path / "none", out=tmp_path / "once")
+    assert not (tmp_path / "none").exists()
+
+
+def test_environment_lights_every_frame(tmp_path: Path) -> None:
+    """Under a sky of one brightness the open floor sees half of all directions; frame 12, unlit otherwise, too."""
+    paths = write_posed_capture(tmp_path, ball=False)
+    write_exr(tmp_path / "sky.exr", dict.fromkeys("RGB", np.full((32, 64), 2, np.float32)))
+    run(**paths, out=tmp_path / "out", environment=tmp_path / "sky.exr")
+    table = pd.read_parquet(tmp_path / "out.parquet")
+    assert not table.unlit.any()
+    np.testing.assert_allclose(table["mean"], 0.5, atol=1e-3)
+    falling = read_exr_channel(tmp_path / "out/000012.exr", "falling")
+    np.testing.assert_allclose(falling[:, :32], 1, atol=1e-3)
+    with pytest.raises(InputError, match="no such file"):
+        run(**paths, out=tmp_path / "other", environment=tmp_path / "missing.exr")
 
 
 def test_samples_are_validated() -> None:

@@ -55,11 +55,13 @@ rule trace_irradiance:
         mem_mb=4000,
     params:
         code=code_of("trace_irradiance"),
+        # Visibility bits, if they are kept, are found again by their content: no output, and never out of date.
+        cache=lambda wildcards: f"results/{wildcards.subject}/visibility",
         settings=settings_of("trace_irradiance"),
     message:
         "{wildcards.subject}: tracing shadow rays, chunk {wildcards.chunk}"
     shell:
         "python -m pipeline.trace_irradiance --subject {wildcards.subject:q} --atlas {input.atlas:q} "
         "--tracking {input.tracking:q} --lights {input.lights:q} --patterns {input.patterns:q} "
-        "--frames {input.frames:q} --out {output.irradiance:q} --threads {threads} "
+        "--frames {input.frames:q} --out {output.irradiance:q} --cache {params.cache:q} --threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"

@@ -1,0 +1,246 @@
+"""Irradiance maps against the rays alone, against trimesh, and against visibility bits: one JSON line per result.
+
+    python -m benchmarks.bench_irradiance [--repeats 5] [--threads 2] [--frames 64]
+
+Sides are timed alternately in one process, wall clock, frames spread over `--threads` threads. `raw embreex` answers
+the very rays of the job, made beforehand, in trees built beforehand; `trimesh` is the plain loop of `intersects_any`
+over frames. `bits` lines give the cost of tracing and of visibility bits, and what the cost model of
+pipeline.lighting.visibility_bits chose. The last lines are the memory of the largest map, and a projection to 5,000
+frames of 1024 x 1024 texels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import json
+import resource
+import statistics
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from scipy.spatial import KDTree
+
+from pipeline.geometry.mesh import area_vectors, unit_or
+from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, draw_lights, light_scene
+from pipeline.lighting.irradiance import trace_irradiance as trace
+from pipeline.lighting.visibility import Occluders, light_blocks
+from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits
+
+SUBDIVISIONS = 5
+"""Of the icosahedron: 20,480 faces, a body's template."""
+
+PAPER_FRAMES, PAPER_SIDE = 5000, 1024
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A dented ball, and points spread over it row by row as the texels of a chart are."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    points: np.ndarray
+    face_normals: np.ndarray
+    texel: np.ndarray
+
+    def occluders(self) -> Occluders:
+        return Occluders(self.vertices, self.faces)
+
+
+def make_pose(side: int, phase: float = 0.0) -> Pose:
+    """`side` squared texels; `phase` moves the dents from frame to frame."""
+    ball = trimesh.creation.icosphere(SUBDIVISIONS)
+    unit, faces = np.array(ball.vertices), np.array(ball.faces)
+    vertices = unit * (1 + 0.3 * np.sin(5 * unit + phase).prod(1, keepdims=True)) * [0.5, 0.9, 0.4]
+    height = 1 - 2 * (np.arange(side * side) + 0.5) / (side * side)
+    around = np.arange(side * side) * (2 * np.pi / side)
+    toward = np.stack([np.sqrt(1 - height**2) * np.cos(around), height, np.sqrt(1 - height**2) * np.sin(around)], 1)
+    face = KDTree(unit[faces].mean(1)).query(toward)[1]
+    normals = unit_or(area_vectors(vertices, faces), 0.0)[face]
+    texel = np.stack(np.divmod(np.arange(side * side), side), 1)
+    return Pose(vertices, faces, vertices[faces[face]].mean(1), normals, texel)
+
+
+def dome(count: int) -> Lights:
+    """Lights spread evenly over a sphere of 2.4 m, of one brightness."""
+    height = 1 - 2 * (np.arange(count) + 0.5) / count
+    around = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    across = np.sqrt(1 - height**2)
+    return Lights(2.4 * np.stack([across * np.cos(around), height, across * np.sin(around)], 1), np.ones(count))
+
+
+def trace_map(pose: Pose, occluders: Occluders, lights: Lights, samples: int | None) -> IrradianceMap:
+    """Ray set-up, tracing and reduction."""
+    drawn = None
+    if samples is not None:
+        drawn = Samples(samples, "power", "low_discrepancy", pose.texel, np.random.default_rng(0))
+    return trace(occluders, pose.points, pose.face_normals, lights, samples=drawn)
+
+
+def spread_over(pool: ThreadPoolExecutor, function: Callable, *arguments: list) -> list:
+    """Results of a function over lists of arguments, on the pool's threads."""
+    return list(pool.map(function, *arguments))
+
+
+def answer(frame: tuple[Occluders, list]) -> list:
+    """Embree's answers to rays made beforehand."""
+    occluders, rays = frame
+    return [occluders.occluded(some) for some in rays]
+
+
+def rays_of(pose: Pose, lights: Lights, samples: int | None) -> tuple[Occluders, list]:
+    """The rays that `trace_map` traces, made beforehand."""
+    scene = light_scene(pose.occluders(), pose.points, pose.face_normals, lights, None)
+    aim = scene.occluders.aim
+    if samples is None:
+        blocks = light_blocks(len(pose.points), len(scene.lights))
+        return scene.occluders, [aim(scene.receivers, scene.lights, block=block) for block in blocks]
+    rng, rays = np.random.default_rng(0), []
+    for n in range(samples):
+        uniform = (n + rng.random(len(pose.points))) / samples
+        chosen, _ = draw_lights(scene, "power", uniform, np.ones_like(uniform))
+        rays.append(aim(scene.receivers, scene.lights, chosen=chosen))
+    return scene.occluders, rays
+
+
+def trimesh_loop(poses: list[Pose], lights: Lights) -> None:
+    """1 sample per texel the plain way: draw, subtract, normalise, ask."""
+    for frame, pose in enumerate(poses):
+        mesh = trimesh.Trimesh(pose.vertices, pose.faces, process=False)
+        chosen = np.random.default_rng(frame).integers(len(lights.places), size=len(pose.points))
+        way = lights.places[chosen] - pose.points
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        hit = mesh.ray.intersects_any(pose.points + 1e-4 * pose.face_normals, way)
+        np.where(hit, 0.0, 1.0)
+
+
+def interleaved(sides: dict[str, Callable[[], object]], repeats: int) -> dict[str, list[float]]:
+    """Seconds of each side, run in turn; a first round, which compiles, does not count."""
+    seconds: dict[str, list[float]] = {name: [] for name in sides}
+    for k in range(repeats + 1):
+        for name, run in sides.items():
+            start = time.perf_counter()
+            run()
+            if k:
+                seconds[name].append(time.perf_counter() - start)
+    return seconds
+
+
+def tell(result: str, **facts: object) -> None:
+    rounded = {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in facts.items()}
+    print(json.dumps({"result": result, **rounded}), flush=True)
+
+
+def against_raw_rays(pool: ThreadPoolExecutor, threads: int, repeats: int) -> dict[str, float]:
+    """End to end over the rays alone, for one sample and for all of 24 lights; returns nanoseconds per ray."""
+    lights, cost = dome(24), {}
+    for name, samples, side in (("1 sample", 1, 512), ("all lights", None, 256)):
+        poses = [make_pose(side, phase) for phase in range(2 * threads)]
+        ready = [rays_of(pose, lights, samples) for pose in poses]
+        count = sum(len(rays.rows) for _, frame in ready for rays in frame)
+
+        one = functools.partial(trace_map, lights=lights, samples=samples)
+        sides = {
+            "raw": functools.partial(spread_over, pool, answer, ready),
+            "whole": functools.partial(spread_over, pool, one, poses, [occluders for occluders, _ in ready]),
+        }
+        seconds = interleaved(sides, repeats)
+        ratio = statistics.median(r / w for r, w in zip(seconds["raw"], seconds["whole"], strict=True))
+        millions = {f"{k}_Mray_s": count / statistics.median(s) / 1e6 for k, s in seconds.items()}
+        tell(f"end to end / raw embreex, {name}", value=ratio, rays=count, threads=threads, **millions)
+        cost[name] = statistics.median(seconds["whole"]) * threads / count * 1e9
+    return cost
+
+
+def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None:
+    lights, poses = dome(24), [make_pose(512, 0.1 * frame) for frame in range(frames)]
+    sides = {
+        "ours": lambda: list(pool.map(lambda pose: trace_map(pose, pose.occluders(), lights, 1), poses)),
+        "trimesh": lambda: trimesh_loop(poses, lights),
+    }
+    seconds = interleaved(sides, repeats)
+    ratio = statistics.median(t / o for t, o in zip(seconds["trimesh"], seconds["ours"], strict=True))
+    medians = {f"{k}_s": statistics.median(s) for k, s in seconds.items()}
+    tell("trimesh intersects_any loop / ours, 1 sample", value=ratio, frames=frames, map="512 x 512", **medians)
+
+
+def bits_against_rays(repeats: int) -> None:
+    """For several numbers of patterns per pose: is the side that the cost model chose the faster one?"""
+    lights, pose = dome(96), make_pose(128)
+    rng = np.random.default_rng(0)
+    for lit, samples in ((96, None), (16, None), (16, 1)):
+        for patterns in (1, 2, 4, 16, 64):
+            brightness = np.zeros((patterns, 96))
+            for row in brightness:
+                row[rng.permutation(96)[:lit]] = 1
+            occluders = pose.occluders()
+
+            def by_rays(
+                occluders: Occluders = occluders, rows: np.ndarray = brightness, n: int | None = samples
+            ) -> None:
+                for row in rows:
+                    drawn = n and Samples(n, "power", "random", pose.texel, np.random.default_rng(0))
+                    trace(occluders, pose.points, pose.face_normals, Lights(lights.places, row), samples=drawn)
+
+            def by_bits(occluders: Occluders = occluders, rows: np.ndarray = brightness) -> None:
+                known = trace_bits(occluders, pose.points, pose.face_normals, lights.places)
+                for row in rows:
+                    all_lights = Lights(lights.places, row)
+                    irradiance_from_bits(known, occluders, pose.points, pose.face_normals, all_lights)
+
+            seconds = interleaved({"traced": by_rays, "bits": by_bits}, repeats)
+            medians = {k: statistics.median(s) for k, s in seconds.items()}
+            choice = "bits" if bits_are_cheaper(96, [lit] * patterns, samples) else "traced"
+            facts = {f"{k}_ms": 1e3 * s for k, s in medians.items()}
+            loss = medians[choice] / min(medians.values())
+            tell(
+                "visibility bits or rays", lights=96, lit=lit, samples=samples or "full", patterns=patterns,
+                chosen=choice, chosen_over_better=loss, **facts,
+            )  # fmt: skip
+
+
+def memory_of_the_largest() -> None:
+    """Peak of the process, all of it, after one sample at 1024 x 1024 texels and 1,024 lights."""
+    pose, lights = make_pose(PAPER_SIDE), dome(1024)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    start = time.perf_counter()
+    trace_map(pose, pose.occluders(), lights, 1)
+    seconds = time.perf_counter() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    tell("memory, 1024 x 1024 texels, 1,024 lights, 1 sample", peak_MB=peak, before_MB=before, seconds=seconds)
+
+
+def projection(cost_ns: dict[str, float]) -> None:
+    """Hours for 5,000 frames of 1024 x 1024 texels under 1,024 lights, from the cost per ray measured here.
+
+    Half the pairs are below the horizon; other cores are taken to be as fast as these two, and frames to be spread
+    over them.
+    """
+    pairs = PAPER_FRAMES * PAPER_SIDE**2 / 2
+    for samples, each in ((1, cost_ns["1 sample"]), (16, cost_ns["1 sample"]), (1024, cost_ns["all lights"])):
+        core_hours = pairs * samples * each * 1e-9 / 3600
+        hours = {f"hours_on_{cores}_cores": core_hours / cores for cores in (2, 16, 64)}
+        tell("projection, 5,000 frames x 1024 x 1024 texels", samples=samples, **hours)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5, help="timed runs of each side")
+    parser.add_argument("--threads", type=int, default=2, help="threads of each side")
+    parser.add_argument("--frames", type=int, default=64, help="frames of the job that trimesh is compared on")
+    arguments = parser.parse_args()
+    memory_of_the_largest()
+    with ThreadPoolExecutor(arguments.threads) as pool:
+        cost = against_raw_rays(pool, arguments.threads, arguments.repeats)
+        against_trimesh(pool, arguments.frames, max(1, arguments.repeats // 2))
+    bits_against_rays(arguments.repeats)
+    projection(cost)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Visibility of every texel to every light, one bit each: traced once per pose, then any pattern costs no rays.
+
+A light's bits say which texels see it. Changing which lights are on, or how bright they are, then is a masked sum
+(`irradiance_from_bits`); only moving the mesh or a light calls for new rays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float64, UInt8
+
+from pipeline.lighting.irradiance import MIN_DISTANCE, IrradianceMap, Lights, exact_map, light_scene, unlit_map
+from pipeline.lighting.ray_kernels import add_seen_bits
+from pipeline.lighting.visibility import Occluders, light_blocks
+
+RAY_NS, PAIR_NS, BIT_NS = 130.0, 2.0, 1.5
+"""Cost of a shadow ray with its set-up, of adding a light at a point, and of adding it by its bit. Measured on two
+cores by benchmarks/bench_irradiance.py, which compares the choice made with them to what each way took."""
+
+FACING = 0.5
+"""Share of a closed surface that faces any one light: of a convex one, half (Cauchy's formula averages to the same)."""
+
+
+@dataclass(frozen=True)
+class VisibilityBits:
+    """Row j: the points that see light j, packed as np.packbits does. `rays`: what it took to trace."""
+
+    bits: UInt8[np.ndarray, "m bytes"]
+    points: int
+    rays: int
+
+    def seen(self, light: int) -> np.ndarray:
+        """Mask of the points that see a light."""
+        return np.unpackbits(self.bits[light], count=self.points).astype(bool)
+
+
+def trace_bits(
+    occluders: Occluders,
+    points: Float[np.ndarray, "t 3"],
+    face_normals: Float[np.ndarray, "t 3"],
+    places: Float64[np.ndarray, "m 3"],
+    distant: bool = False,
+) -> VisibilityBits:
+    """Visibility of all points to all lights (`places`: positions, or directions of distant ones), lit or not."""
+    receivers, count = occluders.receivers(points, face_normals), len(points)
+    scaled = np.ascontiguousarray(places if distant else occluders.scaled(places))
+    bits, traced = np.zeros((len(places), (count + 7) // 8), np.uint8), 0
+    for block in light_blocks(count, len(places)):
+        rays = occluders.aim(receivers, scaled, distant, block=block)
+        seen = np.zeros((len(block), count), bool)
+        seen[rays.rows[:, 1] - block.start, rays.rows[:, 0]] = occluders.occluded(rays) == -1
+        bits[block.start : block.stop], traced = np.packbits(seen, axis=1), traced + len(rays.rows)
+    return VisibilityBits(bits, count, traced)
+
+
+def irradiance_from_bits(
+    visibility: VisibilityBits,
+    occluders: Occluders,
+    points: Float[np.ndarray, "t 3"],
+    face_normals: Float[np.ndarray, "t 3"],
+    lights: Lights,
+    normals: Float[np.ndarray, "t 3"] | None = None,
+) -> IrradianceMap:
+    """The exact map of a pattern, without a ray.
+
+    Args:
+        lights: all lights that the bits were traced for, in their order; those at zero are off.
+        normals: of the smooth surface, for the cosine; the faces' if not given.
+    """
+    scene = light_scene(occluders, points, face_normals, lights, normals)
+    if scene is None:
+        return unlit_map(len(points))
+    arrived, fallen = np.zeros(len(points)), np.zeros(len(points))
+    for place, luminance, light in zip(
+        scene.lights, scene.luminances, np.flatnonzero(lights.luminances > 0), strict=True
+    ):
+        add_seen_bits(
+            scene.receivers.points, scene.normals, place, luminance, scene.distant, MIN_DISTANCE**2,
+            visibility.bits[light], arrived, fallen,
+        )  # fmt: skip
+    return exact_map(scene, arrived, fallen, 0, 0)
+
+
+def bits_are_cheaper(lights: int, lit: list[int], samples: int | None) -> bool:
+    """Whether bits pay for the patterns of one pose.
+
+    Args:
+        lights: of the stage, all of which get bits.
+        lit: number of lit lights of each pattern.
+        samples: lights drawn per texel, or None for all that are lit.
+    """
+    traced = sum(FACING * RAY_NS * (n if samples is None else samples) + PAIR_NS * n for n in lit)
+    cached = FACING * RAY_NS * lights + sum(BIT_NS * n + PAIR_NS * n for n in lit)
+    return cached < traced
