@@ -11,6 +11,7 @@ import pandas as pd
 
 from pipeline.base.errors import InputError
 from pipeline.base.progress import progress
+from pipeline.capture.color_views import evenly
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.keypoint_targets import KeypointTargets
 from pipeline.geometry.mesh_tracker import Observations
@@ -82,9 +83,7 @@ def mask_views(
 ) -> list[View]:
     """Masks as outlines to fit, from at most `most` cameras, reduced to `size_px`; empty if the capture has none."""
     masked = images[images.mask_path.notna() & images.camera.isin(list(cameras)) & images.frame.isin(frames)]
-    names = sorted(masked.camera.unique())
-    if len(names) > most:
-        names = [names[i] for i in np.linspace(0, len(names) - 1, most).round().astype(int)]
+    names = evenly(sorted(masked.camera.unique()), most)
     views = []
     for name in progress(names, "read masks"):
         factor = max(1, int(np.ceil(max(cameras[name].width, cameras[name].height) / size_px)))

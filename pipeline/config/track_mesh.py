@@ -20,7 +20,9 @@ class TrackMesh(Settings):
     translation_acceleration: float = Field(
         10.0, gt=0, description="typical acceleration of the whole subject; less is smoother [m/s^2]"
     )
-    rest_rotation: float = Field(1.0, gt=0, description="typical rotation of a joint away from the rest pose [rad]")
+    rest_rotation: float = Field(
+        0.3, gt=0, description="typical rotation of a joint away from the rest pose; much larger ones are allowed [rad]"
+    )
     max_iterations: int = Field(30, ge=1, description="Gauss-Newton steps per solve; it mostly converges in ten")
     outline_rounds: int = Field(
         5, ge=0, description="rounds of fitting outlines to masks; 0: keypoints alone, heads and hands stay stiff"
@@ -29,5 +31,16 @@ class TrackMesh(Settings):
     outline_vertices: int = Field(600, ge=1, description="vertices, spread evenly, that may sit on an outline")
     outline_cameras: int = Field(24, ge=1, description="at most this many cameras' masks are used, evenly chosen")
     outline_size_px: int = Field(512, ge=16, description="longer side to which masks are reduced [px]")
+    image_rounds: int = Field(
+        3, ge=0, description="rounds of comparing colours between fully lit frames, at each blur; 0: no refinement"
+    )
+    image_points: int = Field(1500, ge=1, description="points of the surface whose colours are compared")
+    image_frames: int = Field(
+        32, ge=2, description="at most this many fully lit frames of a chunk are refined, evenly chosen"
+    )
+    image_cameras: int = Field(24, ge=1, description="at most this many cameras' images are used, evenly chosen")
+    image_redundancy: float = Field(
+        25.0, gt=0, description="colours that count as one: neighbours share a shadow's edge, a highlight, a blur"
+    )
     context_frames: int = Field(8, ge=0, description="frames on either side of a chunk, solved along")
     use_test_cameras: bool = Field(False, description="whether held-out cameras' keypoints and masks help tracking")

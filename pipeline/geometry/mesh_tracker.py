@@ -3,32 +3,30 @@
 1. Triangulate every keypoint robustly; frames with too few are set aside.
 2. Align the rest pose rigidly to each frame, then solve for all poses against the triangulated points.
 3. Solve again against the 2D keypoints themselves.
-4. Rounds of outline fitting, with the keypoints kept, for what keypoints leave open.
-5. Frames set aside are interpolated between their neighbours on the rotation manifold.
+4. Rounds of fitting what else the images show (`Cue`), with the keypoints kept, for what keypoints leave open.
+5. Well lit frames are refined with more (their colours); the corrections are carried to the frames between them, on
+   the rotation manifold, where their own keypoints correct them again.
+6. Frames set aside are interpolated between their neighbours.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.carrying import carry_corrections, fill_between
+from pipeline.geometry.cues import Rounds, fit_cues
 from pipeline.geometry.keypoint_targets import KeypointTargets, size_ratio
 from pipeline.geometry.kinematics import Pose, TrackedPoints, point_positions, tracked_points
 from pipeline.geometry.motion_prior import MotionPrior
-from pipeline.geometry.outlines import outline_term, spread_vertices
-from pipeline.geometry.pose_solver import align_rigidly, joined, position_term, reprojection_term, solve_poses
-from pipeline.geometry.rotations import matrix_from_quaternion, slerp
-from pipeline.geometry.silhouettes import View
-from pipeline.geometry.skin import Template, posed
+from pipeline.geometry.pose_solver import align_rigidly, position_term, reprojection_term, solve_poses
+from pipeline.geometry.skin import Template
 from pipeline.geometry.triangulation import reprojection, triangulate
-
-LOG = logging.getLogger(__name__)
 
 SMALLEST_SIGMA_PX = 0.05
 """Keypoints are never trusted further than this: calibration is not better."""
@@ -36,11 +34,9 @@ SMALLEST_SIGMA_PX = 0.05
 SMALLEST_SIGMA_M = 0.01
 """The start trusts triangulated points to a centimetre, so that it reaches its minimum from a pose far away."""
 
-SETTLED_M = 1e-4
-"""Outline rounds end when vertices move less than this on average, a tenth of what a mask can tell."""
-
-OUTLINE_STEPS = 4
-"""Gauss-Newton steps per outline round; then the drawn outline is out of date."""
+CARRIED_RAD = 0.05
+"""How far a joint may be from where the refined frames around it put it: 3 degrees, what a single frame's keypoints leave
+open (half a pixel, 5 mm, at both ends of a 0.2 m bone), so that they correct a carried pose but do not undo it."""
 
 WELL_SEEN = 0.5
 """Frames with this share of the best frame's keypoints are aligned on their own; the others start between them."""
@@ -63,10 +59,27 @@ class Observations:
 
 
 @dataclass(frozen=True)
-class Tracking:
-    """Poses, and per frame: whether it was solved or interpolated, and how well its keypoints fit.
+class Refinement:
+    """What the best lit frames are refined with.
 
     Attributes:
+        frames: to refine.
+        rounds: for these.
+        others: for the frames between them, once corrected like these.
+    """
+
+    frames: Int64[np.ndarray, " refined"]
+    rounds: Sequence[Rounds]
+    others: Sequence[Rounds]
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Poses, and per frame: how it was found, and how well its keypoints fit.
+
+    Attributes:
+        status: [frames] of text: "tracked" by keypoints and outlines; "refined" by images as well; "carried": tracked,
+            with the corrections of the refined frames around it; "interpolated": too few keypoints.
         residual_px: distance of every detected keypoint to the model's, undistorted pixels; NaN where not detected.
         keypoints: number of triangulated keypoints per frame.
         noise_px, sigma_px: standard deviation of a keypoint's coordinate about its triangulated point, and the model's.
@@ -74,7 +87,7 @@ class Tracking:
     """
 
     pose: Pose
-    solved: Bool[np.ndarray, " frames"]
+    status: np.ndarray
     residual_px: Float64[np.ndarray, "cameras frames keypoints"]
     keypoints: Int64[np.ndarray, " frames"]
     noise_px: float
@@ -83,11 +96,11 @@ class Tracking:
 
 
 def track(
-    template: Template, targets: KeypointTargets, observations: Observations, views: Sequence[View],
-    prior: MotionPrior, *, inlier_px: float, min_keypoints: int, max_iterations: int, outline_rounds: int,
-    outline_sigma_px: float, outline_vertices: int,
+    template: Template, targets: KeypointTargets, observations: Observations, prior: MotionPrior,
+    schedule: Sequence[Rounds], refinement: Refinement | None = None, *, inlier_px: float, min_keypoints: int,
+    max_iterations: int,
 ) -> Tracking:  # fmt: skip
-    """Poses of consecutive frames; `views` may be empty. Other parameters as in `pipeline.config.track_mesh`.
+    """Poses of consecutive frames. `schedule` may be empty; other parameters as in `pipeline.config.track_mesh`.
 
     Raises:
         InputError: if no frame has enough keypoints, or the template's unit is wrong.
@@ -107,32 +120,45 @@ def track(
         )
     ratio = size_ratio(template, targets, measured, point_positions(points, points.rest_pose(1))[0])
     kept = np.flatnonzero(solved)
-    some, prior = observations.at(kept), prior.at(kept)
+    some, takes, prior = observations.at(kept), prior.takes, prior.at(kept)
     sigma_m = np.maximum(found.sigma_m.reshape(frames, count)[kept], SMALLEST_SIGMA_M)
     start = _aligned(points, measured[kept])
     pose, _ = solve_poses(points, position_term(measured[kept], sigma_m), prior, start, max_iterations)
     sigma_px = max(found.noise_px, SMALLEST_SIGMA_PX)
     pose, sigma_px = _fit_keypoints(points, some, prior, pose, sigma_px, max_iterations)
-    if views:
-        chosen = spread_vertices(template.vertices_rest, outline_vertices)
-        views = [view.at(kept) for view in views]
-        term = reprojection_term(some.cameras, some.normalised, some.confidence, sigma_px)
-        for outline_round in range(outline_rounds):
-            before = _posed(template, pose)
-            outlines = outline_term(views, before, template.faces, chosen, outline_sigma_px)
-            both = points.with_vertices(chosen)
-            pose, _ = solve_poses(both, joined([term, outlines], [count, len(chosen)]), prior, pose, OUTLINE_STEPS)
-            change = np.linalg.norm(_posed(template, pose) - before, axis=-1).mean()
-            LOG.info("outline round %d: vertices moved %.2f mm on average", outline_round + 1, 1e3 * change)
-            if change < SETTLED_M:
-                break
-    pose = fill_between(pose, kept, frames, points.pivot)
+    term = reprojection_term(some.cameras, some.normalised, some.confidence, sigma_px)
+    for rounds in schedule:
+        pose = fit_cues(points, term, rounds.at(kept), prior, pose)
+    status = np.where(solved, "tracked", "interpolated")
+    if refinement is not None:
+        known = np.flatnonzero(np.isin(kept, refinement.frames))
+        if len(known):
+            pose = _refine(points, some, sigma_px, refinement, kept, known, prior, pose)
+            status[kept] = "carried"
+            status[kept[known]] = "refined"
+    pose = fill_between(pose, kept, frames, points.pivot, takes)
     residual = _residual_px(points, observations, pose)
-    return Tracking(pose, solved, residual, keypoints, found.noise_px, sigma_px, ratio)
+    return Tracking(pose, status, residual, keypoints, found.noise_px, sigma_px, ratio)
 
 
-def _posed(template: Template, pose: Pose) -> np.ndarray:
-    return posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
+def _refine(
+    points: TrackedPoints, observations: Observations, sigma_px: float, refinement: Refinement,
+    kept: Int64[np.ndarray, " kept"], known: Int64[np.ndarray, " known"], prior: MotionPrior, pose: Pose,
+) -> Pose:  # fmt: skip
+    """Refine the `known` ones of the `kept` frames; carry what changed to the others and fit their own keypoints."""
+    few = observations.at(known)
+    term = reprojection_term(few.cameras, few.normalised, few.confidence, sigma_px)
+    refined = pose.at(known)
+    for rounds in refinement.rounds:
+        refined = fit_cues(points, term, rounds.at(kept[known]), prior.at(known), refined)
+    carried = carry_corrections(pose, refined, known, points.pivot, prior.takes)
+    if len(known) == len(kept):
+        return refined
+    term = reprojection_term(observations.cameras, observations.normalised, observations.confidence, sigma_px)
+    prior = replace(prior, expected=carried.joint_rotations, rest_rotation=CARRIED_RAD)
+    for rounds in refinement.others:
+        carried = fit_cues(points, term, rounds.at(kept), prior, carried)
+    return carried.replaced(known, refined)
 
 
 def _residual_px(points: TrackedPoints, observations: Observations, pose: Pose) -> np.ndarray:
@@ -166,18 +192,3 @@ def _aligned(points: TrackedPoints, measured: Float64[np.ndarray, "frames keypoi
         use = known[frame]
         rotation[row], translation[row] = align_rigidly(source[use], measured[frame, use], np.ones(use.sum()))
     return fill_between(Pose(rotation, translation, rest.joint_rotations), well, len(measured), points.pivot)
-
-
-def fill_between(pose: Pose, known: Int64[np.ndarray, " known"], frames: int, pivot: Float64[np.ndarray, " 3"]) -> Pose:
-    """Poses of all `frames` from those of the `known` ones: rotations by slerp and the pivot along a line in between,
-    the nearest pose before the first and after the last.
-    """
-    wanted = np.arange(frames)
-    after = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    before = np.where(known[after] > wanted, np.maximum(after - 1, 0), after)
-    at = np.clip((wanted - known[before]) / np.maximum(known[after] - known[before], 1), 0.0, 1.0)
-    rotation = slerp(pose.root_rotation[before], pose.root_rotation[after], at)
-    pivots = matrix_from_quaternion(pose.root_rotation) @ pivot + pose.root_translation
-    between = pivots[before] * (1 - at[:, None]) + pivots[after] * at[:, None]
-    joints = slerp(pose.joint_rotations[before], pose.joint_rotations[after], at[:, None])
-    return Pose(rotation, between - matrix_from_quaternion(rotation) @ pivot, joints)
