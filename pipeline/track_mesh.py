@@ -23,13 +23,15 @@ from pipeline.base.files import read_json, read_table, write_arrays, write_table
 from pipeline.capture.color_views import read_color_views
 from pipeline.capture.tracking_inputs import image_cameras, keypoint_observations, mask_views
 from pipeline.config.track_mesh import TrackMesh
-from pipeline.geometry.cues import Rounds
+from pipeline.geometry.cues import Rounds, vertices_of
 from pipeline.geometry.keypoint_targets import read_keypoint_targets
 from pipeline.geometry.mesh_tracker import Tracking, track
 from pipeline.geometry.motion_prior import MotionPrior
 from pipeline.geometry.outlines import OutlineCue, spread_vertices
 from pipeline.geometry.silhouettes import View, silhouette_overlap
-from pipeline.geometry.skin import Template, posed, read_template
+from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.surface_tracker import DeformationPrior, track_surface
+from pipeline.geometry.vertex_offsets import carrying_matrices
 from pipeline.lighting.frame_lights import read_frame_lights
 from pipeline.rendering.refinement import fully_lit_frames, image_refinement
 
@@ -87,6 +89,7 @@ def run(
         refinement = image_refinement(
             template, colors, read_frame_lights(lights, patterns), frame_numbers, lit, outlines,
             rounds=settings.image_rounds, points=settings.image_points, redundancy=settings.image_redundancy,
+            offset_m=settings.offset_m,
         )  # fmt: skip
     prior = MotionPrior(
         with_context.timestamp_s.to_numpy(np.float64), settings.rotation_acceleration,
@@ -94,7 +97,14 @@ def run(
         takes=pd.factorize(with_context.segment)[0].astype(np.int64),
     )  # fmt: skip
     schedule = [Rounds("outlines", outlines, settings.outline_rounds)] if outlines else []
-    tracking = track(template, targets, observations, prior, schedule, refinement, **tracker_settings)
+    if template.rigged:
+        tracking = track(template, targets, observations, prior, schedule, refinement, **tracker_settings)
+    else:
+        deformation = DeformationPrior(
+            settings.deformation_modes, settings.deformation_m, settings.deformation_length_m,
+            settings.deformation_time_s,
+        )  # fmt: skip
+        tracking = track_surface(template, deformation, targets, observations, prior, schedule, **tracker_settings)
     LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)
     LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
     kept = slice(first - start, last - start)
@@ -106,7 +116,10 @@ def _write(
     inlier_px: float,
 ) -> None:  # fmt: skip
     pose, every = tracking.pose.at(kept), np.arange(len(frames))[kept]
-    vertices = posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
+    vertices = vertices_of(template, pose)
+    vertices = vertices + np.einsum(
+        "fvab,fvb->fva", carrying_matrices(template, pose), tracking.offsets[kept], optimize=True
+    )
     residual = tracking.residual_px[:, kept]
     inlier = residual < inlier_px
     count = inlier.sum((0, 2))
@@ -118,18 +131,27 @@ def _write(
             "rms_px": np.where(count > 0, rms, np.nan),
             "inliers": count,
             "observations": np.isfinite(residual).sum((0, 2)),
-            "keypoints": tracking.keypoints[kept],
+            "keypoints": np.isfinite(tracking.keypoints_m[kept]).all(-1).sum(1),
+            "masks": np.sum([view.usable[kept] for view in views], axis=0) if views else 0,
             "silhouette_iou": silhouette_overlap([view.at(every) for view in views], vertices, template.faces),
         }
     )
     interpolated = table.frame[table.status == "interpolated"].tolist()
     if interpolated:
         LOG.warning("%d frames had too few keypoints and were interpolated: %s", len(interpolated), interpolated)
+    unmasked = table.frame[table.masks == 0].tolist()
+    if views and unmasked:
+        LOG.warning("%d frames have no mask; carried poses stand in for outlines: %s", len(unmasked), unmasked)
+    for status, rows in table.groupby("status"):
+        LOG.info("%d frames %s", len(rows), status)
     arrays = {
         "frames": frames[kept], "vertices": vertices.astype(np.float32),
         "joint_rotations": pose.joint_rotations.astype(np.float32),
         "root_rotation": pose.root_rotation.astype(np.float32),
         "root_translation": pose.root_translation.astype(np.float32),
+        "offsets": tracking.offsets[kept].astype(np.float32),
+        "keypoints": tracking.keypoints_m[kept].astype(np.float32),
+        "keypoint_sigma_m": tracking.keypoint_sigma_m[kept].astype(np.float32),
     }  # fmt: skip
     if not template.rigged:
         del arrays["joint_rotations"]

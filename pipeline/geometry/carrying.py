@@ -63,5 +63,14 @@ def carry_corrections(
     return Pose(rotation, moved - matrix_from_quaternion(rotation) @ pivot, joints)
 
 
+def carry_offsets(
+    offsets: Float64[np.ndarray, "known vertices 3"], known: Int64[np.ndarray, " known"], frames: int,
+    takes: Int64[np.ndarray, " frames"] | None = None,
+) -> Float64[np.ndarray, "frames vertices 3"]:  # fmt: skip
+    """Offsets before skinning of all `frames`, along a line between the known ones'."""
+    before, after, share = neighbours(known, frames, takes)
+    return offsets[before] * (1 - share[:, None, None]) + offsets[after] * share[:, None, None]
+
+
 def _pivots(pose: Pose, pivot: np.ndarray) -> Float64[np.ndarray, "frames 3"]:
     return matrix_from_quaternion(pose.root_rotation) @ pivot + pose.root_translation

@@ -11,32 +11,33 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.carrying import carry_corrections, fill_between
+from pipeline.geometry.carrying import carry_offsets, fill_between
 from pipeline.geometry.cues import Rounds, fit_cues
 from pipeline.geometry.keypoint_targets import KeypointTargets, size_ratio
 from pipeline.geometry.kinematics import Pose, TrackedPoints, point_positions, tracked_points
 from pipeline.geometry.motion_prior import MotionPrior
-from pipeline.geometry.pose_solver import align_rigidly, position_term, reprojection_term, solve_poses
+from pipeline.geometry.pose_solver import DataTerm, align_rigidly, position_term, reprojection_term, solve_poses
+from pipeline.geometry.refining import Refinement, refine
 from pipeline.geometry.skin import Template
-from pipeline.geometry.triangulation import reprojection, triangulate
+from pipeline.geometry.swaps import exchanged, find_swaps
+from pipeline.geometry.triangulation import Triangulation, reprojection, triangulate
+
+LOG = logging.getLogger(__name__)
 
 SMALLEST_SIGMA_PX = 0.05
 """Keypoints are never trusted further than this: calibration is not better."""
 
 SMALLEST_SIGMA_M = 0.01
 """The start trusts triangulated points to a centimetre, so that it reaches its minimum from a pose far away."""
-
-CARRIED_RAD = 0.05
-"""How far a joint may be from where the refined frames around it put it: 3 degrees, what a single frame's keypoints leave
-open (half a pixel, 5 mm, at both ends of a 0.2 m bone), so that they correct a carried pose but do not undo it."""
 
 WELL_SEEN = 0.5
 """Frames with this share of the best frame's keypoints are aligned on their own; the others start between them."""
@@ -59,37 +60,26 @@ class Observations:
 
 
 @dataclass(frozen=True)
-class Refinement:
-    """What the best lit frames are refined with.
-
-    Attributes:
-        frames: to refine.
-        rounds: for these.
-        others: for the frames between them, once corrected like these.
-    """
-
-    frames: Int64[np.ndarray, " refined"]
-    rounds: Sequence[Rounds]
-    others: Sequence[Rounds]
-
-
-@dataclass(frozen=True)
 class Tracking:
     """Poses, and per frame: how it was found, and how well its keypoints fit.
 
     Attributes:
+        offsets: of the vertices before skinning, metres; see `pipeline.geometry.vertex_offsets`.
         status: [frames] of text: "tracked" by keypoints and outlines; "refined" by images as well; "carried": tracked,
             with the corrections of the refined frames around it; "interpolated": too few keypoints.
         residual_px: distance of every detected keypoint to the model's, undistorted pixels; NaN where not detected.
-        keypoints: number of triangulated keypoints per frame.
+        keypoints_m, keypoint_sigma_m: triangulated, and the standard deviation of each (root mean square over axes);
+            NaN where fewer than two cameras agree.
         noise_px, sigma_px: standard deviation of a keypoint's coordinate about its triangulated point, and the model's.
         size_ratio: measured over template bone lengths.
     """
 
     pose: Pose
+    offsets: Float64[np.ndarray, "frames vertices 3"]
     status: np.ndarray
     residual_px: Float64[np.ndarray, "cameras frames keypoints"]
-    keypoints: Int64[np.ndarray, " frames"]
+    keypoints_m: Float64[np.ndarray, "frames keypoints 3"]
+    keypoint_sigma_m: Float64[np.ndarray, "frames keypoints"]
     noise_px: float
     sigma_px: float
     size_ratio: float
@@ -107,10 +97,8 @@ def track(
     """
     points = tracked_points(template, targets.joints, targets.vertices)
     count, frames = len(targets.names), observations.normalised.shape[1]
-    flat = observations.normalised.reshape(len(observations.cameras), -1, 2)
-    confidence = observations.confidence.reshape(len(observations.cameras), -1)
-    found = triangulate(observations.cameras, flat, confidence, inlier_px)
-    measured = found.points.reshape(frames, count, 3)
+    observations, found = triangulate_unswapped(observations, targets.names, inlier_px)
+    measured, sigma_m = found.points.reshape(frames, count, 3), found.sigma_m.reshape(frames, count)
     keypoints = np.isfinite(measured).all(-1).sum(1)
     solved = keypoints >= min_keypoints
     if not solved.any():
@@ -121,44 +109,49 @@ def track(
     ratio = size_ratio(template, targets, measured, point_positions(points, points.rest_pose(1))[0])
     kept = np.flatnonzero(solved)
     some, takes, prior = observations.at(kept), prior.takes, prior.at(kept)
-    sigma_m = np.maximum(found.sigma_m.reshape(frames, count)[kept], SMALLEST_SIGMA_M)
     start = _aligned(points, measured[kept])
-    pose, _ = solve_poses(points, position_term(measured[kept], sigma_m), prior, start, max_iterations)
+    positions = position_term(measured[kept], np.maximum(sigma_m[kept], SMALLEST_SIGMA_M))
+    pose, _ = solve_poses(points, positions, prior, start, max_iterations)
     sigma_px = max(found.noise_px, SMALLEST_SIGMA_PX)
     pose, sigma_px = _fit_keypoints(points, some, prior, pose, sigma_px, max_iterations)
-    term = reprojection_term(some.cameras, some.normalised, some.confidence, sigma_px)
+
+    def keypoint_term(frames: np.ndarray) -> DataTerm:
+        few = some.at(frames)
+        return reprojection_term(few.cameras, few.normalised, few.confidence, sigma_px)
+
     for rounds in schedule:
-        pose = fit_cues(points, term, rounds.at(kept), prior, pose)
+        pose = fit_cues(points, keypoint_term(np.arange(len(kept))), rounds.at(kept), prior, pose)
+    offsets = np.zeros((frames, len(template.vertices_rest), 3))
     status = np.where(solved, "tracked", "interpolated")
-    if refinement is not None:
-        known = np.flatnonzero(np.isin(kept, refinement.frames))
-        if len(known):
-            pose = _refine(points, some, sigma_px, refinement, kept, known, prior, pose)
-            status[kept] = "carried"
-            status[kept[known]] = "refined"
+    known = np.flatnonzero(np.isin(kept, [] if refinement is None else refinement.frames))
+    if refinement is not None and len(known):
+        pose, found_offsets = refine(points, keypoint_term, refinement.at(kept), prior, pose)
+        offsets = carry_offsets(found_offsets, kept[known], frames, takes)
+        status[kept], status[kept[known]] = "carried", "refined"
     pose = fill_between(pose, kept, frames, points.pivot, takes)
     residual = _residual_px(points, observations, pose)
-    return Tracking(pose, status, residual, keypoints, found.noise_px, sigma_px, ratio)
+    return Tracking(pose, offsets, status, residual, measured, sigma_m, found.noise_px, sigma_px, ratio)
 
 
-def _refine(
-    points: TrackedPoints, observations: Observations, sigma_px: float, refinement: Refinement,
-    kept: Int64[np.ndarray, " kept"], known: Int64[np.ndarray, " known"], prior: MotionPrior, pose: Pose,
-) -> Pose:  # fmt: skip
-    """Refine the `known` ones of the `kept` frames; carry what changed to the others and fit their own keypoints."""
-    few = observations.at(known)
-    term = reprojection_term(few.cameras, few.normalised, few.confidence, sigma_px)
-    refined = pose.at(known)
-    for rounds in refinement.rounds:
-        refined = fit_cues(points, term, rounds.at(kept[known]), prior.at(known), refined)
-    carried = carry_corrections(pose, refined, known, points.pivot, prior.takes)
-    if len(known) == len(kept):
-        return refined
-    term = reprojection_term(observations.cameras, observations.normalised, observations.confidence, sigma_px)
-    prior = replace(prior, expected=carried.joint_rotations, rest_rotation=CARRIED_RAD)
-    for rounds in refinement.others:
-        carried = fit_cues(points, term, rounds.at(kept), prior, carried)
-    return carried.replaced(known, refined)
+def triangulate_unswapped(
+    observations: Observations, names: Sequence[str], inlier_px: float
+) -> tuple[Observations, Triangulation]:
+    """Triangulated keypoints, and observations in which those that a view has under each other's name are put right."""
+    found = _triangulated(observations, inlier_px)
+    points = found.points.reshape(*observations.normalised.shape[1:3], 3)
+    swaps = find_swaps(observations.cameras, observations.normalised, points, inlier_px)
+    if not len(swaps):
+        return observations, found
+    pairs = sorted({f"{names[a]}/{names[b]}" for a, b in swaps[:, 2:]})
+    LOG.warning("%d pairs of keypoints were exchanged in one view and are put right: %s", len(swaps), ", ".join(pairs))
+    normalised, confidence = exchanged(observations.normalised, swaps), exchanged(observations.confidence, swaps)
+    observations = Observations(observations.cameras, normalised, confidence)
+    return observations, _triangulated(observations, inlier_px)
+
+
+def _triangulated(observations: Observations, inlier_px: float) -> Triangulation:
+    flat = observations.normalised.reshape(len(observations.cameras), -1, 2)
+    return triangulate(observations.cameras, flat, observations.confidence.reshape(len(flat), -1), inlier_px)
 
 
 def _residual_px(points: TrackedPoints, observations: Observations, pose: Pose) -> np.ndarray:

@@ -12,7 +12,7 @@ from pipeline.base.files import read_table
 from pipeline.capture.color_views import ColorView, evenly
 from pipeline.geometry.cues import Cue, Rounds
 from pipeline.geometry.mesh import weld_vertices
-from pipeline.geometry.mesh_tracker import Refinement
+from pipeline.geometry.refining import Refinement
 from pipeline.geometry.skin import Template
 from pipeline.geometry.surface_points import spread_points
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
@@ -35,7 +35,7 @@ def fully_lit_frames(patterns: Path, frames: Int64[np.ndarray, " frames"], most:
 def image_refinement(
     template: Template, views: Sequence[ColorView], lights: Mapping[int, FrameLights],
     frames: Int64[np.ndarray, " frames"], lit: Int64[np.ndarray, " lit"], outlines: Sequence[Cue],
-    *, rounds: int, points: int, redundancy: float,
+    *, rounds: int, points: int, redundancy: float, offset_m: float,
 ) -> Refinement:  # fmt: skip
     """Rounds of comparing colours, with `outlines` kept, for the `lit` ones of `frames`."""
     surface = spread_points(template.vertices_rest, template.faces, points)
@@ -46,4 +46,4 @@ def image_refinement(
         blurred = [view.blurred(blur) for view in views]
         cue = ImageCue(surface, template.faces, weld, blurred, per_frame, redundancy)
         schedule.append(Rounds(f"images blurred by {blur:g} px", [*outlines, cue], rounds))
-    return Refinement(lit, schedule, [Rounds("between refined frames", outlines, ROUNDS_BETWEEN)])
+    return Refinement(lit, schedule, [Rounds("between refined frames", outlines, ROUNDS_BETWEEN)], offset_m)
