@@ -1,7 +1,8 @@
 """Keypoints and masks in, posed template vertices of every frame out.
 
 Reads the index tables, calibrated cameras and the template; writes `out`/{chunk:04d}.safetensors (frames, vertices,
-joint_rotations, root_rotation, root_translation) and a .parquet of the same name with one row per frame: status
+joint_rotations, root_rotation, root_translation; offsets: of vertices before skinning, metres, already in `vertices`;
+keypoints and keypoint_sigma_m: triangulated) and a .parquet of the same name with one row per frame: status
 ("refined" by the images of a fully lit frame; "carried": a frame between such, with their corrections and its own
 keypoints; "tracked" without images; "interpolated" where too few keypoints were seen), rms_px, inliers, ... A rigged
 template is posed by a robust least-squares fit of all frames of the chunk together (`pipeline.geometry.mesh_tracker`);
