@@ -31,7 +31,7 @@ BOARD_NEARER = 0.39
 """How far the board strays from the stage's centre, and towards the cameras it faces, of the framed height: views have
 to reach the corners of the images, since lens distortion cannot be measured where no board was."""
 
-BALL_SPREAD = 0.12
+BALL_SPREAD = 0.2
 """How far the mirror ball strays from the stage's centre, of the framed height."""
 
 BOARD_SHARE_IN_VIEW = 0.6
