@@ -22,9 +22,14 @@ include: "workflow/rules/geometry.smk"
 include: "workflow/rules/light.smk"
 include: "workflow/rules/avatar.smk"
 include: "workflow/rules/results.smk"
+include: "workflow/rules/cost.smk"
 
 
 rule all:
     default_target: True
     input:
-        expand("results/{subject}/metrics.csv", subject=subject_names(project)),
+        expand(
+            "results/{subject}/{result}",
+            subject=subject_names(project),
+            result=["metrics.csv", "calibration/review"],
+        ),

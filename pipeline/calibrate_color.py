@@ -8,7 +8,9 @@ M_c, as is exposure. The average camera has the mean of all M_c, so corrected_fr
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,21 +19,17 @@ import pandas as pd
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints
 from pipeline.base.files import read_json, read_table, write_json, write_table
-from pipeline.capture.color_chart import (
-    PATCHES,
-    Patches,
-    Response,
-    corrections,
-    find_chart,
-    fit_response,
-    measure_patches,
-)
-from pipeline.capture.images import read_image
+from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
+from pipeline.capture.color_chart import PATCHES, Patches, find_chart, measure_patches, place_chart
+from pipeline.capture.color_response import Response, corrections, fit_response
+from pipeline.capture.color_verdicts import Flaw, light_flaws, patch_flaws, response_flaws
+from pipeline.capture.images import decode_image, decode_stored, read_bytes
 from pipeline.config.calibrate_color import CalibrateColor
 
 log = logging.getLogger("calibrate_color")
 
 RESIDUAL_COLUMNS = ["camera", "patch", "r", "g", "b", "residual_r", "residual_g", "residual_b", "weight", "used"]
+CORNER_COLUMNS = [f"{axis}{corner}" for corner in range(4) for axis in "xy"]
 
 
 def run(
@@ -42,37 +40,37 @@ def run(
     Args:
         capture: folder of the capture.
         index: folder that index_capture wrote.
-        out: folder to write color.json and residuals_color.parquet to.
+        out: folder to write color.json, residuals_color.parquet and verdicts_color.csv to.
         threads: images searched at a time.
     """
     calibration = read_json(index / "calibration_color.json")
     names = sorted(read_table(index / "cameras.parquet").camera)
     if calibration["method"] == "none":
-        write_json(out / "color.json", {"cameras": {name: np.eye(3).tolist() for name in names}})
-        write_table(out / "residuals_color.parquet", pd.DataFrame(columns=RESIDUAL_COLUMNS))
+        write(out, {name: np.eye(3) for name in names}, {}, [])
         return
     black_level = read_json(index / "capture.json")["images"]["black_level"]
     paths = {entry["camera"]: capture / entry["path"] for entry in calibration["images"]}
     values = np.asarray(calibration["patches"], np.float64)
     check(capture, paths, names, values)
 
-    def measure(name: str) -> Patches | None:
-        image = read_image(paths[name], calibration["transfer"], black_level)
-        squares = find_chart(image)
-        if squares is None:
-            return None
-        return measure_patches(image, squares, settings.patch_interior, settings.saturation)
+    def measure(name: str) -> Measured:
+        corners = calibration.get("corners", {}).get(name)
+        return measure_chart(paths[name], calibration["transfer"], black_level, corners, settings)
 
     with ThreadPoolExecutor(threads) as pool:
         measured = dict(zip(names, pool.map(measure, names), strict=True))
-    check_patches(capture, paths, measured, settings)
-    responses = {name: fit_response(patches, values) for name, patches in measured.items() if patches is not None}
-    check_responses(capture, paths, responses, settings)
-    matrices = corrections({name: response.matrix for name, response in responses.items()})
+    flaws = {name: patch_flaws(m.patches, m.saturated_share, settings) for name, m in measured.items()}
+    responses = {name: fit_response(measured[name].patches, values) for name in names if not flaws[name]}
     for name, response in responses.items():
-        report(name, response, matrices[name], settings)
-    write_json(out / "color.json", {"cameras": {name: matrix.tolist() for name, matrix in matrices.items()}})
-    write_table(out / "residuals_color.parquet", residual_table(responses))
+        flaws[name] += response_flaws(response, settings)
+    sound = {name: response for name, response in responses.items() if not is_failed(flaws[name])}
+    for name, more in light_flaws(sound, settings).items():
+        flaws[name] += more
+    matrices = corrections({name: response.matrix for name, response in sound.items()}) if sound else {}
+    verdicts = [judge(name, flaws[name], responses.get(name), matrices.get(name)) for name in names]
+    log_verdicts(log, verdicts)
+    refuse(capture, paths, flaws)
+    write(out, matrices, responses, verdicts)
 
 
 def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.ndarray) -> None:
@@ -89,60 +87,83 @@ def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.nd
     complaints.raise_if_any()
 
 
-def check_patches(
-    capture: Path, paths: dict[str, Path], measured: dict[str, Patches | None], settings: CalibrateColor
-) -> None:
+@dataclass(frozen=True)
+class Measured:
+    """What one image shows of the chart: None if it was not found; and the share of the image that is saturated."""
+
+    patches: Patches | None
+    saturated_share: float
+
+
+def measure_chart(
+    path: Path, transfer: str, black_level: float, corners: list[list[float]] | None, settings: CalibrateColor
+) -> Measured:
+    """Find the chart in an image, unless its corners (pixels) are given, and measure its patches."""
+    content = read_bytes(path)
+    stored, image = decode_stored(content, path), decode_image(content, path, transfer, black_level)
+    full = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1.0
+    saturated = (stored >= settings.saturation * full).any(-1)
+    squares = find_chart(image) if corners is None else place_chart(np.array(corners, np.float64))
+    patches = None if squares is None else measure_patches(image, saturated, squares, settings.patch_interior)
+    return Measured(patches, float(saturated.mean()))
+
+
+def is_failed(flaws: list[Flaw]) -> bool:
+    """Whether any of the flaws makes the camera's colours useless."""
+    return any(flaw.grade == "failed" for flaw in flaws)
+
+
+def judge(name: str, flaws: list[Flaw], response: Response | None, matrix: np.ndarray | None) -> Verdict:
+    """The camera's verdict: the numbers that its flaws are judged by, and the flaws."""
+    numbers = []
+    if response is not None:
+        residual, sigma = np.nanmedian(response.relative_residual()), response.relative_sigma()
+        numbers += [f"{response.patches.used.sum()} patches", f"residual {residual:.2%} (median) of the brightest"]
+        numbers += [f"response +-{sigma:.2%}"]
+    if matrix is not None:
+        numbers += [f"correction {np.abs(matrix - np.eye(3)).max():.1%}"]
+    grade = "failed" if is_failed(flaws) else "weak" if flaws else "good"
+    reasons = [", ".join(numbers), *map(str, flaws)]
+    return Verdict("color", name, grade, "; ".join(reason for reason in reasons if reason))
+
+
+def refuse(capture: Path, paths: Mapping[str, Path], flaws: Mapping[str, list[Flaw]]) -> None:
     """Raises:
-    InputError: naming cameras that do not see the chart, or too little of it.
+    InputError: naming cameras whose colours stay unknown.
     """
     complaints = Complaints(capture)
-    for name, patches in measured.items():
-        if patches is None:
-            mend = "is it whole, sharp and larger than a tenth of the image?"
-            complaints.add(paths[name], f"camera {name}", expected="a 24-patch chart", found="none", mend=mend)
-        elif patches.used.sum() < settings.least_patches:
-            expected = f"at least {settings.least_patches} patches that are not saturated"
-            complaints.add(paths[name], f"camera {name}", expected=expected, found=str(int(patches.used.sum())))
+    for name, found in flaws.items():
+        for flaw in found:
+            if flaw.grade == "failed":
+                key, file = f"camera {name}", paths[name].relative_to(capture)
+                complaints.add(file, key, expected=flaw.expected, found=flaw.found, mend=flaw.mend)
     complaints.raise_if_any()
 
 
-def relative_residual(response: Response) -> float:
-    """Root mean square residual over the brightest patch."""
-    return float(np.sqrt(np.nanmean(response.residual**2)) / np.nanmax(response.patches.color))
+def residual_table(responses: Mapping[str, Response]) -> pd.DataFrame:
+    """One row per camera and patch (from 1, as in the chart's csv).
 
-
-def check_responses(
-    capture: Path, paths: dict[str, Path], responses: dict[str, Response], settings: CalibrateColor
-) -> None:
-    """Raises:
-    InputError: naming cameras in which something else was taken for the chart.
+    Columns: camera, patch; r, g, b: raw linear colour, NaN where unused; residual_r, ...: raw minus fitted; weight;
+    used; x0, y0, ... x3, y3: corners of the square in the middle of the patch, image pixels.
     """
-    complaints = Complaints(capture)
+    parts = [pd.DataFrame(columns=RESIDUAL_COLUMNS + CORNER_COLUMNS)] if not responses else []
     for name, response in responses.items():
-        relative = relative_residual(response)
-        if relative > settings.largest_residual:
-            expected = f"patches that fit the chart's values to {100 * settings.largest_residual:g} % of the brightest"
-            mend = "is it the chart that patches describes, and is transfer right?"
-            complaints.add(paths[name], f"camera {name}", expected=expected, found=f"{100 * relative:.0f} %", mend=mend)
-    complaints.raise_if_any()
-
-
-def report(name: str, response: Response, matrix: np.ndarray, settings: CalibrateColor) -> None:
-    """Log one line per camera: patches, residual over the brightest patch, size of the correction."""
-    relative, correction = relative_residual(response), np.abs(matrix - np.eye(3)).max()
-    verdict = "good" if relative <= settings.good_residual else "POOR: look at its residuals"
-    text = "%s: %d patches, residual %.2f %% of the brightest, correction %.1f %%: %s"
-    log.info(text, name, response.patches.used.sum(), 100 * relative, 100 * correction, verdict)
-
-
-def residual_table(responses: dict[str, Response]) -> pd.DataFrame:
-    """One row per camera and patch (from 1, as in the chart's csv): raw colour, raw minus fitted, weight, used."""
-    parts = []
-    for name, response in responses.items():
-        columns = [*response.patches.color.T, *response.residual.T, response.weight, response.patches.used]
-        part = pd.DataFrame(dict(zip(RESIDUAL_COLUMNS[2:], columns, strict=True)))
-        parts.append(part.assign(camera=name, patch=np.arange(1, PATCHES + 1))[RESIDUAL_COLUMNS])
+        patches = response.patches
+        columns = [*patches.color.T, *response.residual.T, response.weight, patches.used]
+        columns += [*patches.corners.reshape(PATCHES, 8).T]
+        part = pd.DataFrame(dict(zip(RESIDUAL_COLUMNS[2:] + CORNER_COLUMNS, columns, strict=True)))
+        part = part.assign(camera=name, patch=np.arange(1, PATCHES + 1))
+        parts.append(part[RESIDUAL_COLUMNS + CORNER_COLUMNS])
     return pd.concat(parts, ignore_index=True)
+
+
+def write(
+    out: Path, matrices: Mapping[str, np.ndarray], responses: Mapping[str, Response], verdicts: list[Verdict]
+) -> None:
+    """All outputs of the stage."""
+    write_json(out / "color.json", {"cameras": {name: matrix.tolist() for name, matrix in matrices.items()}})
+    write_table(out / "residuals_color.parquet", residual_table(responses))
+    write_table(out / "verdicts_color.csv", verdict_table(verdicts))
 
 
 def main() -> None:

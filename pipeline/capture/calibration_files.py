@@ -9,24 +9,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import digest_file
+from pipeline.capture.chart_corners import read_corners_csv
 from pipeline.capture.csv_tables import complain_unknown
 from pipeline.capture.image_checks import ExpectedImage
-from pipeline.capture.paths import fill, find_files, locate
+from pipeline.capture.known_cameras import digest_known_cameras, read_known_cameras
+from pipeline.capture.paths import fill, find_files
 from pipeline.capture.schema import ChartColor, CharucoCameras, KnownCameras, KnownLights, MirrorBallLights, NoColor
 from pipeline.capture.tables import read_patches_csv
-from pipeline.geometry.cameras import read_cameras
 
 CAMERAS = "the table of cameras"
 
 Found = tuple[dict[str, Any], list[ExpectedImage]]
-
-ROTATION_TOLERANCE = 1e-4
-"""Largest entry of R R^T - I: a rotation written with five digits passes, a scaled or mirrored one does not."""
 
 FEWEST_LIGHTS = 3
 """Three points fix a rigid motion: fewer measured lights cannot place the cameras in the stage."""
@@ -39,11 +36,12 @@ def find_camera_calibration(
     root: Path, section: CharucoCameras | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
 ) -> Found:
     """`calibration_cameras.json`, and the board views, which must be at sensor resolution."""
-    content: dict[str, Any] = section.model_dump()
+    content: dict[str, Any] = section.model_dump(exclude_none=True)
     if isinstance(section, KnownCameras):
         with complaints.collecting():
-            content["digest"] = digest_file(locate(root, section.path))
-            _check_known_cameras(root, section.path, cameras, complaints)
+            content["digest"] = digest_known_cameras(root, section)
+            sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
+            read_known_cameras(root, section, sizes, complaints)
         return content, []
     views = [{**values, "path": path} for path, values in find_files(root, section.path).items()]
     views = [{key: view[key] for key in ("camera", "view", "path")} for view in views]
@@ -52,25 +50,6 @@ def find_camera_calibration(
         found = f"none for {listed(blind)}"
         complaints.add(section.path, "camera", expected="at least one view of the board per camera", found=found)
     return {**content, "views": views}, _at_sensor_size(views, cameras)
-
-
-def _check_known_cameras(root: Path, path: str, cameras: pd.DataFrame, complaints: Complaints) -> None:
-    try:
-        known = read_cameras(root / path)
-    except InputError as error:
-        raise InputError(str(error).replace(str(root / path), path)) from error
-    for row in cameras.itertuples():
-        if (camera := known.get(row.camera)) is None:
-            complaints.add(path, row.camera, expected="every camera of the table of cameras", found="no entry")
-            continue
-        if (camera.width, camera.height) != (row.sensor_width, row.sensor_height):
-            expected = f"the sensor's {row.sensor_width} x {row.sensor_height}"
-            found = f"{camera.width} x {camera.height}"
-            complaints.add(path, f"{row.camera}: width x height", expected=expected, found=found)
-        error = float(np.abs(camera.R @ camera.R.T - np.eye(3)).max())
-        if error > ROTATION_TOLERANCE or np.linalg.det(camera.R) < 0:
-            found = "a mirrored one" if error <= ROTATION_TOLERANCE else f"rows off by {error:.2g}"
-            complaints.add(path, f"{row.camera}: R", expected="a rotation (orthonormal, right-handed)", found=found)
 
 
 def find_light_calibration(
@@ -93,8 +72,8 @@ def find_light_calibration(
     seen = list(dict.fromkeys(image["light"] for image in images))
     complain_unknown(complaints, section.path, "light", seen, list(lights["light"]), "the table of lights")
     _check_sightings(section, images, silhouettes, len(seen), complaints)
-    content = {"method": section.method, "radius_m": section.radius_m, "images": images, "silhouettes": silhouettes}
-    return content, _at_sensor_size(images + silhouettes, cameras)
+    content = {"method": section.method, "radius_m": section.radius_m, "transfer": section.transfer}
+    return {**content, "images": images, "silhouettes": silhouettes}, _at_sensor_size(images + silhouettes, cameras)
 
 
 def _check_sightings(
@@ -123,7 +102,8 @@ def find_color_calibration(
 ) -> Found:
     """`calibration_color.json`, and one image of the chart per camera, of any size."""
     if isinstance(section, NoColor):
-        return {"method": "none", "transfer": None, "images": [], "patches": [], "patches_digest": None}, []
+        nothing = {"method": "none", "transfer": None, "patches_digest": None}
+        return {**nothing, "images": [], "patches": [], "corners": {}}, []
     images = [{"camera": camera, "path": fill(section.path, camera=camera)} for camera in cameras["camera"]]
     if missing := [image["camera"] for image in images if not (root / image["path"]).is_file()]:
         complaints.add(
@@ -132,7 +112,8 @@ def find_color_calibration(
     images = [image for image in images if image["camera"] not in missing]
     patches = read_patches_csv(root, section.patches, complaints)
     digest = digest_file(root / section.patches) if patches is not None else None
-    content = {"method": section.method, "transfer": section.transfer, "images": images}
+    corners = read_corners_csv(root, section.corners, list(cameras["camera"]), complaints) if section.corners else {}
+    content = {"method": section.method, "transfer": section.transfer, "images": images, "corners": corners}
     expected = [ExpectedImage(image["path"], "color", image["camera"], None) for image in images]
     return {**content, "patches": patches, "patches_digest": digest}, expected
 

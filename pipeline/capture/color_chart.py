@@ -1,4 +1,4 @@
-"""Finding a 24-patch colour chart in a linear image, measuring its patches, and fitting a camera's response to them."""
+"""Finding a 24-patch colour chart in a linear image and measuring its patches."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from pipeline.geometry.least_squares import solve_least_squares
+from pipeline.base.conventions import PIXEL_CENTER
 
-PATCHES = 24
+ROWS, COLUMNS = 4, 6
+PATCHES = ROWS * COLUMNS
+
+PATCH_SIDE, GAP = 0.85, 0.15
+"""Of the distance from patch to patch. Gaps of 0.1 to 0.2 are sold; taking the one for the other moves the middle of an
+outer patch by 0.03."""
+
+SQUARE_SIDE = 0.45
+"""Side of the square in the middle of a patch that OpenCV's detector returns, in the same units."""
 
 DETECTION_SIDES = (1024, 640, 1600)
 """Longer sides, in pixels, at which the chart is looked for, one after the other: OpenCV's detector works on contours,
@@ -28,9 +36,6 @@ LEAST_PIXELS = 16
 SATURATED_SHARE = 0.01
 """Share of saturated pixels from which a patch is left out: its median is not yet touched, its neighbours' bloom is."""
 
-LEAST_SIGMA = 1e-5
-"""Noise that no patch is better than, as a share of full scale."""
-
 
 @dataclass(frozen=True)
 class Patches:
@@ -39,14 +44,25 @@ class Patches:
     Attributes:
         color: median of each patch, raw linear RGB; NaN where it is not usable.
         used: large enough and not saturated.
+        corners: of the square in the middle of each patch, pixels, first centre at (0.5, 0.5).
     """
 
     color: Float64[np.ndarray, "24 3"]
     used: Bool[np.ndarray, " 24"]
+    corners: Float64[np.ndarray, "24 4 2"]
+
+    def reordered(self, order: np.ndarray) -> Patches:
+        """The same patches, patch `order[k]` first called k."""
+        return Patches(self.color[order], self.used[order], self.corners[order])
+
+    def mirrored(self) -> bool:
+        """Whether rows and columns of the chart turn the other way round in the image than on the chart."""
+        first, right, down = self.corners.mean(1)[[0, COLUMNS - 1, PATCHES - COLUMNS]]
+        return bool(np.linalg.det(np.stack([right - first, down - first])) < 0)
 
 
 def find_chart(image: Float32[np.ndarray, "height width 3"]) -> Float64[np.ndarray, "24 4 2"] | None:
-    """Squares inside the 24 patches of the chart in a linear image: corners in OpenCV's pixels; None if not found."""
+    """Squares inside the 24 patches of the chart in a linear image, corners in pixels; None if not found."""
     longer = max(image.shape[:2])
     white = max(float(np.percentile(image, WHITE_PERCENTILE)), 1e-12)
     for side in DETECTION_SIDES:
@@ -60,62 +76,40 @@ def find_chart(image: Float32[np.ndarray, "height width 3"]) -> Float64[np.ndarr
             detector.setUseDnnModel(False)
             if detector.process(np.ascontiguousarray(shown[..., ::-1]), 1):
                 squares = np.asarray(detector.getBestColorChecker().getColorCharts(), np.float64)
-                # Pixel centres move under scaling: (x + 0.5) / scale - 0.5.
-                return (squares.reshape(PATCHES, 4, 2) + 0.5) / scale - 0.5
+                # In our pixels, whose origin is the image's corner, sizes just divide.
+                return (squares.reshape(PATCHES, 4, 2) + PIXEL_CENTER) / scale
     return None
+
+
+def place_chart(corners: Float64[np.ndarray, "4 2"]) -> Float64[np.ndarray, "24 4 2"]:
+    """Squares inside the 24 patches of a chart whose four outer corners are given, pixels.
+
+    Args:
+        corners: outermost corners of the patches 1, 6, 24 and 19, in this order: around the block of patches, without
+            the chart's frame.
+    """
+    width, height = COLUMNS - GAP, ROWS - GAP
+    chart = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    row, column = np.divmod(np.arange(PATCHES), COLUMNS)
+    middle = np.stack([column, row], 1) + PATCH_SIDE / 2
+    around = SQUARE_SIDE / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    image_from_chart = cv2.getPerspectiveTransform(chart, corners.astype(np.float32))
+    return cv2.perspectiveTransform(middle[:, None] + around, image_from_chart)
 
 
 def measure_patches(
     image: Float32[np.ndarray, "height width 3"],
+    saturated: Bool[np.ndarray, "height width"],
     squares: Float64[np.ndarray, "24 4 2"],
     interior: float,
-    saturation: float,
 ) -> Patches:
     """Median colour of the middle of each square, whose side is `interior` of the square's."""
     color, used = np.full((PATCHES, 3), np.nan), np.zeros(PATCHES, bool)
     for k, square in enumerate(squares):
-        middle = square.mean(0) + interior * (square - square.mean(0))
+        middle = square.mean(0) + interior * (square - square.mean(0)) - PIXEL_CENTER
         mask = np.zeros(image.shape[:2], np.uint8)
         cv2.fillConvexPoly(mask, np.round(middle).astype(np.int32), 1)
-        pixels = image[mask > 0]
-        if len(pixels) >= LEAST_PIXELS and (pixels >= saturation).any(1).mean() < SATURATED_SHARE:
-            color[k], used[k] = np.median(pixels, axis=0), True
-    return Patches(color, used)
-
-
-@dataclass(frozen=True)
-class Response:
-    """raw = matrix @ patch value, light included. Residual (NaN where unused): raw minus fitted, robust weights."""
-
-    matrix: Float64[np.ndarray, "3 3"]
-    patches: Patches
-    residual: Float64[np.ndarray, "24 3"]
-    weight: Float64[np.ndarray, " 24"]
-
-
-def fit_response(patches: Patches, values: Float64[np.ndarray, "24 3"]) -> Response:
-    """Least squares with Cauchy's loss, so that one dirty patch does not tint the camera.
-
-    The chart is tried both ways up (the detector may find it upside down); the better fit is kept.
-    """
-    fits = [_fit(Patches(patches.color[order], patches.used[order]), values) for order in (np.s_[:], np.s_[::-1])]
-    return min(fits, key=lambda fit: np.nanmedian(np.linalg.norm(fit.residual, axis=1)))
-
-
-def _fit(patches: Patches, values: np.ndarray) -> Response:
-    design, measured = values[patches.used], patches.color[patches.used]
-    jacobian = np.kron(design, np.eye(3))  # of row-major residuals by the columns of the matrix, one after the other
-    start = np.linalg.lstsq(design, measured, rcond=None)[0]
-    solution = solve_least_squares(
-        lambda x: (design @ x.reshape(3, 3) - measured, jacobian), start.ravel(), LEAST_SIGMA
-    )  # fmt: skip
-    matrix = solution.parameters.reshape(3, 3).T
-    residual, weight = np.full((PATCHES, 3), np.nan), np.zeros(PATCHES)
-    residual[patches.used], weight[patches.used] = -solution.residual, solution.weight
-    return Response(matrix, patches, residual, weight)
-
-
-def corrections(responses: dict[str, Float64[np.ndarray, "3 3"]]) -> dict[str, Float64[np.ndarray, "3 3"]]:
-    """corrected_from_raw of every camera: to the average camera, whose response is the mean of all."""
-    average = np.mean(list(responses.values()), axis=0)
-    return {name: average @ np.linalg.inv(response) for name, response in responses.items()}
+        inside = mask > 0
+        if inside.sum() >= LEAST_PIXELS and saturated[inside].mean() < SATURATED_SHARE:
+            color[k], used[k] = np.median(image[inside], axis=0), True
+    return Patches(color, used, squares)

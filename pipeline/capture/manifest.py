@@ -117,9 +117,9 @@ def _complain(complaints: Complaints, problem: dict[str, Any]) -> None:
 
 def _model_at(place: tuple) -> type[BaseModel]:
     """The model whose keys stand at a place of the description; a union's tag follows its key there."""
-    model, rest = Capture, list(place)
+    model, rest = Capture, [part for part in place if not isinstance(part, int)]  # a list's entries are alike
     while rest and (field := model.model_fields.get(rest.pop(0))) is not None:
-        kinds = (field.annotation, *get_args(field.annotation))
+        kinds = _with_arguments(field.annotation)
         models = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
         if len(models) > 1 and rest:
             tag = rest.pop(0)
@@ -128,6 +128,11 @@ def _model_at(place: tuple) -> type[BaseModel]:
             break
         model = models[0]
     return model
+
+
+def _with_arguments(annotation: Any) -> list[Any]:
+    """An annotation and all that it is made of: A | list[B] is of A, list[B] and B."""
+    return [annotation, *(part for argument in get_args(annotation) for part in _with_arguments(argument))]
 
 
 def _key(place: tuple) -> str:

@@ -1,48 +1,31 @@
 """The keys of `capture.yaml`, format `lightstage-capture/1`.
 
 A capture is one folder; `capture.yaml` at its root names everything else by paths relative to it. Nothing is guessed: a
-key that is missing, unknown or of the wrong type is an error. Only `masks`, `keypoints_2d` and `template.keypoints` may
-be left out. Tables and images that the keys name are checked in `pipeline.capture.tables` and its neighbours.
+key that is missing, unknown or of the wrong type is an error. Keys with a default may be left out. Tables and images
+that the keys name are checked in `pipeline.capture.tables` and its neighbours.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import cv2
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field
 
-from pipeline.capture.paths import check_pattern, check_relative, check_suffix
+from pipeline.capture.board_schema import CharucoCameras
+from pipeline.capture.known_schema import KnownCameras
+from pipeline.capture.sections import (
+    BallPattern,
+    ChartPattern,
+    CsvPath,
+    ImagePattern,
+    Length,
+    MaskPattern,
+    Section,
+    SilhouettePattern,
+    path_to,
+)
 
 NAME_PATTERN = r"^[A-Za-z0-9_-]+$"
-
-EXR_OR_PNG = (".exr", ".png")
-OPENCV_IMAGE = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-
-Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
-def _path(*suffixes: str) -> AfterValidator:
-    return AfterValidator(lambda path: check_suffix(check_relative(path), suffixes))
-
-
-def _pattern(*placeholders: str, suffixes: tuple[str, ...]) -> AfterValidator:
-    return AfterValidator(lambda path: check_suffix(check_pattern(check_relative(path), placeholders), suffixes))
-
-
-CsvPath = Annotated[str, _path(".csv")]
-ImagePattern = Annotated[str, _pattern("camera", "frame", suffixes=EXR_OR_PNG)]
-MaskPattern = Annotated[str, _pattern("camera", "frame", suffixes=(".png",))]
-ViewPattern = Annotated[str, _pattern("camera", "view", suffixes=OPENCV_IMAGE)]
-BallPattern = Annotated[str, _pattern("position", "camera", "light", suffixes=OPENCV_IMAGE)]
-SilhouettePattern = Annotated[str, _pattern("position", "camera", suffixes=OPENCV_IMAGE)]
-ChartPattern = Annotated[str, _pattern("camera", suffixes=EXR_OR_PNG)]
-
-
-class Section(BaseModel):
-    """Immutable; types are taken at their word ("3" is no number); an unknown key is an error."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Images(Section):
@@ -65,54 +48,11 @@ class Masks(Section):
 class Template(Section):
     """The rest mesh that is posed for every frame."""
 
-    mesh: Annotated[str, _path(".glb")] = Field(
+    mesh: Annotated[str, path_to(".glb")] = Field(
         description="glTF binary: mesh, texture coordinates if any, skin if it is rigged"
     )
     keypoints: CsvPath | None = Field(None, description="csv: keypoint, and node_index (of a joint) or vertex")
     scale_to_m: Length = Field(description="a vertex in metres is this times its (skinned) glTF position")
-
-
-class CharucoCameras(Section):
-    """Cameras are calibrated from images of a ChArUco board, at sensor resolution."""
-
-    method: Literal["charuco"] = Field(description="which method this section is about")
-    path: ViewPattern = Field(
-        description="pattern with {camera} and {view:03d}; exists where the camera sees the board"
-    )
-    squares_x: int = Field(ge=2, description="squares of the board in x")
-    squares_y: int = Field(ge=2, description="squares of the board in y")
-    square_m: Length = Field(description="side of a square, metres")
-    marker_m: Length = Field(description="side of a marker, metres; smaller than the square")
-    dictionary: str = Field(description="a predefined dictionary of cv2.aruco, for instance DICT_5X5_250")
-
-    # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
-    @field_validator("marker_m")
-    @classmethod
-    def _fits_a_square(cls, marker_m: float, info: Any) -> float:
-        if marker_m >= info.data.get("square_m", float("inf")):
-            raise ValueError(f"less than square_m, {info.data['square_m']}")
-        return marker_m
-
-    @field_validator("dictionary")
-    @classmethod
-    def _is_large_enough(cls, dictionary: str, info: Any) -> str:
-        if not dictionary.startswith("DICT_") or not hasattr(cv2.aruco, dictionary):
-            raise ValueError("a predefined dictionary of cv2.aruco, for instance DICT_5X5_250")
-        held = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)).bytesList)
-        # A marker lies in every other square.
-        needed = info.data.get("squares_x", 0) * info.data.get("squares_y", 0) // 2
-        if needed > held:
-            raise ValueError(f"a dictionary of at least {needed} markers for this board (this one has {held})")
-        return dictionary
-
-
-class KnownCameras(Section):
-    """Cameras were calibrated elsewhere, in the frame of the surveyed lights."""
-
-    method: Literal["known"] = Field(description="which method this section is about")
-    path: Annotated[str, _path(".json")] = Field(
-        description="cameras.json: R, t, K, dist, width, height per camera, sensor resolution"
-    )
 
 
 class MirrorBallLights(Section):
@@ -124,6 +64,9 @@ class MirrorBallLights(Section):
         description="pattern with {position} and {camera}: the ball dark before light"
     )
     radius_m: Length = Field(description="radius of the ball, metres")
+    transfer: Literal["linear", "srgb"] = Field(
+        "linear", description="how the ball images' stored values relate to light; srgb for a camera's JPEGs"
+    )
 
 
 class KnownLights(Section):
@@ -139,6 +82,11 @@ class ChartColor(Section):
     path: ChartPattern = Field(description="pattern with {camera}: one image of the chart under one constant light")
     patches: CsvPath = Field(description="csv: patch, r, g, b; the linear values of the 24 patches, in order")
     transfer: Literal["linear", "srgb"] = Field(description="how the chart images' stored values relate to light")
+    corners: CsvPath | None = Field(
+        None,
+        description="csv: camera, corner, x, y; where the chart lies, for cameras in which it is not found by itself: "
+        "corners 0 to 3 are the outermost of patches 1, 6, 24 and 19, image pixels",
+    )
 
 
 class NoColor(Section):
@@ -183,7 +131,7 @@ class Capture(Section):
     frames: CsvPath = Field(description="csv: frame, timestamp_s, segment")
     lights: CsvPath = Field(description="csv: light, x, y, z: surveyed, metres; they define the stage frame")
     patterns: CsvPath = Field(description="csv: frame, light, intensity; one row per lit light, unlisted = off")
-    keypoints_2d: Annotated[str, _path(".parquet")] | None = Field(
+    keypoints_2d: Annotated[str, path_to(".parquet")] | None = Field(
         None, description="parquet: frame, camera, keypoint, x, y, confidence"
     )
     template: Template = Field(description="the mesh that is tracked")

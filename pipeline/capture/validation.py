@@ -15,7 +15,7 @@ from pipeline.capture.csv_tables import complain_unknown
 from pipeline.capture.frame_images import expected_images, find_frame_images
 from pipeline.capture.image_checks import ExpectedImage, inspect_images
 from pipeline.capture.manifest import MANIFEST, read_manifest
-from pipeline.capture.schema import Capture, Splits
+from pipeline.capture.schema import Capture, CharucoCameras, KnownCameras, KnownLights, MirrorBallLights, Splits
 from pipeline.capture.template_checks import check_template
 
 Contents = dict[str, dict[str, Any]]
@@ -95,17 +95,20 @@ def _find_calibration(
         )
         expected += more
     if section.cameras is not None and section.lights is not None:
-        _check_stage_frame(section.cameras.method, section.lights.method, complaints)
+        _check_stage_frame(section.cameras, section.lights, complaints)
     return contents, expected
 
 
-def _check_stage_frame(cameras_method: str, lights_method: str, complaints: Complaints) -> None:
-    if cameras_method == "charuco" and lights_method == "known":
+def _check_stage_frame(
+    cameras: CharucoCameras | KnownCameras, lights: MirrorBallLights | KnownLights, complaints: Complaints
+) -> None:
+    in_stage = isinstance(cameras, KnownCameras) and cameras.frame == "stage"
+    if not in_stage and isinstance(lights, KnownLights):
         complaints.add(
             MANIFEST, "calibration.lights.method",
-            expected="mirror_ball when cameras are calibrated by charuco", found="known",
-            mend="a board leaves the cameras in a frame of their own, which only measured lights tie to the surveyed "
-            "ones: add mirror-ball images, or give known cameras in the frame of the lights",
+            expected="mirror_ball for cameras in a frame of their own", found="known",
+            mend="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
+            "cameras in the frame of the lights",
         )  # fmt: skip
 
 

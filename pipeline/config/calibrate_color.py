@@ -11,11 +11,28 @@ class CalibrateColor(Settings):
     """How cameras are brought to one colour response from images of a 24-patch chart."""
 
     patch_interior: float = Field(0.8, gt=0, le=1, description="Side of what is measured, over the detected square")
-    saturation: float = Field(1.0, gt=0, description="Linear value from which a pixel counts as saturated [full scale]")
+    saturation: float = Field(
+        0.99, gt=0, description="Stored value from which a pixel counts as saturated [largest count; 1 for .exr]"
+    )
     least_patches: int = Field(9, ge=3, le=24, description="Patches without which a camera is refused [patches]")
     good_residual: float = Field(
-        0.02, gt=0, description="Residual over the brightest patch up to which the log calls a camera good"
+        0.02, gt=0, description="Residual over the brightest patch up to which a patch, and a camera, are called good"
     )
     largest_residual: float = Field(
-        0.1, gt=0, description="Residual over the brightest patch above which what was found is no chart: refused"
+        0.05, gt=0, description="Median residual over the brightest patch above which it is another chart: refused"
+    )
+    good_sigma: float = Field(
+        0.005, gt=0, description="Standard deviation of the response, over its gain, up to which a camera is good"
+    )
+    largest_sigma: float = Field(
+        0.05, gt=0, description="Standard deviation of the response, over its gain, above which a camera is refused"
+    )
+    good_tint: float = Field(
+        1.4, gt=1, description="Factor of red or blue to green, against the median camera's, that cameras may differ by"
+    )
+    largest_tint: float = Field(
+        2.0, gt=1, description="Factor of red or blue to green above which the light was another one: refused"
+    )
+    good_brightness: float = Field(
+        1.5, gt=1, description="Factor of brightness, against the median camera's, that cameras may differ by"
     )

@@ -16,8 +16,10 @@ from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.index_capture import IndexCapture
+from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.pack_shards import PackShards
 from pipeline.config.plan_effects import PlanEffects
+from pipeline.config.review_calibration import ReviewCalibration
 from pipeline.config.settings import Settings
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.trace_irradiance import TraceIrradiance
@@ -48,6 +50,7 @@ class SubjectSettings(Settings):
     calibrate_cameras: CalibrateCameras = CalibrateCameras()
     calibrate_color: CalibrateColor = CalibrateColor()
     calibrate_lights: CalibrateLights = CalibrateLights()
+    review_calibration: ReviewCalibration = ReviewCalibration()
     book_patterns: BookPatterns = BookPatterns()
     unwrap_atlas: UnwrapAtlas = UnwrapAtlas()
     track_mesh: TrackMesh = TrackMesh()
@@ -56,6 +59,7 @@ class SubjectSettings(Settings):
     pack_shards: PackShards = PackShards()
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
+    measure_cost: MeasureCost = MeasureCost()
 
 
 class ProjectSettings(SubjectSettings):

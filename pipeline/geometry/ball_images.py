@@ -1,4 +1,4 @@
-"""Measuring images of a mirror ball: its outline before a bright backdrop, and the highlight of one light in it."""
+"""The outline of a mirror ball before a bright backdrop."""
 
 from __future__ import annotations
 
@@ -22,19 +22,6 @@ EDGE_BAND = 0.06
 EDGE_LEAST_PX = 4.0
 EDGE_STEP_PX = 0.25
 
-RIM_PX = 2.0
-"""Highlights are looked for inside the outline and this far beyond it: rim highlights blur across it."""
-
-HIGHLIGHT_FLOOR = 0.03
-"""Share of the highlight's peak below which a pixel is not part of it: leaves out glow, and takes in the edge pixels
-that place the rest (on captures/walker 0.1 costs 7 % and 0.2 half of the accuracy)."""
-
-NEAR_RIM = 0.7
-"""Distance from the ball's middle, over its radius, from which a highlight is an arc rather than a spot."""
-
-NOISE_FACTOR = 8.0
-"""Peak over the noise below which there is no highlight: 1e6 pixels exceed 5 by chance, the rest is margin."""
-
 
 def measure_outline(gray: Float32[np.ndarray, "height width"]) -> Float64[np.ndarray, "points 2"] | None:
     """Outline of the dark ball to a fraction of a pixel (first pixel centre at (0.5, 0.5)); None if there is no ball.
@@ -44,7 +31,7 @@ def measure_outline(gray: Float32[np.ndarray, "height width"]) -> Float64[np.nda
     """
     dark = _dark_pixels(gray)
     contours, _ = cv2.findContours(dark, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    discs = [contour for contour in contours if _is_disc(contour, gray.shape)]
+    discs = [contour for contour in contours if _is_round(contour) and not _touches_border(contour, gray.shape)]
     if not discs:
         return None
     disc = max(discs, key=cv2.contourArea)
@@ -52,6 +39,13 @@ def measure_outline(gray: Float32[np.ndarray, "height width"]) -> Float64[np.nda
     cv2.drawContours(inside, [disc], -1, 1, cv2.FILLED)
     level = (np.median(gray[dark == 0]) + np.median(gray[inside > 0])) / 2
     return _refine_outline(gray, disc[:, 0].astype(np.float64), float(level))
+
+
+def why_no_ball(gray: Float32[np.ndarray, "height width"]) -> str:
+    """What an image holds in which `measure_outline` finds no ball, in words."""
+    contours, _ = cv2.findContours(_dark_pixels(gray), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cut = any(_is_cut_disc(contour, gray.shape) for contour in contours)
+    return "a ball that touches the image's border" if cut else "no round dark disc before a bright backdrop"
 
 
 def _dark_pixels(gray: np.ndarray) -> np.ndarray:
@@ -80,12 +74,28 @@ def _refine_outline(gray: np.ndarray, rough: np.ndarray, level: float) -> np.nda
     return middle + edge[good, None] * ray[good] + PIXEL_CENTER
 
 
-def _is_disc(contour: np.ndarray, shape: tuple[int, int]) -> bool:
-    x, y, width, height = cv2.boundingRect(contour)
+def _is_round(contour: np.ndarray) -> bool:
+    _, _, width, height = cv2.boundingRect(contour)
     _, around = cv2.minEnclosingCircle(contour)
-    whole = x > 0 and y > 0 and x + width < shape[1] and y + height < shape[0]
-    round_enough = cv2.contourArea(contour) > LEAST_ROUNDNESS * np.pi * around**2
-    return whole and min(width, height) >= LEAST_DIAMETER_PX and round_enough
+    return min(width, height) >= LEAST_DIAMETER_PX and cv2.contourArea(contour) > LEAST_ROUNDNESS * np.pi * around**2
+
+
+def _touches_border(contour: np.ndarray, shape: tuple[int, int]) -> bool:
+    x, y, width, height = cv2.boundingRect(contour)
+    return x == 0 or y == 0 or x + width == shape[1] or y + height == shape[0]
+
+
+def _is_cut_disc(contour: np.ndarray, shape: tuple[int, int]) -> bool:
+    """Whether what the border leaves of the contour lies on a circle of a ball's size."""
+    points = contour[:, 0].astype(np.float64)
+    inner = points[((points > 0) & (points < [shape[1] - 1, shape[0] - 1])).all(1)]
+    if not _touches_border(contour, shape) or len(inner) < LEAST_DIAMETER_PX:
+        return False
+    # x^2 + y^2 = 2 a x + 2 b y + c (Kasa 1976).
+    a, b, c = np.linalg.lstsq(np.c_[2 * inner, np.ones(len(inner))], (inner**2).sum(1), rcond=None)[0]
+    radius = np.sqrt(max(c + a * a + b * b, 0.0))
+    away = np.abs(np.hypot(inner[:, 0] - a, inner[:, 1] - b) - radius)
+    return bool(2 * radius >= LEAST_DIAMETER_PX and np.percentile(away, 90) < max(EDGE_BAND * radius, 1.0))
 
 
 def _crossing(profile: np.ndarray, level: float) -> np.ndarray:
@@ -97,58 +107,3 @@ def _crossing(profile: np.ndarray, level: float) -> np.ndarray:
     low, high = profile[rows, first], profile[rows, first + 1]
     fraction = (level - low) / np.where(high > low, high - low, 1.0)
     return np.where(rises.any(1), first + fraction, np.nan)
-
-
-def measure_highlight(
-    gray: Float32[np.ndarray, "height width"], outline: Float64[np.ndarray, "points 2"]
-) -> Float64[np.ndarray, "2"] | None:
-    """Middle of the brightest highlight within the outline, pixels; None if nothing stands out of the noise.
-
-    Near the rim the average is over distance from the ball's middle and angle about it, not over x and y: there a
-    highlight is an arc, whose centre of mass lies inside it, and a tenth of a pixel is degrees.
-    """
-    low = np.maximum(np.floor(outline.min(0) - RIM_PX), 0).astype(int)
-    high = np.ceil(outline.max(0) + RIM_PX).astype(int)
-    light = _above_dark(gray[low[1] : high[1], low[0] : high[0]], outline - low)
-    if light is None:
-        return None
-    rows, columns = _brightest_component(light)
-    weight = light[rows, columns]
-    middle = outline.mean(0)
-    offset = np.stack([columns, rows], 1) + PIXEL_CENTER + low - middle
-    center = np.average(offset, axis=0, weights=weight)
-    if np.linalg.norm(center) < NEAR_RIM * np.linalg.norm(outline - middle, axis=1).mean():
-        return middle + center
-    heading = np.arctan2(center[1], center[0])
-    turn = np.angle(np.exp(1j * (np.arctan2(offset[:, 1], offset[:, 0]) - heading)))
-    angle = heading + np.average(turn, weights=weight)
-    distance = np.average(np.linalg.norm(offset, axis=1), weights=weight)
-    return middle + distance * np.array([np.cos(angle), np.sin(angle)])
-
-
-def _above_dark(gray: np.ndarray, outline: np.ndarray) -> np.ndarray | None:
-    """Brightness above the dark ball, zero where it is not part of a highlight; None if there is none."""
-    middle = outline.mean(0)
-    reach = np.linalg.norm(outline - middle, axis=1).max()
-    grown = middle + (outline - middle) * (1 + RIM_PX / reach)
-    mask = np.zeros(gray.shape, np.uint8)
-    cv2.fillPoly(mask, [np.round(grown - PIXEL_CENTER).astype(np.int32)], 1)
-    values = gray[mask > 0]
-    dark = float(np.median(values))
-    # One grey level of an 8-bit image is the least noise there is; images come scaled to 0 .. 1.
-    noise = max(float(np.median(np.abs(values - dark))) / 0.6745, 1 / 255 / np.sqrt(12))
-    light = np.where(mask > 0, gray - dark, 0.0)
-    peak = float(light.max())
-    if peak < NOISE_FACTOR * noise:
-        return None
-    return np.where(light > max(HIGHLIGHT_FLOOR * peak, NOISE_FACTOR / 2 * noise), light, 0.0)
-
-
-def _brightest_component(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the pixels that hang together and shine most in sum."""
-    bright = light > 0
-    # Thin arcs break into pieces: pieces one pixel apart are one highlight.
-    _, label = cv2.connectedComponents(cv2.dilate(bright.astype(np.uint8), np.ones((3, 3), np.uint8)), connectivity=8)
-    label = np.where(bright, label, 0)
-    total = np.bincount(label.ravel(), weights=light.ravel())
-    return np.nonzero((label == total.argmax()) & bright)

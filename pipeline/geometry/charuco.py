@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float64, Int64, UInt8
+from jaxtyping import Float64, Int32, Int64, UInt8
 
 from pipeline.base.conventions import PIXEL_CENTER
 
 
 @dataclass(frozen=True)
 class Board:
-    """A ChArUco board; lengths in metres; `dictionary` is OpenCV's name, such as DICT_5X5_250."""
+    """A ChArUco board; lengths in metres; `dictionary` is OpenCV's name, such as DICT_5X5_250.
+
+    Its markers are numbered from `first_marker` on, so that several boards can share a dictionary.
+    """
 
     squares_x: int
     squares_y: int
     square_m: float
     marker_m: float
     dictionary: str
+    first_marker: int = 0
 
     def opencv(self, legacy: bool = False) -> cv2.aruco.CharucoBoard:
         """The board for OpenCV; `legacy`: the pattern printed before OpenCV 4.6, with a marker in the first corner.
 
         The two differ only where `squares_y` is even.
         """
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        board = cv2.aruco.CharucoBoard((self.squares_x, self.squares_y), self.square_m, self.marker_m, dictionary)
+        board = cv2.aruco.CharucoBoard(
+            (self.squares_x, self.squares_y), self.square_m, self.marker_m, opencv_dictionary(self.dictionary),
+            np.arange(self.first_marker, self.first_marker + self.squares_x * self.squares_y // 2),
+        )  # fmt: skip
         board.setLegacyPattern(legacy)
         return board
 
@@ -44,7 +50,7 @@ class Detection:
     Attributes:
         ids: the corners' numbers in `Board.corners_m`.
         pixels: where they are; first pixel centre at (0.5, 0.5).
-        markers: number of markers of the dictionary that were read, with or without corners.
+        markers: number of the board's markers that were read, with or without corners.
     """
 
     ids: Int64[np.ndarray, " corners"]
@@ -52,18 +58,55 @@ class Detection:
     markers: int
 
 
-def detect_board(gray: UInt8[np.ndarray, "height width"], board: Board, legacy: bool = False) -> Detection:
-    """Detect the board's inner corners to a fraction of a pixel; empty arrays if it is not seen."""
+def detect_boards(
+    gray: UInt8[np.ndarray, "height width"], boards: Sequence[Board], legacy: Sequence[bool]
+) -> list[Detection]:
+    """Detect each board's inner corners to a fraction of a pixel; empty arrays where one is not seen.
+
+    Args:
+        legacy: per board, see `Board.opencv`.
+    """
+    read = {name: read_markers(gray, name) for name in dict.fromkeys(board.dictionary for board in boards)}
+    return [_find_corners(gray, board, old, *read[board.dictionary]) for board, old in zip(boards, legacy, strict=True)]
+
+
+def read_markers(
+    gray: UInt8[np.ndarray, "height width"], dictionary: str
+) -> tuple[list[np.ndarray], Int32[np.ndarray, " markers"]]:
+    """The markers of a dictionary in an image: their corners as OpenCV gives them, and their numbers."""
     # Marker corners refined first: a tenth less noise in the chessboard corners than without (captures/walker).
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.CharucoDetector(board.opencv(legacy), cv2.aruco.CharucoParameters(), parameters)
-    corners, ids, _, marker_ids = detector.detectBoard(gray)
-    markers = 0 if marker_ids is None else len(marker_ids)
-    if ids is None or len(ids) == 0:
-        return Detection(np.zeros(0, np.int64), np.zeros((0, 2)), markers)
-    pixels = corners.reshape(-1, 2).astype(np.float64) + PIXEL_CENTER
-    return Detection(ids.ravel().astype(np.int64), pixels, markers)
+    corners, ids, _ = cv2.aruco.ArucoDetector(opencv_dictionary(dictionary), parameters).detectMarkers(gray)
+    return list(corners), np.zeros(0, np.int32) if ids is None else ids.ravel()
+
+
+def _find_corners(
+    gray: np.ndarray, board: Board, legacy: bool, corners: list[np.ndarray], ids: np.ndarray
+) -> Detection:
+    drawn = board.opencv(legacy)
+    own = np.flatnonzero(np.isin(ids, drawn.getIds()))
+    pixels, found = None, None
+    if len(own):
+        pixels, found, *_ = cv2.aruco.CharucoDetector(drawn).detectBoard(
+            gray, markerCorners=[corners[k] for k in own], markerIds=ids[own]
+        )
+    if found is None or len(found) == 0:
+        return Detection(np.zeros(0, np.int64), np.zeros((0, 2)), len(own))
+    centered = pixels.reshape(-1, 2).astype(np.float64) + PIXEL_CENTER
+    return Detection(found.ravel().astype(np.int64), centered, len(own))
+
+
+def mirrored_markers(gray: UInt8[np.ndarray, "height width"], boards: Sequence[Board]) -> int:
+    """Number of markers of the boards' dictionaries in the image's mirror image, less those in itself."""
+    names = {board.dictionary for board in boards}
+    flipped = np.ascontiguousarray(gray[:, ::-1])
+    return sum(len(read_markers(flipped, name)[1]) - len(read_markers(gray, name)[1]) for name in names)
+
+
+def opencv_dictionary(name: str) -> cv2.aruco.Dictionary:
+    """OpenCV's dictionary of a name such as DICT_5X5_250."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
 def dictionary_names() -> list[str]:
@@ -77,7 +120,7 @@ def matching_dictionary(images: Iterable[UInt8[np.ndarray, "height width"]]) -> 
     images = list(images)
     counts = {}
     for name in dictionary_names():
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+        dictionary = opencv_dictionary(name)
         detector = cv2.aruco.ArucoDetector(dictionary)
         found = sum(0 if ids is None else len(ids) for _, ids, *_ in map(detector.detectMarkers, images))
         counts[name] = (found, -len(dictionary.bytesList))

@@ -2,102 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.spatial.transform
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_table, write_json, write_table
+from pipeline.base.files import read_table, write_json
 from pipeline.calibrate_lights import run
-from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
-
-SIZE = 300
-RADIUS = 0.18
-BALLS = {"0": np.array([-0.25, 0.25, -0.2]), "1": np.array([0.3, -0.25, 0.25])}
-SURVEY_SIGMA = 0.02
-EMITTER = 0.05
-LENS_BLUR_PX = 0.7
-"""Standard deviation: a sharp highlight would hide inside one pixel, and could not be placed in it."""
-
-
-def cameras_in_stage():
-    cameras = {}
-    for name, angle in (("east", 0.0), ("north", 2.0), ("west", 4.2)):
-        R = scipy.spatial.transform.Rotation.from_euler("XY", [np.pi, angle]).as_matrix()
-        K = np.array([[450.0, 0, SIZE / 2], [0, 450, SIZE / 2], [0, 0, 1]])
-        cameras[name] = Camera(R, np.array([0.0, 0.0, 2.2]), K, np.zeros(5), SIZE, SIZE)
-    return cameras
-
-
-def planted_lights():
-    rng = np.random.default_rng(1)
-    lights = rng.normal(size=(12, 3))
-    return 2.0 * lights / np.linalg.norm(lights, axis=1, keepdims=True)
-
-
-def mirror(camera, ball):
-    """(hit, points, mirrored directions) of 4 x 4 rays per pixel; the last two for rays that hit."""
-    steps = (np.arange(4 * SIZE) + 0.5) / 4
-    x, y = np.meshgrid(steps, steps)
-    ray = np.stack([(x - SIZE / 2) / 450, (y - SIZE / 2) / 450, np.ones_like(x)], -1) @ camera.R
-    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-    toward = ball - camera.center
-    along = ray @ toward
-    root = along**2 - toward @ toward + RADIUS**2
-    hit = root > 0
-    points = camera.center + (along[hit] - np.sqrt(root[hit]))[:, None] * ray[hit]
-    normal = (points - ball) / RADIUS
-    return hit, points, ray[hit] - 2 * (ray[hit] * normal).sum(-1, keepdims=True) * normal
-
-
-def draw(mirrored, light):
-    """The ball with a round light in it, or its silhouette where `light` is None."""
-    hit, points, direction = mirrored
-    image = np.where(hit, 0.02, 0.7 if light is None else 0.01)
-    if light is not None:
-        to_light = light - points
-        ahead = (to_light * direction).sum(-1)
-        lit = (ahead > 0) & ((to_light**2).sum(-1) - ahead**2 < EMITTER**2)
-        image[hit] = np.where(lit, 0.9, 0.01)
-    image = cv2.GaussianBlur(image, (0, 0), 4 * LENS_BLUR_PX)
-    return image.reshape(SIZE, 4, SIZE, 4).mean((1, 3))
+from pipeline.config.calibrate_lights import CalibrateLights
+from pipeline.geometry.cameras import read_cameras, write_cameras
+from tests.drawn_balls import (
+    RADIUS,
+    cameras_in_stage,
+    edit_json,
+    paths,
+    planted_lights,
+    variant,
+    write_ball_capture,
+)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder, lights = tmp_path_factory.mktemp("capture"), planted_lights()
-    images, silhouettes = [], []
-    for name, camera in cameras_in_stage().items():
-        for position, ball in BALLS.items():
-            mirrored = mirror(camera, ball)
-            for light in (None, *range(len(lights))):
-                path = f"{name}_{position}_{light}.png"
-                gray = draw(mirrored, None if light is None else lights[light])
-                cv2.imwrite(str(folder / path), np.round(255 * gray).astype(np.uint8))
-                entry = {"position": position, "camera": name, "path": path, "digest": ""}
-                (silhouettes if light is None else images).append(
-                    entry if light is None else {**entry, "light": f"L{light}"}
-                )
-    content = {"method": "mirror_ball", "radius_m": RADIUS, "images": images, "silhouettes": silhouettes}
-    write_json(folder / "index/calibration_lights.json", content)
-    write_json(folder / "index/calibration_cameras.json", {"method": "charuco"})
-    survey = lights + np.random.default_rng(2).normal(0, SURVEY_SIGMA, lights.shape)
-    rows = [(f"L{k}", *row) for k, row in enumerate(survey)]
-    rows.append(("L99", 1.0, 2.0, 3.0))  # a light of which there are no images
-    write_table(folder / "index/lights.parquet", pd.DataFrame(rows, columns=["light", "x", "y", "z"]))
-    R = scipy.spatial.transform.Rotation.from_rotvec([0.3, -1.0, 0.5]).as_matrix()
-    t = np.array([0.4, -2.0, 1.0])  # x_rig = R x_stage + t
-    rig = {name: replace(c, R=c.R @ R.T, t=c.t - c.R @ R.T @ t) for name, c in cameras_in_stage().items()}
-    write_cameras(folder / "rig.json", rig)
+    folder = tmp_path_factory.mktemp("capture")
+    write_ball_capture(folder)
     return folder
-
-
-def paths(folder, out):
-    return {"capture": folder, "index": folder / "index", "rig": folder / "rig.json", "out": out}
 
 
 def test_lights_and_cameras_in_the_stage_frame(folder, tmp_path):
@@ -119,9 +49,66 @@ def test_lights_and_cameras_in_the_stage_frame(folder, tmp_path):
     cameras = read_cameras(tmp_path / "cameras.json")
     for name, camera in cameras_in_stage().items():
         assert np.linalg.norm(cameras[name].center - camera.center) < 0.05
+    covariance = measured[["cov_xx", "cov_yy", "cov_zz"]].sum(axis=1)
+    assert measured.sigma_m.to_numpy() == pytest.approx(np.sqrt(covariance / 3))
+    assert lights.loc["L99", "cov_xx":"color_b_sigma"].drop("highlights").isna().all()
+    verdicts = pd.read_csv(tmp_path / "verdicts_lights.csv").set_index(["kind", "name"])
+    assert verdicts.loc[("light", "L99"), "grade"] == "failed"
+    assert verdicts.loc[("light", "L99"), "reason"].startswith("no image of it with a usable ball; keeps its surveyed")
+    assert (verdicts.loc["ball"].grade == "good").all()
+    assert list(verdicts.loc["light"].index) == list(lights.index)
     residuals = read_table(tmp_path / "residuals_lights.parquet")
     assert list(residuals.columns) == ["light", "position", "camera", "x", "y", "residual_x", "residual_y", "weight"]
     assert np.median(np.hypot(residuals.residual_x, residuals.residual_y)) < 0.2
+
+
+def test_equal_lights_are_equally_bright(folder, tmp_path):
+    """All lamps are drawn alike, at 2 m: only their places differ, and grey images tell no colours."""
+    run(**paths(folder, tmp_path), settings=CalibrateLights(largest_sigma_m=0.1))
+    lights = read_table(tmp_path / "lights.parquet").set_index("light").drop("L99")
+    # Peaks are 25 to 80 grey levels: 20 pixels of a highlight, each rounded, add up to sqrt(20 / 12) of 100, or 1 %;
+    # the blurred skirt that rounds to nothing is some per cent more, and more of it the fainter the peak.
+    assert (lights.intensity - 1).abs().max() < 0.1
+    assert np.sqrt((((lights.intensity - 1) / lights.intensity_sigma) ** 2).mean()) < 2
+    assert lights.color_r.isna().all()
+    reasons = pd.read_csv(tmp_path / "verdicts_lights.csv").set_index("name").reason
+    assert reasons["L3"].endswith("no colour: the images are grey")
+
+
+def test_photographs_in_srgb(folder, tmp_path):
+    """The same light in other counts: the same lights, to the rounding of the files; said to be linear, it is not."""
+    run(**paths(folder, tmp_path / "linear"))
+    photos = variant(folder, tmp_path / "photos")
+    for path in photos.glob("*.png"):
+        value = cv2.imread(str(path), 0) / 255
+        value = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+        cv2.imwrite(str(path), np.round(255 * value).astype(np.uint8))
+    edit_json(photos / "index/calibration_lights.json", lambda content: content.update(transfer="srgb"))
+    run(**paths(photos, tmp_path / "srgb"))
+    a, b = (read_table(tmp_path / name / "lights.parquet").set_index("light") for name in ("linear", "srgb"))
+    both = a.index[(a.status == "measured") & (b.status == "measured")]
+    assert len(both) >= 10
+    away = (a.loc[both, ["x", "y", "z"]] - b.loc[both, ["x", "y", "z"]]).to_numpy(np.float64)
+    assert np.median(np.linalg.norm(away, axis=1)) < a.sigma_m[both].median()
+    assert (a.intensity[both] / b.intensity[both] - 1).abs().max() < 0.1
+    edit_json(photos / "index/calibration_lights.json", lambda content: content.update(transfer="linear"))
+    run(**paths(photos, tmp_path / "unsaid"))
+    balls = {
+        name: pd.read_csv(tmp_path / name / "verdicts_lights.csv").query("kind == 'ball'").reason.tolist()
+        for name in ("srgb", "unsaid")
+    }
+    assert balls["srgb"] != balls["unsaid"]
+
+
+def test_fewer_balls_are_faster_and_worse(folder, tmp_path):
+    run(**paths(folder, tmp_path / "all"))
+    run(**paths(folder, tmp_path / "one"), settings=CalibrateLights(most_balls=1, largest_sigma_m=0.1))
+    few, all_of_them = (read_table(tmp_path / name / "residuals_lights.parquet") for name in ("one", "all"))
+    assert set(few.position) == {"0"}
+    assert set(all_of_them.position) == {"0", "1"}
+    worse, better = (read_table(tmp_path / name / "lights.parquet").set_index("light") for name in ("one", "all"))
+    both = worse.index[(worse.status == "measured") & (better.status == "measured")]
+    assert worse.sigma_m[both].median() > better.sigma_m[both].median()
 
 
 def test_known_cameras_are_in_the_stage_already(folder, tmp_path):
@@ -139,16 +126,27 @@ def test_known_cameras_are_in_the_stage_already(folder, tmp_path):
     assert np.median(np.linalg.norm(lights[["x", "y", "z"]].to_numpy() - true, axis=1)) < 0.01
 
 
-@pytest.mark.parametrize("method", ["known", "charuco"])
-def test_known_lights(folder, tmp_path, method):
+def test_known_cameras_in_a_frame_of_their_own_are_moved_like_calibrated_ones(folder, tmp_path):
+    run(**paths(folder, tmp_path / "calibrated"))
+    other = variant(folder, tmp_path / "capture")
+    write_json(other / "index/calibration_cameras.json", {"method": "known", "frame": "own"})
+    run(**paths(other, tmp_path / "known"))
+    for name in ("cameras.json", "lights.parquet"):
+        assert (tmp_path / "known" / name).read_bytes() == (tmp_path / "calibrated" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    "cameras", [{"method": "known"}, {"method": "known", "frame": "own"}, {"method": "charuco"}], ids=str
+)
+def test_known_lights(folder, tmp_path, cameras):
     index = tmp_path / "index"
     index.mkdir()
     (index / "lights.parquet").write_bytes((folder / "index/lights.parquet").read_bytes())
     write_json(index / "calibration_lights.json", {"method": "known"})
-    write_json(index / "calibration_cameras.json", {"method": method})
+    write_json(index / "calibration_cameras.json", cameras)
     arguments = {"capture": folder, "index": index, "rig": folder / "rig.json", "out": tmp_path}
-    if method == "charuco":
-        with pytest.raises(InputError, match="expected method known, found charuco"):
+    if cameras != {"method": "known"}:
+        with pytest.raises(InputError, match="expected known cameras in the stage's frame"):
             run(**arguments)
         return
     run(**arguments)

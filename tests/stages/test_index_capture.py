@@ -110,7 +110,8 @@ class TestValid:
         run(capture=known, out=tmp_path)
         path = "calibration/cameras.json"
         cameras = json.loads((tmp_path / "calibration_cameras.json").read_text())
-        assert cameras == {"method": "known", "path": path, "digest": digest(known / path)}
+        keys = {"method": "known", "format": "cameras_json", "path": path, "scale_to_m": 1.0, "frame": "stage"}
+        assert cameras == {**keys, "digest": digest(known / path)}
         assert json.loads((tmp_path / "calibration_lights.json").read_text())["method"] == "known"
         assert json.loads((tmp_path / "calibration_color.json").read_text())["method"] == "none"
 

@@ -14,6 +14,8 @@ LAYERS = [
     {"capture", "lighting", "synthesis"},
     {"rendering"},
     {"avatar"},
+    {"figures"},
+    {"dials"},
 ]
 """Packages from the bottom up. Packages of one layer may import each other; the stages stand on top of all."""
 

@@ -5,6 +5,8 @@ rule calibrate_cameras:
     output:
         rig="results/{subject}/calibration/rig.json",
         residuals="results/{subject}/calibration/residuals_cameras.parquet",
+        quality="results/{subject}/calibration/quality_cameras.parquet",
+        verdicts="results/{subject}/calibration/verdicts_cameras.csv",
     log:
         "results/{subject}/logs/calibrate_cameras.log",
     benchmark:
@@ -35,6 +37,7 @@ rule calibrate_color:
     output:
         color="results/{subject}/calibration/color.json",
         residuals="results/{subject}/calibration/residuals_color.parquet",
+        verdicts="results/{subject}/calibration/verdicts_color.csv",
     log:
         "results/{subject}/logs/calibrate_color.log",
     benchmark:
@@ -67,6 +70,7 @@ rule calibrate_lights:
         lights="results/{subject}/calibration/lights.parquet",
         cameras="results/{subject}/calibration/cameras.json",
         residuals="results/{subject}/calibration/residuals_lights.parquet",
+        verdicts="results/{subject}/calibration/verdicts_lights.csv",
     log:
         "results/{subject}/logs/calibrate_lights.log",
     benchmark:
@@ -87,3 +91,49 @@ rule calibrate_lights:
     shell:
         "python -m pipeline.calibrate_lights --capture {params.capture:q} --index {params.index:q} "
         "--rig {input.rig:q} --out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
+
+
+rule review_calibration:
+    input:
+        cameras_index="results/{subject}/index/calibration_cameras.json",
+        lights_index="results/{subject}/index/calibration_lights.json",
+        color_index="results/{subject}/index/calibration_color.json",
+        capture="results/{subject}/index/capture.json",
+        survey="results/{subject}/index/lights.parquet",
+        cameras="results/{subject}/calibration/cameras.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        color="results/{subject}/calibration/color.json",
+        residuals=expand(
+            "results/{{subject}}/calibration/residuals_{part}.parquet",
+            part=("cameras", "lights", "color"),
+        ),
+        verdicts=expand(
+            "results/{{subject}}/calibration/verdicts_{part}.csv",
+            part=("cameras", "lights", "color"),
+        ),
+    output:
+        residuals="results/{subject}/calibration/residuals.parquet",
+        verdicts="results/{subject}/calibration/verdicts.csv",
+        pictures=directory("results/{subject}/calibration/review"),
+    log:
+        "results/{subject}/logs/review_calibration.log",
+    benchmark:
+        "results/{subject}/benchmarks/review_calibration.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("review_calibration"),
+        capture=capture_folder,
+        index=subpath(input.capture, parent=True),
+        calibration=subpath(input.cameras, parent=True),
+        out=subpath(output.residuals, parent=True),
+        settings=settings_of("review_calibration"),
+    message:
+        "{wildcards.subject}: drawing what the calibration is judged by"
+    shell:
+        "python -m pipeline.review_calibration --capture {params.capture:q} --index {params.index:q} "
+        "--calibration {params.calibration:q} --out {params.out:q} --threads {threads} {params.settings:q} "
+        "> {log:q} 2>&1"

@@ -90,3 +90,14 @@ def test_every_key_of_the_format_is_described() -> None:
     fields = {(name, key): field for name, model in models.items() for key, field in model["properties"].items()}
     assert len(fields) > 40
     assert [place for place, field in fields.items() if not field.get("description")] == []
+
+
+def test_a_key_of_a_list_entry_is_named_like_any_other(tmp_path: Path) -> None:
+    board = {"squares_x": 7, "squares_y": 5, "square_m": 0.12, "marker_m": 0.09, "dictionary": "DICT_5X5_250"}
+    content = copy.deepcopy(WHOLE)
+    content["calibration"]["cameras"] = {"method": "charuco", "path": "b/{camera}/{view}.png", "boards": [board, board]}
+    content["calibration"]["cameras"]["boards"][1] = {k: v for k, v in board.items() if k != "square_m"}
+    _, complaints = read(content, tmp_path)
+    assert len(complaints.messages) == 1
+    assert "calibration.cameras.boards[1].square_m: expected side of a square" in complaints.messages[0]
+    assert "no such key" in complaints.messages[0]

@@ -389,6 +389,26 @@ KNOWN_BREAKS: dict[str, tuple[Break, list[str]]] = {
         ["left: R: expected a rotation"],
     ),
     "distortion of four": (known_cameras(lambda c: c["left"].update(dist=[0.0] * 4)), ["camera left: dist"]),
+    "two known cameras at once": (
+        known_cameras(lambda c: (c["left"].update(width=8), c.pop("right"))),
+        ["cameras.json: left: width x height", "cameras.json: right: expected every camera"],
+    ),
+    "unknown format of cameras": (
+        manifest(lambda m: m["calibration"]["cameras"].update(format="opencv")),
+        ["calibration.cameras.format: expected 'cameras_json', 'colmap' or 'nerfstudio', found text 'opencv'"],
+    ),
+    "folder without its format": (
+        manifest(lambda m: m["calibration"]["cameras"].update(path="calibration/sparse")),
+        ["calibration.cameras.path: expected a path that ends in .json"],
+    ),
+    "no COLMAP model": (
+        manifest(lambda m: m["calibration"]["cameras"].update(path="calibration/sparse", format="colmap")),
+        ["calibration/sparse: expected the folder of a COLMAP model, found none"],
+    ),
+    "nerfstudio without frames": (
+        manifest(lambda m: m["calibration"]["cameras"].update(format="nerfstudio")),
+        ["calibration/cameras.json: frames: expected a list"],
+    ),
 }
 
 MEASURED_BREAKS: dict[str, tuple[Break, list[str]]] = {

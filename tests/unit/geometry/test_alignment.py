@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.spatial.transform
 
-from pipeline.geometry.alignment import align_rigid
+from pipeline.geometry.alignment import align_rigid, fit_scale
 
 
 def motion(seed):
@@ -62,3 +62,21 @@ def test_a_plane_of_points_is_enough():
 def test_points_on_a_line_are_refused(points):
     with pytest.raises(ValueError, match="three pairs"):
         align_rigid(points, points)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.95, 1.0, 100.0])
+def test_scale_of_swapped_and_noisy_points(scale):
+    R, t, rng = motion(30)
+    points = rng.normal(size=(40, 3))
+    points *= 2.4 / np.linalg.norm(points, axis=1, keepdims=True)
+    target = scale * (points @ R.T + rng.normal(0, 0.03, (40, 3))) + t
+    target[:4] = target[[1, 2, 3, 0]]
+    found, sigma = fit_scale(points, target)
+    # 0.03 / (2.4 sqrt(36)) = 0.2 %; Cauchy's weights make 28 of 36 points, and the swapped ones add to the noise.
+    assert sigma / scale == pytest.approx(0.0025, rel=0.25)
+    assert abs(found - scale) < 4 * sigma
+
+
+def test_scale_of_one_point_is_refused():
+    with pytest.raises(ValueError, match="three pairs"):
+        fit_scale(np.zeros((1, 3)), np.ones((1, 3)))

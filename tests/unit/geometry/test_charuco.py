@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.geometry.charuco import Board, detect_board, matching_dictionary
+from pipeline.geometry.charuco import Board, detect_boards, matching_dictionary, mirrored_markers
 
 SQUARE = 80
 """Pixels per square of the drawn board: a multiple of 8, so that no line of a marker is rounded."""
@@ -27,6 +27,10 @@ def warped_board(board, legacy=False, scale=0.6, noise=0.0):
     image += np.random.default_rng(0).normal(0, noise, image.shape)
     scaled = to_pixels @ np.diag([SQUARE, SQUARE, 1.0])
     return np.clip(np.round(image), 0, 255).astype(np.uint8), scaled
+
+
+def detect_board(gray, board, legacy=False):
+    return detect_boards(gray, [board], [legacy])[0]
 
 
 def expected_corners(board, homography):
@@ -70,3 +74,47 @@ def test_the_right_dictionary_is_named():
     assert name == "DICT_5X5_50"
     assert count == 17
     assert matching_dictionary([np.full((100, 100), 200, np.uint8)]) is None
+
+
+def side_by_side(boards):
+    """Boards next to each other in one image, and where their corners are."""
+    drawn = [warped_board(board) for board in boards]
+    image = np.concatenate([gray for gray, _ in drawn], 1)
+    homographies = [np.array([[1, 0, 480.0 * k], [0, 1, 0], [0, 0, 1]]) @ h for k, (_, h) in enumerate(drawn)]
+    corners = [expected_corners(board, homography) for board, homography in zip(boards, homographies, strict=True)]
+    return image, corners
+
+
+def test_two_boards_of_one_dictionary_are_told_apart_by_their_markers():
+    boards = [Board(7, 5, 0.12, 0.09, "DICT_5X5_250"), Board(7, 5, 0.12, 0.09, "DICT_5X5_250", first_marker=17)]
+    image, corners = side_by_side(boards)
+    for detection, expected in zip(detect_boards(image, boards, [False, False]), corners, strict=True):
+        assert len(detection.ids) == 24
+        assert detection.markers == 17
+        assert np.abs(detection.pixels - expected[detection.ids]).max() < 0.3
+
+
+def test_boards_of_two_dictionaries_in_one_image():
+    boards = [Board(5, 6, 0.1, 0.07, "DICT_4X4_50"), Board(7, 5, 0.12, 0.09, "DICT_6X6_100", first_marker=3)]
+    image, corners = side_by_side(boards)
+    for detection, expected in zip(detect_boards(image, boards, [False, False]), corners, strict=True):
+        assert len(detection.ids) == len(expected)
+        assert np.abs(detection.pixels - expected[detection.ids]).max() < 0.3
+
+
+def test_a_board_partly_outside_the_image_keeps_its_own_corners():
+    board = Board(7, 5, 0.12, 0.09, "DICT_5X5_250")
+    gray, homography = warped_board(board)
+    half = np.ascontiguousarray(gray[:, :220])
+    found, expected = detect_board(half, board), expected_corners(board, homography)
+    assert 6 <= len(found.ids) < 24
+    assert np.abs(found.pixels - expected[found.ids]).max() < 0.5
+
+
+def test_a_mirrored_board_is_read_in_the_mirror():
+    board = Board(7, 5, 0.12, 0.09, "DICT_5X5_250")
+    gray, _ = warped_board(board)
+    mirrored = np.ascontiguousarray(gray[:, ::-1])
+    assert len(detect_board(mirrored, board).ids) == 0
+    assert mirrored_markers(mirrored, [board]) >= 15
+    assert mirrored_markers(gray, [board]) <= -15

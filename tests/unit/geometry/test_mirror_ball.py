@@ -1,14 +1,13 @@
-"""Mirror balls against planted lights: highlights are found by searching the sphere for the mirror law, outlines by
-its tangent cone, and images are drawn from these by counting samples per pixel.
+"""Mirror balls: reflections against a search for the shortest path, outlines against the ball's tangent cone and images
+drawn by counting samples per pixel.
 """
 
 import numpy as np
 import pytest
 
-from pipeline.geometry.ball_images import measure_highlight, measure_outline
+from pipeline.geometry.ball_images import measure_outline, why_no_ball
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.mirror_ball import locate_ball, reflected_rays, reflection_points
-from pipeline.geometry.mirror_lights import Highlights, locate_lights
+from pipeline.geometry.mirror_ball import locate_ball, reflected_rays, reflection_derivatives, reflection_points
 
 RADIUS = 0.18
 SIZE = (320, 320)
@@ -135,8 +134,9 @@ def test_ball_with_noise_and_a_hidden_part():
     outlines[0][:40] += [3.0, 0.0]  # a fifth of one outline belongs to a stand
     ball = locate_ball(CAMERAS, outlines, RADIUS)
     sigma = np.sqrt(np.diag(ball.covariance))
-    # One camera alone: 0.2 px / 560 px * 2.5 m / sqrt(100) across = 0.09 mm.
-    assert sigma.max() < 2e-4
+    # One camera alone: 0.2 px / 560 px * 2.5 m / sqrt(100) across = 0.09 mm; the stand pulls its camera's centre aside,
+    # which the others contradict: three times as much.
+    assert sigma.max() < 4e-4
     assert np.abs(ball.center - BALLS[0]).max() < 5 * sigma.max()
 
 
@@ -161,85 +161,41 @@ def test_no_ball_is_none():
     cut = drawn(hits(np.array([0.75, 0.0, 0.0]), CAMERAS[0]))
     assert cut.any()
     assert measure_outline(0.7 - 0.6 * cut) is None
+    assert why_no_ball(0.7 - 0.6 * cut) == "a ball that touches the image's border"
     square = np.full((100, 100), 0.7, np.float32)
     square[30:70, 30:70] = 0.05
     assert measure_outline(square) is None
+    assert why_no_ball(square) == "no round dark disc before a bright backdrop"
+    # A dark wall at the border is no ball that is cut off.
+    square[:, :20] = 0.05
+    assert why_no_ball(square) == "no round dark disc before a bright backdrop"
 
 
-def highlight_image(ball, camera, light, around, emitter=0.12, oversampling=10, half_side=12):
-    """A ball that mirrors a spherical light of radius `emitter`, drawn in a window `around` a pixel, else black."""
-    low = np.floor(around).astype(int) - half_side
-    steps = (np.arange(2 * half_side * oversampling) + 0.5) / oversampling
-    x, y = np.meshgrid(low[0] + steps, low[1] + steps)
-    points, direction = reflected_rays(ball, RADIUS, camera, np.stack([x.ravel(), y.ravel()], 1))
-    with np.errstate(invalid="ignore"):
-        away = np.linalg.norm(np.cross(light - points, direction), axis=1)
-        shines = (away < emitter) & (((light - points) * direction).sum(1) > 0)
-    image = np.zeros(SIZE[::-1], np.float32)
-    window = shines.reshape(2 * half_side, oversampling, 2 * half_side, oversampling).mean((1, 3))
-    image[low[1] : low[1] + 2 * half_side, low[0] : low[0] + 2 * half_side] = window
-    return image
-
-
-@pytest.mark.parametrize("off_axis", [20.0, 80.0, 120.0, 155.0])
-def test_highlight_in_a_drawn_image(off_axis):
-    camera, ball = CAMERAS[0], BALLS[0]
-    axis = (camera.center - ball) / np.linalg.norm(camera.center - ball)
-    aside = np.cross(axis, [0.2, 0.5, 0.6])
-    aside /= np.linalg.norm(aside)
-    light = ball + 2.4 * (np.cos(np.radians(off_axis)) * axis + np.sin(np.radians(off_axis)) * aside)
-    expected = camera.project(reflection_points(ball[None], RADIUS, camera.center[None], light[None]))[0][0]
-    image = highlight_image(ball, camera, light, expected)
-    noisy = image + np.random.default_rng(0).normal(0, 0.002, image.shape).astype(np.float32)
-    found = measure_highlight(noisy, outline(ball, camera))
-    # The highlight is one to two pixels wide, so its pixels' shares place it to a small part of one.
-    assert np.linalg.norm(found - expected) < 0.1
-
-
-def test_a_dark_ball_has_no_highlight():
-    noise = np.random.default_rng(0).normal(0.01, 0.003, SIZE[::-1]).astype(np.float32)
-    assert measure_highlight(noise, outline(BALLS[0], CAMERAS[0])) is None
-
-
-def planted_highlights(lights, noise, rng):
-    rows = []
-    for b, ball in enumerate(BALLS):
-        for c, camera in enumerate(CAMERAS):
-            n = len(lights)
-            points = reflection_points(np.tile(ball, (n, 1)), RADIUS, np.tile(camera.center, (n, 1)), lights)
-            seen = ((camera.center - points) * (points - ball)).sum(1) > 0.02 * RADIUS
-            rows += [(k, b, c, *camera.project(points[k : k + 1])[0][0]) for k in np.flatnonzero(seen)]
-    table = np.array(rows)
-    indices = table[:, :3].astype(np.int64)
-    return Highlights(*indices.T, table[:, 3:] + rng.normal(0, noise, (len(table), 2)))
-
-
-def test_lights_from_exact_highlights():
-    lights = planted_lights(30, np.random.default_rng(3))
-    solution = locate_lights(planted_highlights(lights, 0.0, np.random.default_rng(0)), BALLS, CAMERAS, RADIUS, 30)
-    assert np.abs(solution.parameters.reshape(-1, 3) - lights).max() < 1e-5
-
-
-def test_lights_from_noisy_highlights_are_within_their_error_bars():
-    lights = planted_lights(60, np.random.default_rng(3))
-    highlights = planted_highlights(lights, 0.05, np.random.default_rng(4))
-    solution = locate_lights(highlights, BALLS, CAMERAS, RADIUS, 60)
-    error = solution.parameters.reshape(-1, 3) - lights
-    sigma = np.sqrt(np.diag(solution.covariance).reshape(-1, 3))
-    assert solution.sigma == pytest.approx(0.05, rel=0.2)
-    assert np.median(np.linalg.norm(error, axis=1)) < 0.02
-    # 180 standard normal numbers: their root mean square is 1 +- 0.05, five times that for Cauchy's weights.
-    assert np.sqrt(np.mean((error / sigma) ** 2)) == pytest.approx(1, abs=0.3)
-
-
-def test_one_wrong_highlight_per_light_is_ignored():
-    rng = np.random.default_rng(5)
+def test_derivatives_are_those_of_the_reflection():
+    rng = np.random.default_rng(8)
     lights = planted_lights(40, rng)
-    highlights = planted_highlights(lights, 0.02, rng)
-    for light in range(0, 40, 2):
-        wrong = rng.choice(np.flatnonzero(highlights.light == light))
-        highlights.pixel[wrong] += rng.choice([-1, 1], 2) * rng.uniform(4, 10, 2)
-    solution = locate_lights(highlights, BALLS, CAMERAS, RADIUS, 40)
-    error = np.linalg.norm(solution.parameters.reshape(-1, 3) - lights, axis=1)
-    assert np.median(error) < 0.01
-    assert np.percentile(error, 95) < 0.05
+    ball, camera = np.tile(BALLS[0], (40, 1)), np.tile(CAMERAS[0].center, (40, 1))
+    points = reflection_points(ball, RADIUS, camera, lights)
+    by_ball, by_light = reflection_derivatives(ball, RADIUS, camera, lights, points)
+    for axis in range(3):
+        step = 1e-5 * np.eye(3)[axis]
+        light = reflection_points(ball, RADIUS, camera, lights + step)
+        light -= reflection_points(ball, RADIUS, camera, lights - step)
+        moved = reflection_points(ball + step, RADIUS, camera, lights)
+        moved -= reflection_points(ball - step, RADIUS, camera, lights)
+        # Central differences: truncation 1e-10, rounding 1e-16 / 1e-5.
+        assert by_light[:, :, axis] == pytest.approx(light / 2e-5, abs=1e-9)
+        assert by_ball[:, :, axis] == pytest.approx(moved / 2e-5, abs=1e-9)
+
+
+def test_cameras_that_disagree_widen_the_covariance():
+    rng = np.random.default_rng(0)
+    outlines = [outline(BALLS[0], camera) + rng.normal(0, 0.1, (200, 2)) for camera in CAMERAS]
+    alike = locate_ball(CAMERAS, outlines, RADIUS)
+    assert alike.disagreement == 1.0
+    shifted = [outlines[0] + [0.5, 0.0], *outlines[1:]]  # one camera is turned by half a pixel
+    apart = locate_ball(CAMERAS, shifted, RADIUS)
+    assert apart.disagreement > 5
+    error = apart.center - BALLS[0]
+    assert error @ np.linalg.solve(apart.covariance, error) < 16  # chi^2 of three exceeds it once in a thousand
+    assert error @ np.linalg.solve(alike.covariance, error) > 16

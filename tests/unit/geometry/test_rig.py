@@ -6,81 +6,15 @@ import pytest
 import scipy.spatial.transform
 
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.charuco import Board
 from pipeline.geometry.projection import project_with_jacobian
-from pipeline.geometry.rig import Observations, adjust_rig
-from pipeline.geometry.rig_start import connected_groups, start_rig, usable_views, view_rows
+from pipeline.geometry.rig_model import Observations
+from pipeline.geometry.rig_start import connected_groups, usable_views, view_rows
 from pipeline.geometry.rotations import left_jacobian
-
-SIZE = (640, 480)
-BOARD = Board(7, 5, 0.12, 0.09, "DICT_5X5_250")
+from tests.planted_rig import BOARD, SIZE, boards_in_stage, center_errors, observe, planted_cameras, solve
 
 
-def look_at(center, target, roll=0.0):
-    forward = np.asarray(target, float) - center
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [np.sin(roll), np.cos(roll), 0.0])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward])
-
-
-def planted_cameras(count, rng):
-    cameras = []
-    for c in range(count):
-        angle = 2 * np.pi * c / count * 0.6
-        center = np.array([2.5 * np.sin(angle), 0.3 * rng.normal(), 2.5 * np.cos(angle)])
-        R = look_at(center, rng.normal(0, 0.05, 3), rng.normal(0, 0.1))
-        focal = rng.uniform(600, 800)
-        K = np.array([[focal, 0, 320 + 6 * rng.normal()], [0, focal * 1.001, 240 + 6 * rng.normal()], [0, 0, 1]])
-        dist = np.array([-0.1, 0.03, 5e-4, -5e-4, 0.0]) * rng.uniform(0.5, 1.5)
-        cameras.append(Camera(R, -R @ center, K, dist, *SIZE))
-    return cameras
-
-
-def boards_in_stage(count, rng, tilt=0.5):
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    for v in range(count):
-        angle = 2 * np.pi * 0.6 * rng.uniform(-0.1, 0.9)
-        facing = scipy.spatial.transform.Rotation.from_euler("YX", [angle, np.pi]).as_matrix()
-        tilted = scipy.spatial.transform.Rotation.from_rotvec(tilt * rng.normal(size=3)).as_matrix()
-        R = tilted @ facing
-        poses[v, :3, :3] = R
-        poses[v, :3, 3] = rng.uniform(-0.35, 0.35, 3) - R @ [0.42, 0.3, 0]
-    return poses
-
-
-def observe(cameras, boards, noise, rng):
-    """Corners by cv2.projectPoints, where the board faces the camera (less than 65 degrees off) and is in the image."""
-    points, rows = BOARD.corners_m(), []
-    for c, camera in enumerate(cameras):
-        for v, pose in enumerate(boards):
-            normal, toward = pose[:3, 2], pose[:3, 3] - camera.center
-            if toward @ normal / np.linalg.norm(toward) < np.cos(np.radians(65)):
-                continue
-            world = points @ pose[:3, :3].T + pose[:3, 3]
-            turn = cv2.Rodrigues(camera.R)[0]
-            pixels = cv2.projectPoints(world, turn, camera.t, camera.opencv_K(), camera.dist)[0].reshape(-1, 2) + 0.5
-            inside = ((pixels > 0) & (pixels < SIZE)).all(1)
-            rows += [(c, v, k, *pixels[k]) for k in np.flatnonzero(inside)]
-    table = np.array(rows)
-    pixels = table[:, 3:] + rng.normal(0, noise, (len(table), 2))
-    return Observations(*table[:, :3].astype(np.int64).T, pixels)
-
-
-def solve(observations, count, distortion=5):
-    points = BOARD.corners_m()
-    chosen = observations.select(usable_views(observations, points))
-    numbers, view = np.unique(chosen.view, return_inverse=True)
-    chosen = Observations(chosen.camera, view.astype(np.int64), chosen.corner, chosen.pixel)
-    start = start_rig(chosen, points, [SIZE] * count)
-    return adjust_rig(chosen, points, start.cameras, start.rig_from_board, distortion), numbers
-
-
-def center_errors(rig, cameras, stage_from_rig):
-    return [
-        np.linalg.norm(stage_from_rig[:3, :3] @ found.center + stage_from_rig[:3, 3] - true.center)
-        for found, true in zip(rig.cameras, cameras, strict=True)
-    ]
+def distances(rig, cameras):
+    return np.linalg.norm(center_errors(rig.cameras, cameras), axis=1)
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +25,9 @@ def rig_of_six():
 
 def test_planted_rig_is_recovered_within_its_own_error_bars(rig_of_six):
     cameras, boards = rig_of_six
-    rig, numbers = solve(observe(cameras, boards, 0.1, np.random.default_rng(8)), 6)
+    rig, _ = solve(observe(cameras, boards, 0.1, np.random.default_rng(8)), 6)
     assert rig.sigma_px == pytest.approx(0.1, rel=0.15)
-    for error, sigma in zip(center_errors(rig, cameras, boards[numbers[0]]), rig.center_sigma_m, strict=True):
+    for error, sigma in zip(distances(rig, cameras), rig.center_sigma_m, strict=True):
         assert sigma < 4e-3
         assert error < 4 * np.sqrt(3) * sigma
     for found, true, sigma in zip(rig.cameras, cameras, rig.focal_sigma, strict=True):
@@ -103,10 +37,10 @@ def test_planted_rig_is_recovered_within_its_own_error_bars(rig_of_six):
 
 def test_noiseless_corners_give_the_planted_rig(rig_of_six):
     cameras, boards = rig_of_six
-    rig, numbers = solve(observe(cameras, boards, 0.0, np.random.default_rng(8)), 6)
+    rig, _ = solve(observe(cameras, boards, 0.0, np.random.default_rng(8)), 6)
     # The priors pull with the weight of LEAST_SIGMA_PX = 1e-3 px: micrometres.
     assert np.abs(rig.residual).max() < 2e-3
-    assert max(center_errors(rig, cameras, boards[numbers[0]])) < 5e-5
+    assert max(distances(rig, cameras)) < 5e-5
 
 
 def test_five_percent_of_wrong_corners_change_little(rig_of_six):
@@ -115,8 +49,8 @@ def test_five_percent_of_wrong_corners_change_little(rig_of_six):
     rng = np.random.default_rng(9)
     wrong = rng.random(len(observations.camera)) < 0.05
     observations.pixel[wrong] += rng.uniform(-40, 40, (wrong.sum(), 2))
-    rig, numbers = solve(observations, 6)
-    errors = center_errors(rig, cameras, boards[numbers[0]])
+    rig, _ = solve(observations, 6)
+    errors = distances(rig, cameras)
     # 5 % of outliers cost as much as 5 % fewer corners, and a little of Cauchy's efficiency.
     assert np.all(errors < 1.2 * 4 * np.sqrt(3) * rig.center_sigma_m)
     assert rig.center_sigma_m.max() < 4e-3

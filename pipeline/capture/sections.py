@@ -1,0 +1,39 @@
+"""What the keys of `capture.yaml` are made of: strict sections, lengths, and paths with placeholders."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from pipeline.capture.paths import check_pattern, check_relative, check_suffix
+
+EXR_OR_PNG = (".exr", ".png")
+OPENCV_IMAGE = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+def path_to(*suffixes: str) -> AfterValidator:
+    """Checks a relative path to a file of one of these kinds."""
+    return AfterValidator(lambda path: check_suffix(check_relative(path), suffixes))
+
+
+def pattern_of(*placeholders: str, suffixes: tuple[str, ...]) -> AfterValidator:
+    """Checks a relative path with these placeholders to files of one of these kinds."""
+    return AfterValidator(lambda path: check_suffix(check_pattern(check_relative(path), placeholders), suffixes))
+
+
+CsvPath = Annotated[str, path_to(".csv")]
+ImagePattern = Annotated[str, pattern_of("camera", "frame", suffixes=EXR_OR_PNG)]
+MaskPattern = Annotated[str, pattern_of("camera", "frame", suffixes=(".png",))]
+ViewPattern = Annotated[str, pattern_of("camera", "view", suffixes=OPENCV_IMAGE)]
+BallPattern = Annotated[str, pattern_of("position", "camera", "light", suffixes=OPENCV_IMAGE)]
+SilhouettePattern = Annotated[str, pattern_of("position", "camera", suffixes=OPENCV_IMAGE)]
+ChartPattern = Annotated[str, pattern_of("camera", suffixes=EXR_OR_PNG)]
+
+
+class Section(BaseModel):
+    """Immutable; types are taken at their word ("3" is no number); an unknown key is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)

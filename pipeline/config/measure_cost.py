@@ -1,0 +1,31 @@
+"""Settings of measure_cost."""
+
+from __future__ import annotations
+
+import json
+
+from pydantic import BaseModel, Field
+
+from pipeline.config.settings import Settings
+
+COSTED_STAGES = ("calibrate_cameras", "calibrate_lights", "track_mesh", "trace_irradiance")
+"""Stages of which a dial of `pipeline.dials` turns a setting: their code and settings decide the measurement, too."""
+
+
+class MeasureCost(Settings):
+    """Which dials are turned, how often each setting runs, and which error counts as good enough."""
+
+    dials: tuple[str, ...] = Field(
+        (),
+        description="dials to turn, by name (a wrong name lists them); none: all that the subject's results allow",
+    )
+    repeats: int = Field(3, ge=1, description="counted runs of every setting, interleaved [runs]")
+    relative_tolerance: float = Field(
+        0.1, ge=0, description="error above a dial's smallest one, over it, up to which a setting is good enough"
+    )
+
+
+def changed_settings(subject: BaseModel) -> str:
+    """JSON of what differs from the defaults in a subject's settings of `COSTED_STAGES`: {stage: {setting: value}}."""
+    changed = {stage: getattr(subject, stage).model_dump(mode="json", exclude_defaults=True) for stage in COSTED_STAGES}
+    return json.dumps(changed, sort_keys=True)

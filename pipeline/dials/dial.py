@@ -1,0 +1,162 @@
+"""What a dial is: one setting of one stage, the values it takes, and how the stage's output is judged.
+
+A stage is run as its users run it, from the command line, with what the workflow left in a subject's results folder;
+stages never import stages.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipeline.base.errors import Complaints
+from pipeline.config.flags import flags
+from pipeline.config.project import SECTIONS
+
+Files = Mapping[str, Path]
+"""Where a stage's output is, by what it is called in `CostedStage.outputs`."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Where a subject's files are, and how its stages are run.
+
+    Attributes:
+        results: folder results/<subject>, filled by the workflow.
+        capture: folder of the capture; `capture`/truth is there if it was synthesised.
+        threads: that stages may use.
+        chunk_size: frames per chunk.
+        sections: stage -> settings that differ from the defaults.
+    """
+
+    results: Path
+    capture: Path
+    threads: int
+    chunk_size: int
+    sections: Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """An error of a stage's output.
+
+    Attributes:
+        name: what is measured, how it is averaged, and its unit.
+        error: of (subject, output, expected output).
+        tolerance: the error that nobody minds, for a subject.
+    """
+
+    name: str
+    error: Callable[[Subject, Files, Files], float]
+    tolerance: Callable[[Subject], float]
+
+
+@dataclass(frozen=True)
+class CostedStage:
+    """How a stage is run and judged.
+
+    Attributes:
+        name: of the module in `pipeline`.
+        arguments: its command line without settings; {results}, {capture}, {out}, {threads}, ... are filled in.
+        inputs: files below the subject's results without which it does not run.
+        outputs: what is judged: name -> (path below {out}, path below the capture's truth); None where there is none.
+        metrics: the first one decides.
+        unit, work: what the stage counts, and how often, read from its output.
+        runs_on: whether a subject calls for the stage at all.
+        afterwards: later stages, with paths as in `arguments`, run once per setting if the metrics judge what they make
+            of the output; their time does not count.
+    """
+
+    name: str
+    arguments: str
+    inputs: tuple[str, ...]
+    outputs: Mapping[str, tuple[str | None, str | None]]
+    metrics: tuple[Metric, ...]
+    unit: str
+    work: Callable[[Files], float | int]
+    runs_on: Callable[[Subject], bool] = lambda subject: True
+    afterwards: Mapping[str, str] = field(default_factory=dict)
+
+    def command(self, subject: Subject, out: Path, change: Mapping[str, Any]) -> list[str]:
+        """Its command line with the subject's settings but for `change`."""
+        return _command_line(self.name, self.arguments, subject, out, change)
+
+    def later_commands(self, subject: Subject, out: Path) -> list[list[str]]:
+        """The command lines of `afterwards`, in order."""
+        return [_command_line(name, words, subject, out, {}) for name, words in self.afterwards.items()]
+
+    def imports(self) -> list[str]:
+        """A command line that does nothing but import the stage."""
+        return [sys.executable, "-c", f"import pipeline.{self.name}"]
+
+    def written(self, out: Path) -> Files:
+        """Its output in folder `out`."""
+        return {name: out / path for name, (path, _) in self.outputs.items() if path}
+
+    def truth(self, subject: Subject) -> Files | None:
+        """What it should have written, if the capture knows the truth of all that the metrics compare."""
+        known = {name: subject.capture / "truth" / path for name, (_, path) in self.outputs.items() if path}
+        return known if known and all(path.is_file() for path in known.values()) else None
+
+    def lacking(self, subject: Subject) -> list[str]:
+        """Files that it would read and that are not there."""
+        return [name for name in self.inputs if not (subject.results / name).exists()]
+
+
+def _command_line(
+    stage: str, arguments: str, subject: Subject, out: Path, change: Mapping[str, Any]
+) -> list[str]:  # fmt: skip
+    settings = SECTIONS[stage](**{**subject.sections.get(stage, {}), **change})
+    paths = {"results": subject.results, "capture": subject.capture, "subject": subject.results.name, "out": out}
+    numbers = {"threads": subject.threads, "chunk_size": subject.chunk_size}
+    words = [word.format(**paths, **numbers) for word in arguments.split()]
+    return [sys.executable, "-m", f"pipeline.{stage}", *words, *flags(settings)]
+
+
+@dataclass(frozen=True)
+class Dial:
+    """A setting that trades accuracy for time.
+
+    Attributes:
+        name: on the command line and in the table.
+        stage: whose setting it is.
+        setting: its name in the stage's settings.
+        values: for a subject, the last one being the reference; None reads `all` in the table.
+        fixed: other settings of the stage that hold for all values.
+    """
+
+    name: str
+    stage: CostedStage
+    setting: str
+    values: Callable[[Subject], Sequence[Any]]
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+
+
+def possible_dials(dials: Sequence[Dial], wanted: Sequence[str], subject: Subject) -> tuple[list[Dial], list[str]]:
+    """Dials to turn, and for each of the others why not.
+
+    Raises:
+        InputError: if a wanted dial does not exist or cannot be turned on this subject, or if none can.
+    """
+    reasons = {dial.name: _obstacle(dial, subject) for dial in dials}
+    complaints = Complaints(f"{subject.results}: dials")
+    for name in wanted:
+        if name not in reasons:
+            complaints.add("dials", name, expected=f"one of {', '.join(reasons)}", found="no such dial")
+        elif reasons[name]:
+            complaints.messages.append(f"{name}: {reasons[name]}")
+    possible = [dial for dial in dials if not reasons[dial.name] and (not wanted or dial.name in wanted)]
+    if not possible and not complaints:
+        complaints.messages += [f"{name}: {reason}" for name, reason in reasons.items()]
+    complaints.raise_if_any()
+    return possible, [f"{name}: {reason}" for name, reason in reasons.items() if reason]
+
+
+def _obstacle(dial: Dial, subject: Subject) -> str:
+    lacking = dial.stage.lacking(subject)
+    if lacking:
+        return f"expected {', '.join(lacking)} in {subject.results}, found no such file; run the workflow first"
+    return "" if dial.stage.runs_on(subject) else f"{dial.stage.name} takes what it is given on this subject"

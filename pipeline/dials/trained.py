@@ -1,0 +1,60 @@
+"""Dials of earlier stages, judged by the images of an avatar trained on what they make (RFGCA, Table A.1)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pandas as pd
+
+from pipeline.base.files import read_json, read_table
+from pipeline.dials.dial import Dial, Files, Metric, Subject
+from pipeline.dials.irradiance import INPUTS, IRRADIANCE
+
+WITHIN_DB = 0.1
+"""Difference of PSNR that nobody sees, and about what another seed makes."""
+
+LEAST_DB = 0.01
+"""Losses below this, gains among them, count as this: the last digit that metrics are quoted with."""
+
+TRAINED = {
+    "pack_shards": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
+    "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
+    "--color {results}/calibration/color.json --lights {results}/calibration/lights.parquet "
+    "--effects {results}/effects.json --patterns {results}/patterns.parquet --frames {results}/frames.parquet "
+    "--chunk 0 --chunk-size {chunk_size} --irradiance {out}/0000 --out {out}/shards",
+    "train_avatar": "--subject {subject} --atlas {results}/atlas.safetensors --shards {out}/shards "
+    "--effects {results}/effects.json --out {out}/avatars/full",
+    "evaluate_avatar": "--subject {subject} --atlas {results}/atlas.safetensors --shards {out}/shards "
+    "--effects {results}/effects.json --avatars {out}/avatars/full --out {out}",
+}
+
+
+def _psnr_lost(lit: str) -> Metric:
+    def psnr_db(files: Files) -> float:
+        table = pd.read_csv(files["metrics"])
+        return float(table.psnr_db[(table.split == "test") & (table.lit == lit)].mean())
+
+    def error(subject: Subject, output: Files, expected: Files) -> float:
+        return max(psnr_db(expected) - psnr_db(output), LEAST_DB)
+
+    return Metric(f"PSNR lost on test images, {lit} lit, dB", error, lambda subject: WITHIN_DB)
+
+
+def _one_chunk(subject: Subject) -> bool:
+    """Shadows are on, and all frames are in the chunk that is traced again."""
+    shadow = read_json(subject.results / "effects.json")["shadow"]["on"]
+    return shadow and len(read_table(subject.results / "frames.parquet")) <= subject.chunk_size
+
+
+TRACED_AND_TRAINED = replace(
+    IRRADIANCE,
+    inputs=(*INPUTS, "effects.json", "calibration/color.json"),
+    outputs={**IRRADIANCE.outputs, "metrics": ("metrics.csv", None)},
+    metrics=(_psnr_lost("partial"), _psnr_lost("all")),
+    runs_on=_one_chunk,
+    afterwards=TRAINED,
+)
+
+TRAINED_DIALS = [
+    Dial("trained_irradiance", TRACED_AND_TRAINED, "samples", lambda subject: ("1", "4", "full")),
+]

@@ -1,0 +1,132 @@
+"""Colour charts before and after correction, with the colours that the average camera sees set into the patches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import skimage.color
+from jaxtyping import Float32, Float64
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+
+from pipeline.base.color import srgb_from_linear
+from pipeline.base.conventions import PIXEL_CENTER
+from pipeline.base.verdicts import Grade
+from pipeline.capture.color_chart import COLUMNS, PATCHES, ROWS
+from pipeline.figures.style import INK, add_panels, frame_panel, grid_size, picture
+
+CELL_PX, OVERSAMPLING = 16, 4
+"""Pixels per patch in the picture: enough for glare and stains to show; and how many times finer it is sampled."""
+
+PANEL_INCHES = (3.04, 0.994)
+"""Two charts and the gap between them: the proportions of what `_draw_pair` draws."""
+
+INSET = 0.36
+"""Side of the inset colour over the distance of two patches."""
+
+WHITE_PATCH, WHITE_LEVEL = 18, 0.9
+"""The white patch, from 0, and the linear level at which it is shown: its true reflectance."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One camera's chart.
+
+    Attributes:
+        raw: the chart upright, brown patch first, black patch last; linear, as the camera recorded it.
+        color: median of each patch, as recorded; NaN where unusable.
+        correction: corrected-from-raw.
+    """
+
+    camera: str
+    raw: Float32[np.ndarray, "height width 3"]
+    color: Float64[np.ndarray, "24 3"]
+    correction: Float64[np.ndarray, "3 3"]
+
+
+def upright(image: Float32[np.ndarray, "h w 3"], centers: Float64[np.ndarray, "24 2"]) -> Float32[np.ndarray, "H W 3"]:
+    """The chart as `ROWS` x `COLUMNS` square cells of `CELL_PX`, patch k in the middle of cell k; noise is averaged.
+
+    Args:
+        centers: of the patches, pixels; first pixel centre at (0.5, 0.5).
+    """
+    k = np.arange(PATCHES)
+    cells = (np.stack([k % COLUMNS, k // COLUMNS], 1) + 0.5) * CELL_PX * OVERSAMPLING
+    # OpenCV counts from pixel centres, here as there.
+    homography, _ = cv2.findHomography(centers - PIXEL_CENTER, cells - PIXEL_CENTER)
+    size = (COLUMNS * CELL_PX, ROWS * CELL_PX)
+    fine = cv2.warpPerspective(image, homography, (size[0] * OVERSAMPLING, size[1] * OVERSAMPLING))
+    return cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+
+
+def average_colors(residuals: pd.DataFrame, corrections: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "24 3"]:
+    """What the average camera sees of each patch, from each camera's fitted colours (residuals_color.parquet).
+
+    fitted = M_c value and corrected_from_raw_c = mean(M) M_c^-1, so that corrected fitted colours are mean(M) value for
+    every camera; the median is over cameras that could measure a patch, NaN where none could.
+    """
+    raw, residual = (residuals[[f"{prefix}{c}" for c in "rgb"]].to_numpy(np.float64) for prefix in ("", "residual_"))
+    matrices = np.stack([corrections[camera] for camera in residuals.camera])
+    corrected = pd.DataFrame(np.einsum("nij,nj->ni", matrices, raw - residual))
+    medians = corrected.groupby(residuals.patch.to_numpy()).median()
+    return medians.reindex(range(1, PATCHES + 1)).to_numpy(np.float64)
+
+
+def display(linear: np.ndarray, white: float) -> np.ndarray:
+    """Linear colours as sRGB in [0, 1], `white` shown as `WHITE_LEVEL`."""
+    return srgb_from_linear(np.clip(linear * (WHITE_LEVEL / white), 0, 1))
+
+
+def white_of(target: Float64[np.ndarray, "24 3"]) -> float:
+    """Linear level of the white patch's brightest channel; of the brightest patch, if no camera measured the white."""
+    return float(np.nanmax(target[WHITE_PATCH] if np.isfinite(target[WHITE_PATCH]).all() else target))
+
+
+def difference(color: Float64[np.ndarray, "24 3"], target: Float64[np.ndarray, "24 3"]) -> float:
+    """Mean CIEDE2000 over the patches that are measured in both; `target` is white where its white patch is."""
+    white = white_of(target)
+    usable = np.isfinite(color).all(1) & np.isfinite(target).all(1)
+    lab = [skimage.color.rgb2lab(display(colors[usable], white)) for colors in (color, target)]
+    return float(skimage.color.deltaE_ciede2000(*lab).mean())
+
+
+def draw_charts(
+    path: Path, charts: list[Chart], target: Float64[np.ndarray, "24 3"], grades: Mapping[str, Grade], which: str
+) -> None:
+    """Write a PNG with one panel per camera: its chart as recorded on the left, corrected on the right.
+
+    Args:
+        target: colours of the average camera, set into each patch.
+        grades: of the cameras' colour.
+        which: the cameras in words, for the header.
+    """
+    size, columns = grid_size(len(charts), PANEL_INCHES)
+    notes = [
+        f"Left: as recorded; right: corrected to the average camera, whose colours are set in; {which}.",
+        "Right, the insets should vanish. Delta E (CIEDE2000) below 1 is invisible, above 5 obvious.",
+    ]
+    with picture(path, size, "Colour charts", notes) as figure:
+        for axes, chart in zip(add_panels(figure, len(charts), PANEL_INCHES, columns), charts, strict=True):
+            corrected = chart.color @ chart.correction.T
+            _draw_pair(axes, chart, target, white_of(target))
+            before, after = (difference(color, target) for color in (chart.color, corrected))
+            detail = f"mean Delta E {before:.2f} before, {after:.2f} after"
+            frame_panel(axes, chart.camera, detail, grades.get(chart.camera, "good"))
+
+
+def _draw_pair(axes: Axes, chart: Chart, target: np.ndarray, white: float) -> None:
+    gap = CELL_PX // 4
+    width, height = COLUMNS * CELL_PX, ROWS * CELL_PX
+    for image, left in ((chart.raw, 0), (chart.raw @ chart.correction.T, width + gap)):
+        axes.imshow(display(image, white), extent=(left, left + width, height, 0), interpolation="nearest")
+        for k, color in enumerate(display(target, white)):
+            if np.isfinite(color).all():
+                x, y = (np.array([k % COLUMNS, k // COLUMNS]) + 0.5 - INSET / 2) * CELL_PX
+                axes.add_patch(Rectangle((left + x, y), INSET * CELL_PX, INSET * CELL_PX, color=color, linewidth=0))
+    axes.set(xlim=(0, 2 * width + gap), ylim=(height, 0), facecolor="white")
+    axes.axvline(width + gap / 2, color=INK, linewidth=0.6)

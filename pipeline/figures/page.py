@@ -1,0 +1,97 @@
+"""One HTML page: the verdicts, what is not good first, and the pictures. It needs nothing but the files beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from pipeline.base.files import written_whole
+from pipeline.base.verdicts import Grade, Verdict
+
+MARKS: dict[Grade, str] = {"good": "✓", "weak": "!", "failed": "✗"}
+KINDS = {"camera": "cameras", "ball": "mirror balls", "light": "lights", "color": "colour of the cameras"}
+
+STYLE = """
+:root { color-scheme: light dark; --back: #f6f7f8; --card: #fff; --ink: #1c2026; --muted: #5c6470; --line: #d5d9df;
+  --good: #00734f; --weak: #8f5f00; --failed: #b04600; }
+@media (prefers-color-scheme: dark) { :root { --back: #15181c; --card: #1f2329; --ink: #e6e9ed; --muted: #a2abb6;
+  --line: #3a4049; --good: #4fc9a4; --weak: #f0b544; --failed: #ff8a4c; } img { filter: brightness(.88); } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 1rem; max-width: 90rem; background: var(--back); color: var(--ink);
+  font: 16px/1.45 system-ui, sans-serif; }
+h1 { font-size: 1.4rem; margin: 0 0 1rem; } h2 { font-size: 1.1rem; margin: 2rem 0 .5rem; }
+.tiles { display: flex; flex-wrap: wrap; gap: .6rem; }
+.tile { background: var(--card); border: 1px solid var(--line); border-radius: .5rem; padding: .5rem .8rem; }
+.tile b { display: block; } .tile span { margin-right: .8rem; white-space: nowrap; }
+.good { color: var(--good); } .weak { color: var(--weak); } .failed { color: var(--failed); } .zero { opacity: .35; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; width: 100%; font-size: .92rem; }
+th, td { text-align: left; vertical-align: top; padding: .25rem .8rem .25rem 0; border-bottom: 1px solid var(--line); }
+td.grade { white-space: nowrap; font-weight: 600; } summary { cursor: pointer; margin: .8rem 0; }
+p { color: var(--muted); margin: .3rem 0; } figure { margin: 0; }
+img { width: 100%; height: auto; border-radius: .5rem; border: 1px solid var(--line);
+  background: #fff; }
+"""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page.
+
+    Attributes:
+        file: name of the picture beside the page; empty if there is none.
+        text: what to look for, or why there is no picture.
+    """
+
+    title: str
+    file: str
+    text: str
+
+
+def write_page(path: Path, subject: str, verdicts: Sequence[Verdict], sections: Sequence[Section]) -> None:
+    """Write the page. All text is escaped."""
+    amiss = [verdict for verdict in verdicts if verdict.grade != "good"]
+    amiss.sort(key=lambda verdict: verdict.grade != "failed")
+    listed = _table(amiss) if amiss else "<p>Everything is good.</p>" if verdicts else "<p>Nothing was calibrated.</p>"
+    everything = f"<details><summary>All {len(verdicts)} verdicts</summary>{_table(verdicts)}</details>"
+    parts = [
+        '<!doctype html>\n<html lang="en">\n<meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>Calibration of {escape(subject)}</title>\n<style>{STYLE}</style>",
+        f"<h1>Calibration of {escape(subject)}</h1>",
+        f'<div class="tiles">{"".join(_tile(kind, verdicts) for kind in KINDS)}</div>',
+        f"<h2>What needs a look</h2>\n{listed}\n{everything if verdicts else ''}",
+        *(_section(section) for section in sections),
+    ]
+    with written_whole(path) as temporary:
+        temporary.write_text("\n".join(parts) + "\n</html>\n", encoding="utf-8")
+
+
+def _tile(kind: str, verdicts: Sequence[Verdict]) -> str:
+    grades = [verdict.grade for verdict in verdicts if verdict.kind == kind]
+    if not grades:
+        return ""
+    counts = "".join(
+        f'<span class="{grade if grade in grades else "zero"}">{mark} {grades.count(grade)} {grade}</span>'
+        for grade, mark in MARKS.items()
+    )
+    return f'<div class="tile"><b>{KINDS[kind]}</b>{counts}</div>'
+
+
+def _table(verdicts: Sequence[Verdict]) -> str:
+    rows = "".join(
+        f'<tr><td class="grade {v.grade}">{MARKS[v.grade]} {v.grade}</td><td>{escape(v.kind)}</td>'
+        f"<td>{escape(v.name)}</td><td>{escape(v.reason)}</td></tr>\n"
+        for v in verdicts
+    )
+    head = "<tr><th>grade</th><th>what</th><th>name</th><th>why</th></tr>"
+    return f'<div class="scroll"><table>\n{head}\n{rows}</table></div>'
+
+
+def _section(section: Section) -> str:
+    picture = ""
+    if section.file:
+        name, title = escape(section.file, quote=True), escape(section.title, quote=True)
+        picture = f'\n<figure><a href="{name}"><img src="{name}" alt="{title}" loading="lazy"></a></figure>'
+    return f"<h2>{escape(section.title)}</h2>\n<p>{escape(section.text)}</p>{picture}"

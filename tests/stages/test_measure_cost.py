@@ -1,0 +1,173 @@
+"""The stage with tiny programs in place of stages, and once with a real one."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pandas as pd
+import pytest
+
+import pipeline.measure_cost
+import pipeline.trace_irradiance
+from pipeline.base.errors import InputError
+from pipeline.config.measure_cost import MeasureCost, changed_settings
+from pipeline.config.project import SubjectSettings
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.dials.dial import CostedStage, Dial, Metric, Subject
+from pipeline.measure_cost import read_stage_settings, run
+from tests.stages.posed_capture import write_posed_capture
+
+PROGRAM = """
+import json, pathlib, sys
+out, value, history = pathlib.Path(sys.argv[1]), float(sys.argv[2]), pathlib.Path(sys.argv[3])
+with history.open("a") as file: file.write(sys.argv[2] + " ")
+if value == 3: sys.exit("error: three is refused")
+if value == 4: raise RuntimeError("four breaks")
+assert not out.exists(), "left over from another run"
+out.mkdir(parents=True)
+(out / "value.json").write_text(json.dumps(10 / value))
+"""
+
+
+@dataclass(frozen=True)
+class TinyStage(CostedStage):
+    """A stage whose output is 10 / value."""
+
+    history: Path = Path()
+
+    def command(self, subject: Subject, out: Path, change: Any) -> list[str]:
+        return [sys.executable, "-S", "-c", PROGRAM, str(out), str(change["value"]), str(self.history)]
+
+    def imports(self) -> list[str]:
+        return [sys.executable, "-S", "-c", "pass"]
+
+
+def read_number(path: Path) -> float:
+    return float(json.loads(path.read_text()))
+
+
+@pytest.fixture
+def turn(tmp_path, monkeypatch):
+    """Runs the stage with one dial that takes the values given; returns its table and the order of its runs."""
+    stage = TinyStage(
+        name="index_capture", arguments="", inputs=(), outputs={"value": ("value.json", "value.json")},
+        metrics=(
+            Metric("off", lambda s, out, true: abs(read_number(out["value"]) - read_number(true["value"])),
+                   lambda s: 0.0),
+        ),
+        unit="numbers", work=lambda output: 1, history=tmp_path / "history",
+    )  # fmt: skip
+
+    def run_with(values, **settings) -> tuple[pd.DataFrame, list[str]]:
+        monkeypatch.setattr(pipeline.measure_cost, "DIALS", [Dial("number", stage, "value", lambda subject: values)])
+        run(
+            results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out",
+            settings=MeasureCost(**settings),
+        )  # fmt: skip
+        return pd.read_csv(tmp_path / "out/accuracy_cost.csv"), (tmp_path / "history").read_text().split()
+
+    return run_with
+
+
+def test_against_the_reference(turn, tmp_path) -> None:
+    table, order = turn([1, 2, 5], repeats=2)
+    # The reference once before, then all settings in turn.
+    assert order == ["5", "1", "2", "5", "1", "2", "5"]
+    assert table.setting.tolist() == ["imports only", "1", "2", "5"]
+    np.testing.assert_array_equal(table.error, [np.nan, 8, 3, 0])
+    assert set(table.metric) == {"off (reference)"}
+    assert table.set_index("setting").chosen.to_dict() == {"imports only": False, "1": False, "2": False, "5": True}
+    assert (table.seconds > 0).all() and (table.peak_mb > 1).all()
+    assert (tmp_path / "out/accuracy_cost.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_against_the_truth(turn, tmp_path) -> None:
+    truth = tmp_path / "capture/truth/value.json"
+    truth.parent.mkdir(parents=True)
+    truth.write_text("4.0")
+    table, _ = turn([1, 2, 5], repeats=1)
+    assert set(table.metric) == {"off (truth)"}
+    np.testing.assert_array_equal(table.error, [np.nan, 6, 1, 2])
+    assert table.setting[table.chosen].tolist() == ["2"]
+
+
+def test_setting_that_is_refused_has_no_error(turn) -> None:
+    table, _ = turn([3, 5], repeats=1)
+    refused = table[table.setting == "3"].iloc[0]
+    assert np.isnan(refused.error) and refused.seconds > 0 and not refused.chosen
+
+
+def test_stage_that_breaks_ends_it_and_nothing_is_written(turn, tmp_path) -> None:
+    with pytest.raises(InputError, match="RuntimeError: four breaks"):
+        turn([4, 5], repeats=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_reference_that_is_refused_ends_it(turn) -> None:
+    with pytest.raises(InputError, match="error: three is refused"):
+        turn([5, 3], repeats=1)
+
+
+def test_dial_that_does_not_exist(turn) -> None:
+    with pytest.raises(InputError, match="nonsense: expected one of number, found no such dial"):
+        turn([1, 5], dials=("nonsense",))
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("{", "expected JSON"),
+        ("[]", "found \\[\\]"),
+        ('{"track": {}}', "track: expected one of synthesize_capture"),
+        (
+            '{"track_mesh": {"inlier_px": -1}}',
+            "track_mesh.inlier_px: expected Input should be greater than 0, found -1",
+        ),
+        ('{"track_mesh": {"inlier": 1}}', "track_mesh.inlier: expected Extra inputs are not permitted"),
+    ],
+)
+def test_stage_settings_that_make_no_sense(text, complaint) -> None:
+    with pytest.raises(InputError, match=complaint):
+        read_stage_settings(text)
+
+
+def test_workflow_hands_over_what_a_subject_changes() -> None:
+    subject = SubjectSettings(track_mesh={"outline_rounds": 2}, train_avatar={"steps": 7})
+    changed = {
+        stage: settings for stage, settings in read_stage_settings(changed_settings(subject)).items() if settings
+    }
+    assert changed == {"track_mesh": {"outline_rounds": 2}}
+
+
+def test_samples_of_irradiance(tmp_path) -> None:
+    """A real stage, started as its users start it; the error is computed here once more."""
+    results = tmp_path / "someone"
+    paths = write_posed_capture(tmp_path / "files")
+    for name, place in {
+        "atlas": "atlas.safetensors", "tracking": "tracking/0000.safetensors", "lights": "calibration/lights.parquet",
+        "patterns": "patterns.parquet", "frames": "frames.parquet",
+    }.items():  # fmt: skip
+        (results / place).parent.mkdir(parents=True, exist_ok=True)
+        (results / place).write_bytes(paths[name].read_bytes())
+    settings = MeasureCost(dials=("irradiance_power",), repeats=1)
+    run(results=results, capture=tmp_path / "capture", out=tmp_path / "out", settings=settings)
+    table = pd.read_csv(tmp_path / "out/accuracy_cost.csv").set_index("setting")
+    assert table.index.tolist() == ["imports only", "1", "full"]
+    maps, texels = {}, 0
+    for samples in ("1", "full"):
+        out = tmp_path / samples / "0000"
+        pipeline.trace_irradiance.run(**paths, subject="someone", out=out, settings=TraceIrradiance(samples=samples))
+        texels = pd.read_parquet(f"{out}.parquet").texels.sum()
+        maps[samples] = [OpenEXR.File(str(path)).channels()["Y"].pixels for path in sorted(out.glob("*.exr"))]
+    squares = sum(((a.astype(float) - b) ** 2).sum() for a, b in zip(maps["1"], maps["full"], strict=True))
+    assert table.error["1"] == pytest.approx(np.sqrt(squares / texels), rel=1e-5)
+    assert table.error["1"] > 0.05 and table.error["full"] == 0
+    assert table.work["full"] > table.work["1"] > 0
+    assert (table.unit == "rays").all()
+    assert table.seconds["imports only"] > 0.1

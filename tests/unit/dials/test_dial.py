@@ -1,0 +1,234 @@
+"""Command lines, truth and obstacles of made-up dials, and what the real ones take from a subject."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from pydantic import ValidationError
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import write_arrays, write_json, write_table
+from pipeline.config.measure_cost import COSTED_STAGES
+from pipeline.config.project import SECTIONS
+from pipeline.dials.calibration import CAMERAS
+from pipeline.dials.dial import CostedStage, Dial, Metric, Subject, possible_dials
+from pipeline.dials.tolerances import small_focal_percent, small_length_mm, small_light_mm
+from pipeline.dials.tracking import TRACKING
+from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
+from pipeline.geometry.cameras import write_cameras
+from pipeline.measure_cost import DIALS
+from tests.walking_figure import ring_of_cameras
+
+STAGE = CostedStage(
+    name="track_mesh",
+    arguments="--index {results}/index --out {out} --size {chunk_size} --subject {subject}",
+    inputs=("index/frames.parquet",),
+    outputs={"tracking": ("0000.safetensors", "tracking.safetensors"), "table": ("0000.parquet", None)},
+    metrics=(Metric("wrongness", lambda subject, output, expected: 0.0, lambda subject: 1.0),),
+    unit="steps",
+    work=lambda output: 1,
+)
+DIAL = Dial("rounds", STAGE, "outline_rounds", lambda subject: (0, 5))
+
+
+@pytest.fixture
+def subject(tmp_path: Path) -> Subject:
+    results = tmp_path / "my results/someone"
+    (results / "index").mkdir(parents=True)
+    (results / "index/frames.parquet").touch()
+    return Subject(results, tmp_path / "capture", 3, 64, {"track_mesh": {"inlier_px": 4.5}})
+
+
+def test_command_has_the_subjects_settings_and_the_one_that_changes(subject, tmp_path) -> None:
+    words = STAGE.command(subject, tmp_path / "out", {"outline_rounds": 2})
+    assert words[1:3] == ["-m", "pipeline.track_mesh"]
+    given = dict(zip(words[3::2], words[4::2], strict=False))
+    assert given["--index"] == f"{subject.results}/index"
+    assert given["--out"] == str(tmp_path / "out")
+    assert (given["--size"], given["--subject"]) == ("64", "someone")
+    assert (given["--inlier-px"], given["--outline-rounds"]) == ("4.5", "2")
+
+
+def test_value_out_of_range_is_refused_before_anything_runs(subject, tmp_path) -> None:
+    with pytest.raises(ValidationError, match="outline_rounds"):
+        STAGE.command(subject, tmp_path, {"outline_rounds": -1})
+
+
+def test_truth_counts_only_if_all_of_it_is_there(subject) -> None:
+    assert STAGE.truth(subject) is None
+    path = subject.capture / "truth/tracking.safetensors"
+    path.parent.mkdir(parents=True)
+    path.touch()
+    assert STAGE.truth(subject) == {"tracking": path}
+    without = replace(STAGE, outputs={"table": ("0000.parquet", None)})
+    assert without.truth(subject) is None
+
+
+class TestPossibleDials:
+    def test_all_that_can_be_turned(self, subject) -> None:
+        lacking = replace(DIAL, name="more", stage=replace(STAGE, inputs=("atlas.safetensors",)))
+        given = replace(DIAL, name="given", stage=replace(STAGE, runs_on=lambda subject: False))
+        possible, reasons = possible_dials([DIAL, lacking, given], [], subject)
+        assert possible == [DIAL]
+        assert len(reasons) == 2
+        assert "more: expected atlas.safetensors in" in reasons[0]
+        assert "given: track_mesh takes what it is given" in reasons[1]
+
+    def test_all_problems_of_those_wanted_at_once(self, subject) -> None:
+        lacking = replace(DIAL, name="more", stage=replace(STAGE, inputs=("atlas.safetensors",)))
+        with pytest.raises(InputError, match="2 problems") as error:
+            possible_dials([DIAL, lacking], ["rounds", "more", "nonsense"], subject)
+        assert "nonsense: expected one of rounds, more, found no such dial" in str(error.value)
+        assert "more: expected atlas.safetensors" in str(error.value)
+
+    def test_none_at_all(self, subject) -> None:
+        lacking = replace(DIAL, stage=replace(STAGE, inputs=("atlas.safetensors",)))
+        with pytest.raises(InputError, match=r"rounds: expected atlas\.safetensors"):
+            possible_dials([lacking], [], subject)
+
+
+@pytest.mark.parametrize("dial", DIALS, ids=lambda dial: dial.name)
+def test_dial_turns_a_setting_that_its_stage_has(dial) -> None:
+    assert {dial.setting, *dial.fixed} <= set(SECTIONS[dial.stage.name].model_fields)
+    assert dial.setting not in dial.fixed
+    assert set(dial.stage.afterwards) <= set(SECTIONS)
+
+
+def test_workflow_knows_all_stages_that_are_measured() -> None:
+    assert set(COSTED_STAGES) == {dial.stage.name for dial in DIALS}
+
+
+def test_names_of_dials_differ() -> None:
+    assert len({dial.name for dial in DIALS}) == len(DIALS)
+
+
+def test_stages_that_follow_are_run_like_any_other(subject) -> None:
+    stage = replace(STAGE, afterwards={"pack_shards": "--irradiance {out}/0000 --chunk-size {chunk_size}"})
+    (command,) = stage.later_commands(subject, Path("/tmp/out"))
+    assert command[1:6] == ["-m", "pipeline.pack_shards", "--irradiance", "/tmp/out/0000", "--chunk-size"]
+    assert STAGE.later_commands(subject, Path("/tmp/out")) == []
+
+
+def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:
+    metric = TRACED_AND_TRAINED.metrics[0]
+    files = []
+    for name, psnr in (("found", 27.5), ("expected", 28.25)):
+        table = pd.DataFrame({"split": ["test", "test", "frames"], "lit": ["partial", "all", "partial"]})
+        (tmp_path / name).mkdir()
+        table.assign(psnr_db=[psnr, 99, 99]).to_csv(tmp_path / name / "metrics.csv", index=False)
+        files.append({"metrics": tmp_path / name / "metrics.csv"})
+    assert metric.error(subject, *files) == pytest.approx(0.75)
+    assert metric.error(subject, *files[::-1]) == LEAST_DB
+
+
+class TestVertices:
+    def errors(self, subject: Subject, turn: np.ndarray, shift: np.ndarray, truth: bool) -> list[float]:
+        """Of a tracking in a frame that is turned and shifted against the true one.
+
+        A fifth of its vertices is off by 100 mm, the others by 5 mm.
+        """
+        rig = ring_of_cameras(6)
+        true = np.random.default_rng(0).normal(size=(4, 50, 3)).astype(np.float32)
+        found = true[[1, 3]] + np.float32([0, 0.003, 0.004])
+        found[:, :10] = true[[1, 3], :10] + np.float32([0.1, 0, 0])
+        moved = {name: replace(c, R=c.R @ turn.T, t=c.t - c.R @ turn.T @ shift) for name, c in rig.items()}
+        write_cameras(subject.results / "calibration/cameras.json", moved)
+        output, expected = subject.results / "found.safetensors", subject.results / "true.safetensors"
+        write_arrays(output, {"frames": np.array([11, 13]), "vertices": (found @ turn.T + shift).astype(np.float32)})
+        write_arrays(expected, {"frames": np.array([10, 11, 12, 13]), "vertices": true})
+        wanted = {"tracking": expected}
+        if truth:
+            wanted["rig"] = subject.results / "rig.json"
+            write_cameras(wanted["rig"], rig)
+        return [metric.error(subject, {"tracking": output}, wanted) for metric in TRACKING.metrics]
+
+    def test_frame_of_the_stage_is_no_error_where_the_truth_is_known(self, subject) -> None:
+        turn = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))[0]
+        assert self.errors(subject, turn, np.array([0.02, 0, 0.01]), truth=True) == pytest.approx([5, 100], rel=1e-3)
+
+    def test_frames_are_matched_by_number(self, subject) -> None:
+        assert self.errors(subject, np.eye(3), np.zeros(3), truth=False) == pytest.approx([5, 100], rel=1e-3)
+
+
+class TestValues:
+    def values(self, name: str, subject: Subject) -> list:
+        (dial,) = (dial for dial in DIALS if dial.name == name)
+        return list(dial.values(subject))
+
+    @pytest.mark.parametrize(
+        ("side", "sizes"), [(160, [20, 40, 80, 160]), (4096, [128, 256, 512, 1024]), (64, [16, 32, 64])]
+    )
+    def test_masks_up_to_the_images_size(self, subject, side, sizes) -> None:
+        write_table(subject.results / "index/cameras.parquet", pd.DataFrame({"width": [48], "height": [side]}))
+        assert self.values("mask_size", subject) == sizes
+
+    def test_samples_up_to_all_lights(self, subject) -> None:
+        lit = pd.DataFrame({"frame": [0] * 24 + [1] * 5, "light": [*range(24), *range(5)]})
+        write_table(subject.results / "patterns.parquet", lit)
+        assert self.values("irradiance_power", subject) == ["1", "2", "4", "8", "16", "full"]
+
+    def test_shares_of_board_views(self, subject) -> None:
+        views = [{"camera": camera, "view": view} for camera in ("a", "b") for view in range(40)]
+        write_json(subject.results / "index/calibration_cameras.json", {"method": "charuco", "views": views})
+        assert self.values("board_views", subject) == [8, 14, 20, 30, None]
+
+    def test_positions_of_the_ball(self, subject) -> None:
+        images = [{"position": position, "camera": "a"} for position in ("0", "1", "2", "2")]
+        write_json(subject.results / "index/calibration_lights.json", {"method": "mirror_ball", "images": images})
+        assert self.values("ball_positions", subject) == [1, 2, None]
+
+
+def test_tolerances_are_what_a_tenth_of_a_pixel_is(subject) -> None:
+    rig = ring_of_cameras(6)
+    write_cameras(subject.results / "calibration/cameras.json", rig)
+    write_json(subject.results / "index/capture.json", {"images": {"downsample_from_sensor": 4}})
+    camera = next(iter(rig.values()))
+    # The ring's cameras look at one point on the first one's axis; its distance from the axis of another is least.
+    distance_m = 1000 * np.median([np.linalg.norm(c.center - axis_crossing(rig)) / c.K[0, 0] for c in rig.values()])
+    assert small_length_mm(subject) == pytest.approx(0.1 * 4 * distance_m, rel=1e-6)
+    longer = max(camera.width, camera.height) / 4
+    assert small_focal_percent(subject) == pytest.approx(100 * 0.1 / (longer / 2))
+    lights = axis_crossing(rig) + np.array([[2.0, 0, 0], [0, -2.0, 0], [0, 0, 2.0]])
+    table = pd.DataFrame(lights, columns=["x", "y", "z"]).assign(light=["a", "b", "c"])
+    write_table(subject.results / "calibration/lights.parquet", table)
+    # The inverse square law: a distance of 2 m that is wrong by 10 mm makes 1 % of the light.
+    assert (2.0 / (2.0 - small_light_mm(subject) / 1000)) ** 2 == pytest.approx(1.01, abs=1e-3)
+
+
+def axis_crossing(rig: dict) -> np.ndarray:
+    """Where the axes of the first two cameras that are not opposite each other come closest."""
+    first, second = list(rig.values())[:2]
+    a, b = first.R[2], second.R[2]
+    along = np.linalg.lstsq(np.stack([a, -b], 1), second.center - first.center, rcond=None)[0]
+    return (first.center + along[0] * a + second.center + along[1] * b) / 2
+
+
+class TestCameras:
+    @pytest.fixture
+    def errors(self, subject):
+        """Errors of a rig by metric, against a ring of six of which the workflow has calibrated five."""
+        true = ring_of_cameras(6)
+        expected = {"rig": subject.capture / "cameras.json"}
+        write_cameras(expected["rig"], true)
+        write_json(subject.results / "index/capture.json", {"images": {"downsample_from_sensor": 4}})
+        write_cameras(subject.results / "calibration/cameras.json", dict(list(true.items())[:5]))
+
+        def of(rig: dict) -> dict[str, float]:
+            output = {"rig": subject.results / "rig.json"}
+            write_cameras(output["rig"], rig)
+            return {metric.name: metric.error(subject, output, expected) for metric in CAMERAS.metrics}
+
+        return true, of
+
+    def test_camera_that_nobody_calibrates_is_no_error(self, errors) -> None:
+        true, of = errors
+        assert max(of(dict(list(true.items())[:5])).values()) < 1e-6
+
+    def test_camera_that_only_this_setting_loses_is_one(self, errors) -> None:
+        true, of = errors
+        assert set(of(dict(list(true.items())[1:])).values()) == {np.inf}

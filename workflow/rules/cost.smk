@@ -1,0 +1,51 @@
+from pipeline.config.measure_cost import COSTED_STAGES, changed_settings
+
+
+# Takes all cores: whatever ran beside it would be measured, too. Nothing needs it; ask for its table by name.
+rule measure_cost:
+    input:
+        capture="results/{subject}/index/capture.json",
+        index=expand(
+            "results/{{subject}}/index/{file}",
+            file=[
+                "cameras.parquet",
+                "frames.parquet",
+                "images.parquet",
+                "keypoints_2d.parquet",
+                "lights.parquet",
+                "calibration_cameras.json",
+                "calibration_lights.json",
+            ],
+        ),
+        rig="results/{subject}/calibration/rig.json",
+        cameras="results/{subject}/calibration/cameras.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        patterns="results/{subject}/patterns.parquet",
+        frames="results/{subject}/frames.parquet",
+        atlas="results/{subject}/atlas.safetensors",
+        tracking="results/{subject}/tracking/0000.safetensors",
+    output:
+        table="results/{subject}/accuracy_cost.csv",
+        picture="results/{subject}/accuracy_cost.png",
+    log:
+        "results/{subject}/logs/measure_cost.log",
+    benchmark:
+        "results/{subject}/benchmarks/measure_cost.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+    params:
+        code=[code_of(stage) for stage in ("measure_cost", *COSTED_STAGES)],
+        results=subpath(output.table, parent=True),
+        capture=capture_folder,
+        chunk_size=chunk_size,
+        stage_settings=lambda wildcards: changed_settings(project.subject(wildcards.subject)),
+        settings=settings_of("measure_cost"),
+    message:
+        "{wildcards.subject}: measuring what accuracy costs in time"
+    shell:
+        "python -m pipeline.measure_cost --results {params.results:q} --capture {params.capture:q} "
+        "--out {params.results:q} --threads {threads} --chunk-size {params.chunk_size} "
+        "--stage-settings {params.stage_settings:q} {params.settings:q} > {log:q} 2>&1"
