@@ -15,7 +15,7 @@ from jaxtyping import Float64, Int64
 from pipeline.geometry.pose_solver import DataTerm, PointQuadratic
 from pipeline.geometry.robust import cauchy
 from pipeline.geometry.sampling import sample_bilinear
-from pipeline.geometry.silhouettes import View, draw_silhouette, signed_distance
+from pipeline.geometry.silhouettes import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices
 from pipeline.geometry.triangulation import SMALLEST_DEPTH_M
 
@@ -47,7 +47,7 @@ def _outline_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen:
     size = [view.camera.width, view.camera.height]
     frames, indices, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for frame in np.flatnonzero(view.usable):
-        drawn = signed_distance(draw_silhouette(view.camera, vertices[frame], faces))
+        drawn = signed_distance(view.drawn(vertices[frame], faces))
         pixels, depth = view.camera.project(vertices[frame, chosen])
         candidates = np.flatnonzero((depth > 0) & (pixels > 0).all(1) & (pixels < size).all(1))
         distance, _ = sample_bilinear(drawn[None], np.zeros(len(candidates), np.int64), pixels[candidates])
