@@ -84,8 +84,8 @@ def run(
     if settings.image_rounds and template.rigged and patterns is not None and lights is not None:
         lit = fully_lit_frames(patterns, frame_numbers, settings.image_frames)
         colors = read_color_views(
-            capture, images, used, frame_numbers, lit, settings.image_cameras, content["images"]["transfer"],
-            float(content["images"]["black_level"]),
+            capture, images, used, frame_numbers, lit, settings.image_cameras, settings.image_size_px,
+            content["images"]["transfer"], float(content["images"]["black_level"]),
         )  # fmt: skip
         refinement = image_refinement(
             template, colors, read_frame_lights(lights, patterns), frame_numbers, lit, outlines,

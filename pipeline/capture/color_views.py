@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float32, Int64
 
 from pipeline.base.progress import progress
 from pipeline.capture.images import Transfer, read_image, read_mask
+from pipeline.capture.reduced_images import block_means, reduction
 from pipeline.geometry.cameras import Camera
 
 Thing = TypeVar("Thing")
@@ -27,7 +28,7 @@ class ColorView:
     """One camera's images of all frames, linear RGB; `usable` tells which frames have one.
 
     Attributes:
-        camera: at the images' resolution.
+        camera: at the resolution of these images.
         images: 0 where a frame has none.
         masks: share of each pixel that shows the subject; 1 throughout where there is no mask.
         usable: frames that have an image.
@@ -56,13 +57,17 @@ class ColorView:
 
 def read_color_views(
     capture: Path, images: pd.DataFrame, cameras: dict[str, Camera], frames: Int64[np.ndarray, " frames"],
-    wanted: Int64[np.ndarray, " wanted"], most: int, transfer: Transfer, black_level: float,
+    wanted: Int64[np.ndarray, " wanted"], most: int, longest_px: int, transfer: Transfer, black_level: float,
 ) -> list[ColorView]:  # fmt: skip
-    """Images of the `wanted` ones (positions in `frames`), from at most `most` cameras, evenly chosen by name."""
+    """Images of the `wanted` ones (positions in `frames`), from at most `most` cameras, evenly chosen by name.
+
+    Images are reduced until their longer side has `longest_px` at most.
+    """
     names = evenly(sorted(cameras), most)
     views = []
     for name in progress(names, "read images"):
-        camera, rows = cameras[name], images[images.camera == name].set_index("frame")
+        factor, rows = reduction(cameras[name], longest_px), images[images.camera == name].set_index("frame")
+        camera = cameras[name].downsampled(float(factor))
         usable = np.isin(frames, frames[wanted]) & np.isin(frames, rows.index)
         stack = np.zeros((len(frames), camera.height, camera.width, 3), np.float32)
         masks = np.zeros(stack.shape[:3], np.float32)
@@ -71,7 +76,11 @@ def read_color_views(
             finite = np.isfinite(image).all(2)
             path = rows.mask_path[frames[f]]
             share = 1.0 if pd.isna(path) else read_mask(capture / path).astype(np.float32) / 255
-            stack[f], masks[f] = np.where(finite[..., None], image, 0), share * finite
+            share = share * finite.astype(np.float32)
+            # Weighted by the mask: the background does not bleed into the subject.
+            masks[f] = block_means(share, factor, camera)
+            light = block_means(np.where(finite[..., None], image, 0) * share[..., None], factor, camera)
+            stack[f] = light / np.maximum(masks[f], LEAST_SHARE)[..., None]
         views.append(ColorView(camera, stack, masks, usable))
     return views
 

@@ -39,6 +39,7 @@ class TrackMesh(Settings):
         32, ge=2, description="at most this many fully lit frames of a chunk are refined, evenly chosen"
     )
     image_cameras: int = Field(24, ge=1, description="at most this many cameras' images are used, evenly chosen")
+    image_size_px: int = Field(512, ge=16, description="longer side to which images are reduced [px]")
     image_redundancy: float = Field(
         25.0, gt=0, description="colours that count as one: neighbours share a shadow's edge, a highlight, a blur"
     )
