@@ -103,7 +103,7 @@ def run(
     else:
         deformation = DeformationPrior(
             settings.deformation_modes, settings.deformation_m, settings.deformation_length_m,
-            settings.deformation_time_s,
+            settings.deformation_time_s, settings.deformation_still_m,
         )  # fmt: skip
         tracking = track_surface(template, deformation, targets, observations, prior, schedule, **tracker_settings)
     LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)

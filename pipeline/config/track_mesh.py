@@ -50,11 +50,14 @@ class TrackMesh(Settings):
         100, ge=0, description="waves of an unrigged template's surface that offsets consist of; 0: it moves rigidly"
     )
     deformation_m: float = Field(
-        0.0025, gt=0, description="typical offset of an unrigged template's surface from its rest shape [m]"
+        0.004, gt=0, description="typical offset of an unrigged template's surface from its rest shape [m]"
     )
     deformation_length_m: float = Field(
         0.03, gt=0, description="distance on the surface over which offsets become independent [m]"
     )
-    deformation_time_s: float = Field(0.1, gt=0, description="time over which offsets change; more is smoother [s]")
+    deformation_time_s: float = Field(0.05, gt=0, description="time over which offsets change; more is smoother [s]")
+    deformation_still_m: float = Field(
+        0.0005, gt=0, description="what moves less than this in every frame is taken for still [m]"
+    )
     context_frames: int = Field(8, ge=0, description="frames on either side of a chunk, solved along")
     use_test_cameras: bool = Field(False, description="whether held-out cameras' keypoints and masks help tracking")

@@ -38,12 +38,15 @@ class DeformationBasis:
     Attributes:
         modes: dimensionless, root mean square 1 over the deforming surface; zero on rigid pieces.
         sigma_m: standard deviation of each mode's coefficient, per axis.
+        weight: independent offsets that each vertex stands for: its area over the squared length of the prior; zero on
+            rigid pieces, and on all but one of the vertices in one place.
         part: rigid piece of each vertex, -1 where it deforms.
         centers: middle of each rigid piece, metres.
     """
 
     modes: Float64[np.ndarray, "vertices modes"]
     sigma_m: Float64[np.ndarray, " modes"]
+    weight: Float64[np.ndarray, " vertices"]
     part: Int64[np.ndarray, " vertices"]
     centers: Float64[np.ndarray, "parts 3"]
 
@@ -64,15 +67,17 @@ def deformation_basis(
     lone = np.unique(weld[part < 0])
     stiffness, mass = laplacian(vertices, weld[faces])
     stiffness, mass = stiffness[lone][:, lone], mass[lone]
+    weight = np.zeros(len(vertices))
+    weight[lone] = mass / length_m**2
     count = min(count, len(lone) - 2)
     if count < 1:
-        return DeformationBasis(np.zeros((len(vertices), 0)), np.zeros(0), part, centers)
+        return DeformationBasis(np.zeros((len(vertices), 0)), np.zeros(0), weight, part, centers)
     value, vector = _slowest(stiffness, mass / mass.sum(), count)
     variance = 1 / (1 + length_m**2 * value / mass.sum()) ** 2
     row = np.full(len(vertices), -1)
     row[lone] = np.arange(len(lone))
     modes = np.where(part[:, None] < 0, vector[row[weld]], 0.0)
-    return DeformationBasis(modes, offset_m * np.sqrt(variance / variance.sum()), part, centers)
+    return DeformationBasis(modes, offset_m * np.sqrt(variance / variance.sum()), weight, part, centers)
 
 
 def _slowest(stiffness: scipy.sparse.csr_array, mass: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

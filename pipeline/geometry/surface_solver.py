@@ -36,16 +36,33 @@ class ShapePrior:
         acceleration: standard deviation of its acceleration.
         times_s: of each frame, increasing.
         takes: number of the take that each frame belongs to: across a cut, accelerations are free.
+        still: precision of the coefficients, the same for each axis, that holds what does not move (`held_still`).
     """
 
     sigma: Float64[np.ndarray, " shape_unknowns"]
     acceleration: Float64[np.ndarray, " shape_unknowns"]
     times_s: Float64[np.ndarray, " frames"]
     takes: Int64[np.ndarray, " frames"]
+    still: Float64[np.ndarray, "modes modes"]
 
     def at(self, frames: np.ndarray) -> ShapePrior:
         """The prior of some of the frames."""
         return replace(self, times_s=self.times_s[frames], takes=self.takes[frames])
+
+    def held_still(self, basis: DeformationBasis, motion: SurfaceMotion, still_m: float) -> ShapePrior:
+        """The prior that holds what never moves as far as `still_m`: skull and ears, but no cheek.
+
+        The weights, around `motion`, of Geman and McClure's loss (1987) m / (1 + m), m being a vertex's largest mean
+        square offset in any frame, by `still_m`^2: it lets go of what moves for sure. The prior in `sigma` alone would
+        expect as much motion of a skull as of a mouth.
+        """
+        count = motion.coefficients.shape[1]
+        if not count:
+            return self
+        flat = basis.modes @ motion.coefficients.transpose(1, 0, 2).reshape(count, -1)
+        square = (flat.reshape(len(flat), -1, 3) ** 2).mean(2).max(1)
+        weight = basis.weight / still_m**2 / (1 + square / still_m**2) ** 2
+        return replace(self, still=basis.modes.T @ (weight[:, None] * basis.modes))
 
     def weights(self) -> tuple[np.ndarray, np.ndarray]:
         """Per frame, the weight of `sigma`; and [F, F] what accelerations cost, for a deviation of 1."""
@@ -81,6 +98,8 @@ class SurfaceProblem:
         rest, bending = self.shape_prior.weights()
         shape = motion.shape
         still = 0.5 * (rest[:, None] * (shape / self.shape_prior.sigma) ** 2).sum()
+        pull = np.einsum("kl,fla->fka", self.shape_prior.still, motion.coefficients, optimize=True)
+        still += 0.5 * np.einsum("f,fka,fka->", rest, motion.coefficients, pull, optimize=True)
         calm = (
             0.5 * ((shape / self.shape_prior.acceleration) * (bending @ (shape / self.shape_prior.acceleration))).sum()
         )
@@ -115,6 +134,7 @@ def shape_prior(basis: DeformationBasis, prior: MotionPrior, deformation_time_s:
         np.concatenate([np.full(count, prior.rotation_acceleration), modes / deformation_time_s**2]),
         prior.times_s,
         np.zeros(len(prior.times_s), np.int64) if prior.takes is None else prior.takes,
+        np.zeros((len(basis.sigma_m),) * 2),
     )
 
 
@@ -140,6 +160,11 @@ class _System:
         self.gradient[:, 6:] += rest[:, None] * shape / prior.sigma**2 + self.calm * (self.bending @ shape)
         diagonal = np.einsum("fii->fi", self.blocks)
         diagonal[:, 6:] += rest[:, None] / prior.sigma**2
+        few = self.gradient.shape[1] - motion.coefficients[0].size
+        pull = np.einsum("kl,fla->fka", prior.still, motion.coefficients, optimize=True)
+        self.gradient[:, few:] += rest[:, None] * pull.reshape(len(motion), -1)
+        for axis in range(3):
+            self.blocks[:, few + axis :: 3, few + axis :: 3] += rest[:, None, None] * prior.still
 
     def step(self, damping: float) -> Float64[np.ndarray, "frames unknowns"]:
         """-(H + damping diag H)^-1 gradient."""

@@ -1,8 +1,8 @@
 """Keypoints, masks and images to the motion of an unrigged template: a root transform and smooth offsets per frame.
 
 1. Triangulate every keypoint robustly; frames with too few are set aside.
-2. Align the rest shape rigidly to each frame.
-3. Fit root and offsets of all frames to the 2D keypoints.
+2. Align the rest shape rigidly to each frame, then fit root and offsets of all frames to the triangulated points.
+3. Fit them to the 2D keypoints themselves; from here on, what has not moved is held still.
 4. Rounds of fitting cues (outlines, images), with the keypoints kept.
 5. Frames set aside are interpolated between their neighbours, rotations on their manifold.
 """
@@ -31,10 +31,10 @@ from pipeline.geometry.mesh_tracker import (
     triangulate_unswapped,
 )
 from pipeline.geometry.motion_prior import MotionPrior
-from pipeline.geometry.pose_solver import reprojection_term
+from pipeline.geometry.pose_solver import DataTerm, position_term, reprojection_term
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.skin import Template
-from pipeline.geometry.surface_model import SurfaceModel, SurfaceMotion, in_template, positions
+from pipeline.geometry.surface_model import CarriedPoints, SurfaceModel, SurfaceMotion, in_template, positions
 from pipeline.geometry.surface_points import at_vertices
 from pipeline.geometry.surface_solver import ShapePrior, SurfaceProblem, shape_prior, solve_surface
 from pipeline.geometry.triangulation import reprojection
@@ -54,12 +54,14 @@ class DeformationPrior:
         offset_m: their typical size.
         length_m: distance on the surface over which they become independent.
         time_s: time over which they change.
+        still_m: what moves less, in every frame, is taken for still.
     """
 
     modes: int
     offset_m: float
     length_m: float
     time_s: float
+    still_m: float
 
 
 def track_surface(
@@ -87,10 +89,9 @@ def track_surface(
         template.vertices_rest, template.faces, deformation.modes, deformation.offset_m, deformation.length_m
     )
     model, kept = SurfaceModel(template, basis, rest.mean(0)), np.flatnonzero(solved)
-    fit = _Fit(
-        model, targets, observations.at(kept), prior.at(kept), shape_prior(basis, prior.at(kept), deformation.time_s)
-    )
-    motion = _aligned(model, rest, measured[kept])
+    shape = shape_prior(basis, prior.at(kept), deformation.time_s)
+    fit = _Fit(model, targets, observations.at(kept), prior.at(kept), shape, deformation.still_m)
+    motion = fit.near(_aligned(model, rest, measured[kept]), measured[kept], deformation.offset_m, max_iterations)
     motion, sigma_px = fit.keypoints(motion, max(found.noise_px, SMALLEST_SIGMA_PX), max_iterations)
     for rounds in schedule:
         motion = fit.cues(motion, rounds.at(kept), sigma_px)
@@ -124,22 +125,36 @@ class _Fit:
     observations: Observations
     prior: MotionPrior
     shape_prior: ShapePrior
+    still_m: float
 
-    def solve(self, motion: SurfaceMotion, points: list, terms: list, sigma_px: float, steps: int) -> SurfaceMotion:
-        some, none = self.observations, np.full(len(self.targets.vertices), -1)
-        root = tracked_points(self.model.template, none, self.targets.vertices)
+    def solve(
+        self, motion: SurfaceMotion, points: list[CarriedPoints], terms: list[DataTerm], sigma_px: float, steps: int,
+        shape: ShapePrior,
+    ) -> SurfaceMotion:  # fmt: skip
+        some, named = self.observations, self.model.points(at_vertices(self.targets.vertices))
         seen = reprojection_term(some.cameras, some.normalised, some.confidence, sigma_px)
+        return solve_surface(self._problem(shape, [named, *points], [seen, *terms]), motion, steps)
+
+    def held(self, motion: SurfaceMotion) -> ShapePrior:
+        """The prior, with what has not moved held still."""
+        return self.shape_prior.held_still(self.model.basis, motion, self.still_m)
+
+    def _problem(self, shape: ShapePrior, points: list[CarriedPoints], terms: list[DataTerm]) -> SurfaceProblem:
+        none = np.full(len(self.targets.vertices), -1)
+        root = tracked_points(self.model.template, none, self.targets.vertices)
+        return SurfaceProblem(self.model, root, self.prior, shape, points, terms)
+
+    def near(self, motion: SurfaceMotion, measured: np.ndarray, sigma_m: float, steps: int) -> SurfaceMotion:
+        """Fit triangulated keypoints, trusted no further than offsets are large: an open mouth is not an outlier."""
         named = self.model.points(at_vertices(self.targets.vertices))
-        problem = SurfaceProblem(
-            self.model, root, self.prior, self.shape_prior, [named, *points], [seen, *terms]
-        )  # fmt: skip
-        return solve_surface(problem, motion, steps)
+        term = position_term(measured, np.full(measured.shape[:2], sigma_m))
+        return solve_surface(self._problem(self.shape_prior, [named], [term]), motion, steps)
 
     def keypoints(self, motion: SurfaceMotion, sigma_px: float, steps: int) -> tuple[SurfaceMotion, float]:
-        """Fit the keypoints, twice: what the model cannot follow is noise to the second fit."""
+        """Fit the keypoints, twice: what the model cannot follow is noise to the second, what never moves is still."""
         named = self.model.points(at_vertices(self.targets.vertices))
-        for _ in range(2):
-            motion = self.solve(motion, [], [], sigma_px, steps)
+        for held in (False, True):
+            motion = self.solve(motion, [], [], sigma_px, steps, self.held(motion) if held else self.shape_prior)
             residual = _residual_px(self.observations, positions(named, motion))
             sigma_px = max(float(np.nanmedian(residual)) / MEDIAN_OF_LENGTH, sigma_px)
         return motion, sigma_px
@@ -151,7 +166,7 @@ class _Fit:
             before = positions(everything, motion)
             terms = [cue.around(before) for cue in cues]
             points = [self.model.points(cue.points) for cue in cues]
-            motion = self.solve(motion, points, terms, sigma_px, STEPS_PER_ROUND)
+            motion = self.solve(motion, points, terms, sigma_px, STEPS_PER_ROUND, self.held(motion))
             change = np.linalg.norm(positions(everything, motion) - before, axis=-1).mean()
             LOG.info("%s, round %d: vertices moved %.2f mm on average", rounds.name, number + 1, 1e3 * change)
             if change < SETTLED_M:
