@@ -6,8 +6,8 @@ keypoints and keypoint_sigma_m: triangulated) and a .parquet of the same name wi
 ("refined" by the images of a fully lit frame; "carried": a frame between such, with their corrections and its own
 keypoints; "tracked" without images; "interpolated" where too few keypoints were seen), rms_px, inliers, ... A rigged
 template is posed by a robust least-squares fit of all frames of the chunk together (`pipeline.geometry.mesh_tracker`);
-an unrigged one (a head) moves rigidly, its root transform per frame: expressions are not tracked in this version. Lit
-or not, every frame is tracked. Held-out cameras take no part unless `use_test_cameras` says so.
+an unrigged one (a head) moves by a root transform and smooth offsets (`pipeline.geometry.surface_tracker`), without
+comparing images. Lit or not, every frame is tracked. Held-out cameras take no part unless `use_test_cameras` says so.
 """
 
 from __future__ import annotations
