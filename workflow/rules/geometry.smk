@@ -5,6 +5,8 @@ rule track_mesh:
         images="results/{subject}/index/images.parquet",
         keypoints="results/{subject}/index/keypoints_2d.parquet",
         cameras="results/{subject}/calibration/cameras.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        patterns="results/{subject}/patterns.parquet",
     output:
         tracking="results/{subject}/tracking/{chunk}.safetensors",
         quality="results/{subject}/tracking/{chunk}.parquet",
@@ -28,7 +30,8 @@ rule track_mesh:
         "{wildcards.subject}: tracking the template, chunk {wildcards.chunk}"
     shell:
         "python -m pipeline.track_mesh --capture {params.capture:q} --index {params.index:q} "
-        "--cameras {input.cameras:q} --chunk {wildcards.chunk} --chunk-size {params.chunk_size} "
+        "--cameras {input.cameras:q} --lights {input.lights:q} --patterns {input.patterns:q} "
+        "--chunk {wildcards.chunk} --chunk-size {params.chunk_size} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
 
 
