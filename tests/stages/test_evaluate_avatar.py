@@ -83,7 +83,7 @@ def test_the_table_says_what_was_planted(results):
         "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
         "color_space", "region", "lpips_net", "lpips_weights",
     ]  # fmt: skip
-    assert len(table) == 2 * 4 * 3
+    assert len(table) == 2 * 5 * 3
     assert set(table.subject) == {"someone"}
     assert set(table.color_space) == {"sRGB"}
     rows = table.set_index(["variant", "split", "lit"])
