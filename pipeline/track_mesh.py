@@ -26,6 +26,7 @@ from pipeline.capture.tracking_inputs import image_cameras, keypoint_observation
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.cues import Rounds, vertices_of
 from pipeline.geometry.keypoint_targets import read_keypoint_targets
+from pipeline.geometry.mask_interpolation import interpolated_views
 from pipeline.geometry.mesh_tracker import Tracking, track
 from pipeline.geometry.motion_prior import MotionPrior
 from pipeline.geometry.outlines import OutlineCue, spread_vertices
@@ -80,6 +81,12 @@ def run(
         views = mask_views(capture, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
     chosen = spread_vertices(template.vertices_rest, settings.outline_vertices)
     outlines = [OutlineCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
+    times_s, takes = with_context.timestamp_s.to_numpy(np.float64), pd.factorize(with_context.segment)[0]
+    between = []
+    if settings.mask_gap_frames:
+        between = interpolated_views(views, times_s, takes.astype(np.int64), settings.mask_gap_frames)
+    if any(view.usable.any() for view in between):
+        outlines.append(OutlineCue(between, template.faces, chosen, settings.interpolated_sigma_px))
     refinement = None
     if settings.image_rounds and template.rigged and patterns is not None and lights is not None:
         lit = fully_lit_frames(patterns, frame_numbers, settings.image_frames)
@@ -93,9 +100,8 @@ def run(
             offset_m=settings.offset_m,
         )  # fmt: skip
     prior = MotionPrior(
-        with_context.timestamp_s.to_numpy(np.float64), settings.rotation_acceleration,
-        settings.translation_acceleration, settings.rest_rotation,
-        takes=pd.factorize(with_context.segment)[0].astype(np.int64),
+        times_s, settings.rotation_acceleration, settings.translation_acceleration, settings.rest_rotation,
+        takes=takes.astype(np.int64),
     )  # fmt: skip
     schedule = [Rounds("outlines", outlines, settings.outline_rounds)] if outlines else []
     if template.rigged:
@@ -109,12 +115,12 @@ def run(
     LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)
     LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
     kept = slice(first - start, last - start)
-    _write(out, chunk, frame_numbers, kept, template, tracking, views, settings.inlier_px)
+    _write(out, chunk, frame_numbers, kept, template, tracking, views, between, settings.inlier_px)
 
 
 def _write(
     out: Path, chunk: int, frames: np.ndarray, kept: slice, template: Template, tracking: Tracking, views: list[View],
-    inlier_px: float,
+    between: list[View], inlier_px: float,
 ) -> None:  # fmt: skip
     pose, every = tracking.pose.at(kept), np.arange(len(frames))[kept]
     vertices = vertices_of(template, pose)
@@ -134,6 +140,7 @@ def _write(
             "observations": np.isfinite(residual).sum((0, 2)),
             "keypoints": np.isfinite(tracking.keypoints_m[kept]).all(-1).sum(1),
             "masks": np.sum([view.usable[kept] for view in views], axis=0) if views else 0,
+            "masks_interpolated": np.sum([view.usable[kept] for view in between], axis=0) if between else 0,
             "silhouette_iou": silhouette_overlap([view.at(every) for view in views], vertices, template.faces),
         }
     )

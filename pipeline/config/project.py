@@ -20,6 +20,7 @@ from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.pack_shards import PackShards
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.review_calibration import ReviewCalibration
+from pipeline.config.review_tracking import ReviewTracking
 from pipeline.config.settings import Settings
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.trace_irradiance import TraceIrradiance
@@ -54,6 +55,7 @@ class SubjectSettings(Settings):
     book_patterns: BookPatterns = BookPatterns()
     unwrap_atlas: UnwrapAtlas = UnwrapAtlas()
     track_mesh: TrackMesh = TrackMesh()
+    review_tracking: ReviewTracking = ReviewTracking()
     plan_effects: PlanEffects = PlanEffects()
     trace_irradiance: TraceIrradiance = TraceIrradiance()
     pack_shards: PackShards = PackShards()

@@ -31,6 +31,14 @@ class TrackMesh(Settings):
     outline_vertices: int = Field(600, ge=1, description="vertices, spread evenly, that may sit on an outline")
     outline_cameras: int = Field(24, ge=1, description="at most this many cameras' masks are used, evenly chosen")
     outline_size_px: int = Field(512, ge=16, description="longer side to which masks are reduced [px]")
+    mask_gap_frames: int = Field(
+        0,
+        ge=0,
+        description="outlines are interpolated between masks this near, for slow motion; 0: never [frames]",
+    )
+    interpolated_sigma_px: float = Field(
+        2.0, gt=0, description="standard deviation of an interpolated outline [mask px]"
+    )
     image_rounds: int = Field(
         3, ge=0, description="rounds of comparing colours between fully lit frames, at each blur; 0: no refinement"
     )

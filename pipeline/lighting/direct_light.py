@@ -8,7 +8,7 @@ from jaxtyping import Float64, Int64
 from pipeline.geometry.mesh import unit_or, vertex_normals
 from pipeline.geometry.surface_points import SurfacePoints
 from pipeline.lighting.frame_lights import FrameLights
-from pipeline.lighting.irradiance import LUMINANCE, MIN_DISTANCE, arriving_light, cosine_to, trace_irradiance
+from pipeline.lighting.irradiance import LUMINANCE, MIN_DISTANCE, Lights, trace_irradiance
 from pipeline.lighting.visibility import Occluders
 
 
@@ -34,9 +34,8 @@ def direct_light(
     edges = vertices[surface.corners[:, 1:]] - vertices[surface.corners[:, :1]]
     face_normals = unit_or(np.cross(edges[:, 0], edges[:, 1]), 0.0)
     luminances, occluders = lights.intensities @ LUMINANCE, Occluders(vertices, faces)
-    traced = trace_irradiance(occluders, points, face_normals, lights.positions, luminances, normals=normals)
-    least = MIN_DISTANCE * occluders.half_extent
-    falling = np.zeros(len(points))
-    for position, luminance in zip(lights.positions, luminances, strict=True):
-        falling += arriving_light(points, position, luminance, least) * cosine_to(points, normals, position)
-    return falling * traced.falling
+    traced = trace_irradiance(occluders, points, face_normals, Lights(lights.positions, luminances), normals=normals)
+    to_light = lights.positions - points[:, None]
+    squared = np.maximum((to_light**2).sum(-1), (MIN_DISTANCE * occluders.half_extent) ** 2)
+    cosines = np.maximum((to_light * normals[:, None]).sum(-1), 0.0) / np.sqrt(squared)
+    return (luminances / squared * cosines).sum(1) * traced.falling

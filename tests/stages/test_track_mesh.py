@@ -55,6 +55,23 @@ def test_outlines_find_what_keypoints_leave_open(captured: dict, motion: Motion,
     assert errors[5] < 0.5 * errors[0]
 
 
+def test_outlines_between_masks_help_where_limbs_hardly_move(tmp_path: Path) -> None:
+    slow = walk(9, fps=96.0)
+    captured = write_capture(tmp_path, slow)
+    images, masked = read_table(captured["index"] / "images.parquet"), np.arange(9) % 2 == 0
+    images.loc[~masked[images.frame], "mask_path"] = None
+    paths, errors = edited(captured, tmp_path / "gaps", images=images), {}
+    for gap in (0, 1):
+        out = paths | {"out": tmp_path / str(gap)}
+        run(**out, chunk=0, settings=TrackMesh(outline_rounds=4, mask_gap_frames=gap, interpolated_sigma_px=1.0))
+        vertices = read_arrays(tmp_path / str(gap) / "0000.safetensors")["vertices"]
+        errors[gap] = np.linalg.norm(vertices - slow.vertices, axis=-1)[~masked].mean()
+    assert errors[1] < 0.95 * errors[0]
+    table = read_table(tmp_path / "1/0000.parquet")
+    assert table.masks.tolist() == np.where(masked, 5, 0).tolist()
+    assert table.masks_interpolated.tolist() == np.where(masked, 0, 5).tolist()
+
+
 def test_images_find_how_limbs_twist_and_carry_it_to_frames_between(motion: Motion, tmp_path: Path) -> None:
     paths = write_capture(tmp_path, motion)
     lit = np.arange(len(motion.times_s)) % 3 == 0

@@ -26,7 +26,7 @@ OUTPUTS = {
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "images/worst.png"],
 }
-ON_REQUEST = {"review_calibration", "measure_cost"}
+ON_REQUEST = {"review_calibration", "review_tracking", "measure_cost"}
 """Stages that nothing else waits for."""
 
 STAND_IN = """
