@@ -33,5 +33,5 @@ rule all:
         expand(
             "results/{subject}/{result}",
             subject=subject_names(project),
-            result=["metrics.csv", "calibration/review"],
+            result=["metrics.csv", "calibration/review", "tracking/review"],
         ),

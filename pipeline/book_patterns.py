@@ -1,36 +1,32 @@
-"""Which LED was on in which frame of the images, is the LED log in step with them, and which split is a frame in.
+"""Which LED was on in which frame of the images, is the LED log true and in step with them, which split is a frame in.
 
-In: the capture's index, calibrated lights and cameras, and the images themselves. The brightness that the log
-predicts at the subject's centre (sum of I / d^2) is compared with what the cameras saw, for a constant offset
-between the two numberings (`pipeline.lighting.sync`) and for single frames that do not fit. Out: patterns.parquet,
-frames.parquet, sync.json and a timeline, sync.png.
+In: the capture's index, calibrated lights and cameras, and the images themselves. What the log predicts for the
+brightness of the subject in each camera is compared with what the cameras saw (`pipeline.lighting.sync`): the two
+numberings may be apart, images lost or stored twice, LEDs dead or stuck, single frames under another pattern. Out:
+patterns.parquet, frames.parquet, sync.json and a timeline, sync.png.
 """
 
 from __future__ import annotations
 
 import logging
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from pipeline.base.command import run_as_command
-from pipeline.base.errors import Complaints, InputError
+from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import read_json, read_table, write_json, write_table
 from pipeline.base.progress import progress
+from pipeline.base.verdicts import log_verdicts
 from pipeline.capture.images import read_image, read_mask
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, read_cameras
-from pipeline.lighting.patterns import (
-    book_frames,
-    book_patterns_rgb,
-    observed_brightness,
-    predicted_brightness,
-    shift_patterns,
-    subject_center,
-    suspicious_frames,
-)
-from pipeline.lighting.sync import OUT_OF_SYNC, SyncCheck, check_sync
+from pipeline.lighting.brightness import BrightnessModel, directions_from, observed_table, read_log
+from pipeline.lighting.patterns import book_frames, book_patterns_rgb, find_leaks, mend_patterns
+from pipeline.lighting.subject_proxy import Ellipsoid, fit_ellipsoid, shading_response
+from pipeline.lighting.sync import FAULTY, UNEXPLAINED, SyncCheck, check_sync
 from pipeline.lighting.timeline import draw_timeline
 
 log = logging.getLogger("book_patterns")
@@ -38,11 +34,13 @@ log = logging.getLogger("book_patterns")
 SUBJECT = 128
 """Mask values from here on are subject: at least half of the pixel."""
 
+MEASURED = ["camera", "frame", "r", "g", "b", "x", "y", "xx", "xy", "yy"]
+
 
 def run(
     *, capture: Path, index: Path, lights: Path, cameras: Path, out: Path, settings: BookPatterns = BookPatterns()
 ) -> None:
-    """Book light patterns and splits per frame, and check that LED log and images are in step.
+    """Book light patterns and splits per frame, and check that LED log and images agree.
 
     Args:
         capture: folder of the capture, for its images.
@@ -60,29 +58,27 @@ def run(
     rig = {name: rig[name].downsampled(float(facts["downsample_from_sensor"])) for name in chosen}
 
     means = measure_brightness(capture, tables["images"], chosen, facts)
-    pixels = {name: xy.to_numpy(np.float64) for name, xy in means.groupby("camera")[["x", "y"]].mean().iterrows()}
-    center = subject_center(rig, pixels)
-    predicted = predicted_brightness(tables["patterns"], stage_lights, tables["frames"].frame, center)
-    observed = observed_brightness(means)
-    check = check_sync(predicted, observed, settings.max_offset_frames)
-    log.info("%s: %s", check.verdict, check.why)
+    subject = fit_subject(rig, means)
+    model = build_model(tables, stage_lights, rig, subject, means)
+    check = check_sync(model, settings.max_offset_frames, settings.fault_sigma)
+    log_verdicts(log, [check.timing, *(light for light in check.lights if light.grade != "good")])
 
-    applied = check.offset_frames if settings.on_desync == "fix" else 0
-    patterns, frames = shift_patterns(tables["patterns"], tables["frames"], applied)
-    booked = book_frames(frames, tables["images"], patterns, stage_lights.light.tolist())
-    booked["predicted"] = predicted.reindex(booked.frame + applied).to_numpy()
-    booked["observed"] = observed.reindex(booked.frame).to_numpy()
-    booked["suspicious"] = suspicious_frames(booked, settings.suspicious_sigma)
+    patterns, frames, names = tables["patterns"], tables["frames"], stage_lights.light.tolist()
+    fixed = settings.on_desync == "fix" and check.verdict == FAULTY
+    if fixed:
+        patterns, frames = mend_patterns(patterns, frames, check.frames, check.constants)
+        names = [light for light in names if check.constants.get(light, np.ones(3)).any()]
+    booked = book_frames(frames, tables["images"], patterns, names)
+    found = check.frames.set_index("frame").reindex(booked.frame)
+    booked["predicted"] = found["predicted" if fixed else "logged"].to_numpy()
+    booked["observed"] = found.observed.to_numpy()
+    booked["suspicious"] = found.suspicious.eq(True).to_numpy()
     table = book_patterns_rgb(patterns, booked)
     report(booked, len(tables["frames"]))
-    write_json(out / "sync.json", sync_facts(check, applied, center))
-    draw_timeline(out / "sync.png", booked, table, stage_lights.light.tolist(), check)
-    if check.verdict == OUT_OF_SYNC and settings.on_desync == "error":
-        raise InputError(
-            f"{index}/patterns.parquet: frame: expected the numbering of the images, found patterns "
-            f"{check.offset_frames:+d} frames away ({check.why}; see {out}/sync.png); subtract {check.offset_frames} "
-            "from `frame` in the capture's patterns file, or set book_patterns.on_desync to fix (or to ignore)"
-        )
+    write_json(out / "sync.json", sync_facts(check, fixed, subject))
+    draw_timeline(out / "sync.png", check, booked, table, stage_lights.light.tolist())
+    complain_of_faults(check, settings, index / "patterns.parquet", out / "sync.png")
+    complain_of_leaks(find_leaks(booked, table), settings, index / "patterns.parquet")
     write_table(out / "patterns.parquet", table)
     write_table(out / "frames.parquet", booked)
 
@@ -113,50 +109,127 @@ def complain_about(
 
 
 def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], facts: dict) -> pd.DataFrame:
-    """Mean of the subject per image: camera, frame, brightness, and the subject's mean pixel x, y.
+    """Per image the mean of the subject, r, g, b, the mean x, y of its pixels and their covariance xx, xy, yy.
 
-    Without masks the whole image is averaged (the background of a stage is dark) and x, y is the image's centre.
-    Images without a finite subject pixel are left out.
+    Without masks the whole image is averaged (the background of a stage is dark), x, y is the image's centre and the
+    covariance NaN. Images without a finite subject pixel are left out.
     """
     rows = []
     for row in progress(list(images[images.camera.isin(cameras)].itertuples()), "book_patterns"):
         image = read_image(capture / row.path, facts["transfer"], facts["black_level"])
         subject = np.isfinite(image).all(2)
-        if isinstance(row.mask_path, str):
+        masked = isinstance(row.mask_path, str)
+        if masked:
             subject &= read_mask(capture / row.mask_path) >= SUBJECT
         if not subject.any():
             continue
-        y, x = (indices.mean() + 0.5 for indices in np.nonzero(subject))
-        rows.append((row.camera, row.frame, float(image[subject].mean(dtype=np.float64)), x, y))
-    return pd.DataFrame(rows, columns=["camera", "frame", "brightness", "x", "y"])
+        y, x = np.nonzero(subject)
+        covariance = np.cov(x, y, bias=True)[[0, 0, 1], [0, 1, 1]] if masked else np.full(3, np.nan)
+        color = image[subject].mean(0, dtype=np.float64)
+        rows.append((row.camera, row.frame, *color, x.mean() + 0.5, y.mean() + 0.5, *covariance))
+    return pd.DataFrame(rows, columns=MEASURED)
+
+
+def fit_subject(rig: dict[str, Camera], means: pd.DataFrame) -> Ellipsoid:
+    """The ellipsoid of the subject's mean place and size over all frames."""
+    average = means.groupby("camera")[MEASURED[5:]].mean()
+    pixels = {camera: row[["x", "y"]].to_numpy(np.float64) for camera, row in average.iterrows()}
+    spread = {camera: row[["xx", "xy", "xy", "yy"]].to_numpy(np.float64).reshape(2, 2)
+              for camera, row in average.iterrows()}  # fmt: skip
+    return fit_ellipsoid(rig, pixels, spread)
+
+
+def seeing_cameras(means: pd.DataFrame) -> list[str]:
+    """Cameras that see any light at all; every camera if none does."""
+    brightest = means.groupby("camera")[["r", "g", "b"]].max().max(axis=1)
+    if blind := brightest.index[brightest <= 0].tolist():
+        log.warning("no light at all in the images of %s", listed(blind))
+    return sorted(brightest.index[brightest > 0]) or sorted(brightest.index)
+
+
+def build_model(
+    tables: dict[str, pd.DataFrame],
+    lights: pd.DataFrame,
+    rig: dict[str, Camera],
+    subject: Ellipsoid,
+    means: pd.DataFrame,
+) -> BrightnessModel:
+    """The log and the images in one numbering of cameras and lights."""
+    names = seeing_cameras(means)
+    frames, seen = observed_table(means, names)
+    places = lights[["x", "y", "z"]].to_numpy(np.float64)
+    centers = np.stack([rig[name].center for name in names])
+    return BrightnessModel(
+        read_log(tables["patterns"], tables["frames"].frame, lights.light.tolist()), frames, seen,
+        shading_response(subject, places, centers),
+        directions_from(subject.center, centers), directions_from(subject.center, places),
+    )  # fmt: skip
 
 
 def report(booked: pd.DataFrame, frames: int) -> None:
-    """Log the splits, and warn of what a person should look at."""
-    log.info("%d frames: %s, %d fully lit", len(booked), booked.split.value_counts().to_dict(), booked.fully_lit.sum())
+    """Log the splits."""
+    splits, lit, patterns = booked.split.value_counts().to_dict(), booked.fully_lit.sum(), booked.pattern.nunique()
+    log.info("%d frames: %s, %d fully lit, %d different patterns", len(booked), splits, lit, patterns)
     if len(booked) < frames:
-        log.warning("%d frames dropped: after the fix their pattern is outside the log", frames - len(booked))
-    if booked.suspicious.any():
-        log.warning(
-            "brightness does not fit the log in frames %s: see sync.png", booked.frame[booked.suspicious].tolist()
-        )
+        log.warning("%d frames dropped: it is not known what was on in them", frames - len(booked))
 
 
-def sync_facts(check: SyncCheck, applied: int, center: np.ndarray) -> dict:
-    """Content of sync.json; undefined correlations are null."""
+def complain_of_faults(check: SyncCheck, settings: BookPatterns, file: Path, picture: Path) -> None:
+    """Raises:
+    InputError: naming every fault, as `on_desync` wants; always, unless told to ignore it, if nothing can be fixed.
+    """
+    if settings.on_desync == "ignore" or (settings.on_desync == "fix" and check.verdict != UNEXPLAINED):
+        return
+    complaints = Complaints(f"{file}: log and images disagree, see {picture}")
+    if check.verdict == UNEXPLAINED:
+        mend = "is it this capture's log? More than max_offset_frames away? book_patterns.on_desync: ignore goes on"
+        complaints.add(file, "frame", expected="patterns that the images show", found=check.why, mend=mend)
+    for fault in check.faults if check.verdict == FAULTY else []:
+        key = f"light {fault.name}" if fault.kind in ("dead_light", "stuck_light") else f"frame {fault.name}"
+        mend = "correct the capture's patterns file, or set book_patterns.on_desync to fix (or ignore)"
+        if fault.kind == "offset":
+            mend = f"subtract {fault.value:g} from its frame numbers, or set book_patterns.on_desync to fix (or ignore)"
+        complaints.add(file, key, expected="what the images show", found=fault.why, mend=mend)
+    complaints.raise_if_any()
 
-    def or_null(value: float) -> float | None:
-        return value if np.isfinite(value) else None
 
+def complain_of_leaks(leaks: list[tuple[int, int]], settings: BookPatterns, file: Path) -> None:
+    """Raises:
+    InputError: naming the frames, if `on_leak` says so.
+    """
+    complaints = Complaints(f"{file}: held-out light is trained on")
+    for test in dict.fromkeys(test for test, _ in leaks):
+        trained = [train for other, train in leaks if other == test]
+        complaints.add(
+            file, f"frame {test}", expected="light that no training frame shows, as it is held out",
+            found=f"the same lights in the same proportions in training frame {listed(trained)}",
+            mend="hold those out too (splits.test_patterns holds out all frames of a pattern), or set "
+            "book_patterns.on_leak to warn",
+        )  # fmt: skip
+    if settings.on_leak == "error":
+        complaints.raise_if_any()
+    for message in complaints.messages:
+        log.warning("%s", message)
+
+
+def sync_facts(check: SyncCheck, fixed: bool, subject: Ellipsoid) -> dict:
+    """Content of sync.json."""
+    offsets = check.frames.offset_frames
+    starts = offsets.ne(offsets.shift()) & (offsets.index > 0)
     return {
-        "offset_frames": check.offset_frames,
-        "correlation": or_null(check.correlation),
         "verdict": check.verdict,
         "why": check.why,
-        "sigmas": check.sigmas,
-        "applied_offset_frames": applied,
-        "correlations": {str(k): or_null(v) for k, v in sorted(check.correlations.items())},
-        "subject_center_m": center.tolist(),
+        "fixed": fixed,
+        "offset_frames": int(offsets.iloc[0]),
+        "offset_changes": [
+            {"frame": int(row.frame), "offset_frames": int(row.offset_frames)}
+            for row in check.frames[starts].itertuples()
+        ],
+        "faults": [asdict(fault) for fault in check.faults],
+        "sigmas_ahead_of_offset": {f"{k:+d}": value for k, value in sorted(check.sigmas_ahead.items())},
+        "lights": [asdict(light) for light in check.lights],
+        "subject_center_m": subject.center.tolist(),
+        "subject_semiaxes_m": np.linalg.norm(subject.axes, axis=0).tolist(),
     }
 
 

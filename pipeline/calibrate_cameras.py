@@ -29,11 +29,11 @@ from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.charuco import Board, dictionary_names
 from pipeline.geometry.rig import Rig
-from pipeline.geometry.rig_calibration import Calibrated, calibrate_rig, find_movements
+from pipeline.geometry.rig_calibration import Calibrated, calibrate_rig, inspect_rig
+from pipeline.geometry.rig_misfit import complain_of_misfits
 from pipeline.geometry.rig_quality import (
     COLUMNS,
     describe_focal,
-    describe_movement,
     judge_cameras,
     quality_table,
     rough_shots,
@@ -173,13 +173,8 @@ def judge(
     """The table of quality and the verdicts; complaints on what must not be used."""
     rig, where = calibrated.rig, "calibration.cameras"
     quality = quality_table(calibrated, names, found.shot)
-    movements = find_movements(calibrated, found.corners_m, sizes, found.shot, settings.distortion)
-    rough = rough_shots(rig, names, found.shot, settings.good_rms_px)
-    for movement in movements:
-        if movement.shift_px > settings.largest_shift_px:
-            mend = f"remove or record again the views before {movement.shot}, or those from it on"
-            told = describe_movement(movement, [names[suspect] for suspect in movement.suspects])
-            complaints.add(where, "views", expected="cameras that stand still", found=told, mend=mend)
+    inspection = inspect_rig(calibrated, found.corners_m, sizes, found.shot)
+    complain_of_misfits(inspection, names, quality.views.tolist(), settings.largest_shift_px, where, complaints)
     for row in quality.itertuples():
         if row.focal_sigma > settings.largest_focal_error:
             expected = f"a focal length known to {100 * settings.largest_focal_error:g} %"
@@ -193,12 +188,13 @@ def judge(
         expected = f"cameras within {settings.largest_rig_m:g} m of the boards"
         mend = "are square_m and marker_m in metres?"
         complaints.add(where, "square_m", expected=expected, found=f"{farthest:.0f} m", mend=mend)
-    return quality, judge_cameras(quality, rough, movements, names, settings)
+    rough = rough_shots(rig, names, found.shot, settings.good_rms_px)
+    return quality, judge_cameras(quality, calibrated, rough, inspection, names, settings)
 
 
 def report_distortion(calibrated: Calibrated, names: Sequence[str]) -> None:
     """Log what was chosen, and by which odds."""
-    for name, number, odds in zip(names, calibrated.distortion, calibrated.evidence or [], strict=False):
+    for name, number, odds in zip(names, calibrated.distortion, calibrated.evidence, strict=True):
         told = ", ".join(f"{k}: {value:.1f}" for k, value in odds.items())
         log.info("camera %s: %d distortion coefficients; log odds against all five: %s", name, number, told)
 

@@ -29,7 +29,7 @@ from pipeline.geometry.texels import read_atlas
 
 log = logging.getLogger("pack_shards")
 
-FLAGS = ("test_camera", "test_frame", "test_segment")
+FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
 EFFECTS = ("color_correction", "lens_distortion", "shadow")
 
 
@@ -79,6 +79,8 @@ def run(
     booked = booked[booked.index.isin(numbers)].sort_index()
     images = read_table(index / "images.parquet")
     images = images[images.frame.isin(booked.index)].sort_values(["frame", "camera"])
+    # The index knows the frames that the capture lists; book_patterns, all others that show the same pattern.
+    images["test_pattern"] = images.frame.map(booked.test_pattern).astype(bool)
     tracked = read_arrays(tracking)
     inputs = Inputs(
         capture=capture,

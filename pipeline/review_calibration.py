@@ -62,7 +62,7 @@ def run(
             show_charts(folder, capture, found, settings, pool),
             show_histogram(folder, residuals),
         ]
-        write_page(folder / "index.html", found.subject, found.verdicts, sections)
+        write_page(folder / "index.html", f"Calibration of {found.subject}", found.verdicts, sections)
     write_table(out / "residuals.parquet", residuals)
     write_table(out / "verdicts.csv", verdict_table(found.verdicts))
 

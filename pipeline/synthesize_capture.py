@@ -1,9 +1,9 @@
-"""Make a complete native capture (lightstage-capture/1) of a procedural figure, and the truth beside it.
+"""Make a complete native capture (lightstage-capture/1) of a procedural subject, and the truth beside it.
 
-A skinned figure moves in a dome of lights; Mitsuba path-traces it from a ring of cameras with lens distortion, colour
-responses and noise, together with every calibration image the format asks for. `<out>/truth` holds what the other
-stages have to recover; none of them reads it. Truth is independent of the pipeline: the images come from Mitsuba, the
-posed vertices from this package's own skinning.
+A skinned figure or an unrigged head moves in a dome of lights; Mitsuba path-traces it from a ring of cameras with lens
+distortion, colour responses and noise, together with every calibration image the format asks for. `<out>/truth` holds
+what the other stages have to recover; none of them reads it. Truth is independent of the pipeline: the images come from
+Mitsuba, the posed vertices from this package's own skinning or displacement.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from pipeline.base.command import run_as_command
@@ -22,60 +21,51 @@ from pipeline.base.errors import Complaints
 from pipeline.base.files import written_whole
 from pipeline.base.progress import progress
 from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.synthesis.capture_files import (
-    template_source,
-    write_capture_yaml,
-    write_tables,
-    write_template,
-    write_truth,
-)  # fmt: skip
+from pipeline.synthesis.capture_files import write_capture_yaml, write_tables, write_truth
 from pipeline.synthesis.figure import build_figure
-from pipeline.synthesis.motion import pose_at
+from pipeline.synthesis.head import build_head
 from pipeline.synthesis.photography import FrameJob, Job, Studio, all_jobs, take
 from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_of
 
-FLOOR_Y_M = -0.88
-"""Height of the ground in the stage frame: puts the figure's middle at the stage's centre."""
+BUILDERS = {"body": build_figure, "head": build_head}
 
 log = logging.getLogger("synthesize_capture")
 
 
 def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCapture = SynthesizeCapture()) -> None:
-    """Synthesize the capture of a procedural figure in a light stage.
+    """Synthesize the capture of a procedural subject in a light stage.
 
     Args:
         subject: name of the subject; seeds everything random.
         out: folder of the capture, replaced as a whole.
         workers: processes that render; the result does not depend on it.
-        settings: the figure, the stage and the pictures.
+        settings: the subject, the stage and the pictures.
     """
     check_settings(subject, settings)
-    figure = build_figure(subject, settings.vertex_spacing_m, settings.texture_size)
+    build = BUILDERS[settings.figure]
+    shown = build(subject, settings.vertex_spacing_m, settings.texture_size, settings.gloss_alpha)
     rig = build_stage_rig(subject, settings)
     patterns = light_patterns(subject, rig, settings)
     intensities = patterns.pivot(index="frame", columns="light", values="intensity").fillna(0.0)
     intensities = intensities.reindex(columns=list(rig.light_positions), fill_value=0.0)
-    poses, posed = [], []
+    moments = []
     for frame in range(settings.frames):
         segment, time_s = segment_of(frame, settings)
-        poses.append(pose_at(figure.skeleton, time_s, segment, FLOOR_Y_M))
-        posed.append(figure.posed(poses[-1].rotations, poses[-1].root_translation))
-    log.info("%d vertices, %d cameras, %d lights", len(figure.vertices), len(rig.cameras), len(rig.light_positions))
+        moments.append(shown.at(time_s, segment))
+    log.info("%d vertices, %d cameras, %d lights", len(shown.vertices), len(rig.cameras), len(rig.light_positions))
     with written_whole(out) as root:
         studio = Studio(root.resolve(), subject, settings, rig)
         frames = [
-            FrameJob(studio, figure, frame, vertices, joints, intensities.loc[frame].to_numpy())
-            for frame, (vertices, joints) in enumerate(posed)
+            FrameJob(studio, shown, frame, moment, intensities.loc[frame].to_numpy())
+            for frame, moment in enumerate(moments)
         ]
         jobs = all_jobs(studio, frames)
         found = list(progress(_taken(jobs, workers), "photographs", total=len(jobs)))
         keypoints = pd.concat([table for table in found if table is not None], ignore_index=True)
         write_tables(root, subject, rig, patterns, keypoints, settings)
-        write_template(root, figure, settings)
-        source = template_source(figure, settings)
-        vertices = np.stack([frame_vertices[source] for frame_vertices, _ in posed])
-        write_truth(root, rig, vertices, np.stack([joints for _, joints in posed]), poses)
-        write_capture_yaml(root, subject, rig, settings)
+        shown.write_template(root / "template", settings)
+        write_truth(root, rig, shown, moments, settings.uvs)
+        write_capture_yaml(root, subject, shown.kind, rig, settings)
 
 
 def _taken(jobs: list[Job], workers: int) -> Iterator[pd.DataFrame | None]:

@@ -79,9 +79,14 @@ def mesh() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate([v for v, _ in tubes]), faces, np.repeat(np.arange(len(BONES)), np.diff(first))
 
 
-def write_template(path: Path, units_per_m: float = 1.0, rigged: bool = True) -> Path:
-    """The figure's .glb; each vertex follows one bone. Joint i is node i + 1, below a plain node 0."""
+def write_template(path: Path, units_per_m: float = 1.0, rigged: bool = True, flaw: bool = False) -> Path:
+    """The figure's .glb; each vertex follows one bone. Joint i is node i + 1, below a plain node 0.
+
+    With a `flaw`, some of its triangles have two equal corners, or three on one line.
+    """
     vertices, faces, owner = mesh()
+    if flaw:
+        faces = np.concatenate([faces, [[0, 0, 1], [5, 5, 5], [60, 0, 61]]])
     file = GlbFile()
     attributes = {"POSITION": file.accessor((units_per_m * vertices).astype(np.float32))}
     indices = file.accessor(faces.reshape(-1, 1).astype(np.uint16))
@@ -105,8 +110,11 @@ def write_template(path: Path, units_per_m: float = 1.0, rigged: bool = True) ->
     return file.write(path)
 
 
-def walk(frames: int, fps: float = 24.0, rigid: bool = False) -> Motion:
-    """A smooth motion of every joint, leaf joints and twists included, and of the whole figure."""
+def walk(frames: int, fps: float = 24.0, rigid: bool = False, turn: float = 0.0, stride: float = 0.3) -> Motion:
+    """A smooth motion of every joint, leaf joints and twists included, and of the whole figure.
+
+    `turn`: about the vertical from the first frame to the last, radians; `stride`: along z, m/s.
+    """
     times = np.arange(frames) / fps
     rest, faces, owner = mesh()
     rng = np.random.default_rng(7)
@@ -119,12 +127,13 @@ def walk(frames: int, fps: float = 24.0, rigid: bool = False) -> Motion:
     for f, t in enumerate(times):
         turns: list[Rotation] = []
         for bone, parent in enumerate(PARENTS):
-            turn = Rotation.from_rotvec(offset[bone] + amplitude[bone] * np.sin(2 * np.pi * t + phase[bone]))
-            turns.append(turns[parent] * turn if parent >= 0 else turn)
+            own = Rotation.from_rotvec(offset[bone] + amplitude[bone] * np.sin(2 * np.pi * t + phase[bone]))
+            above = turns[parent] if parent >= 0 else Rotation.from_rotvec([0, turn * f / max(frames - 1, 1), 0])
+            turns.append(above * own)
             if parent >= 0:
                 joints[f, bone] = turns[parent].apply(STARTS[bone]) + joints[f, parent]
             else:
-                joints[f, bone] = STARTS[bone] + [0.2 * np.sin(3 * t), 0.03 * np.cos(9 * t), 0.3 * t]
+                joints[f, bone] = STARTS[bone] + [0.2 * np.sin(3 * t), 0.03 * np.cos(9 * t), stride * t]
             mine = owner == bone
             vertices[f, mine] = turns[bone].apply(rest[mine] - where_rest[bone]) + joints[f, bone]
     return Motion(times, joints, vertices, faces)

@@ -38,6 +38,14 @@ def read_csv(root: Path, path: str, columns: Mapping[str, Kind], complaints: Com
     return _typed(path, text, columns, complaints)
 
 
+def column_names(root: Path, path: str) -> list[str]:
+    """Names of a csv file's columns; none if it cannot be read, which `read_csv` complains about."""
+    try:
+        return list(pd.read_csv(locate(root, path), nrows=0, skipinitialspace=True, encoding="utf-8-sig").columns)
+    except (InputError, ValueError):
+        return []
+
+
 def _typed(path: str, text: pd.DataFrame, columns: Mapping[str, Kind], complaints: Complaints) -> pd.DataFrame | None:
     table, good = {}, True
     for column, kind in columns.items():

@@ -13,7 +13,7 @@ class ImageRecord:
     """One foreground crop, undistorted and colour-corrected.
 
     Attributes:
-        test_camera, test_frame, test_segment: why the image is held out; it trains when none is true.
+        test_camera, test_frame, test_segment, test_pattern: why the image is held out; it trains when none is true.
         x0, y0: first pixel of the crop in the undistorted full image.
         image: linear RGB, black level removed.
         mask: share of the subject in each pixel, 0..1.
@@ -26,6 +26,7 @@ class ImageRecord:
     test_camera: bool
     test_frame: bool
     test_segment: bool
+    test_pattern: bool
     fully_lit: bool
     x0: int
     y0: int
@@ -40,7 +41,7 @@ class ImageRecord:
     @property
     def is_test(self) -> bool:
         """Whether any split holds this image out."""
-        return self.test_camera or self.test_frame or self.test_segment
+        return self.test_camera or self.test_frame or self.test_segment or self.test_pattern
 
 
 @dataclass(frozen=True)

@@ -104,11 +104,16 @@ class Calibration(Section):
 
 
 class Splits(Section):
-    """What is held out for testing; everything else trains. Lists may be empty."""
+    """What is held out for testing; everything else trains. Lists may be empty, `test_patterns` may be left out.
+
+    A pattern, the lit lights with their intensities, is named by the number of any frame that shows it. Holding it out
+    holds out every frame that shows it.
+    """
 
     test_cameras: list[str] = Field(description="cameras never trained on")
     test_frames: list[int] = Field(description="frame numbers never trained on")
     test_segments: list[str] = Field(description="segments never trained on")
+    test_patterns: list[int] = Field([], description="frame numbers whose light patterns are never trained on")
 
 
 class Capture(Section):
@@ -130,7 +135,10 @@ class Capture(Section):
     cameras: CsvPath = Field(description="csv: camera, width, height, sensor_width, sensor_height (pixels)")
     frames: CsvPath = Field(description="csv: frame, timestamp_s, segment")
     lights: CsvPath = Field(description="csv: light, x, y, z: surveyed, metres; they define the stage frame")
-    patterns: CsvPath = Field(description="csv: frame, light, intensity; one row per lit light, unlisted = off")
+    patterns: CsvPath = Field(
+        description="csv: frame, light, intensity (or intensity_r, intensity_g, intensity_b if lights are coloured); "
+        "one row per lit light, unlisted = off"
+    )
     keypoints_2d: Annotated[str, path_to(".parquet")] | None = Field(
         None, description="parquet: frame, camera, keypoint, x, y, confidence"
     )

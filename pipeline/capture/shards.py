@@ -19,7 +19,7 @@ from pipeline.capture.records import FrameRecord, ImageRecord
 
 IMAGE_SCHEMA = pa.schema(
     [("camera", pa.string()), ("frame", pa.int64())]
-    + [(flag, pa.bool_()) for flag in ("test_camera", "test_frame", "test_segment", "fully_lit")]
+    + [(flag, pa.bool_()) for flag in ("test_camera", "test_frame", "test_segment", "test_pattern", "fully_lit")]
     + [(edge, pa.int32()) for edge in ("x0", "y0", "width", "height")]
     + [("image", pa.binary()), ("mask", pa.binary())]
     + [

@@ -11,7 +11,15 @@ import pandas as pd
 import pyarrow
 
 from pipeline.base.errors import Complaints, InputError, listed
-from pipeline.capture.csv_tables import DTYPES, Kind, complain_repeats, complain_rows, complain_unknown, read_csv
+from pipeline.capture.csv_tables import (
+    DTYPES,
+    Kind,
+    column_names,
+    complain_repeats,
+    complain_rows,
+    complain_unknown,
+    read_csv,
+)
 from pipeline.capture.paths import locate
 
 log = logging.getLogger(__name__)
@@ -25,7 +33,13 @@ CAMERA_COLUMNS: Mapping[str, Kind] = {
 }  # fmt: skip
 FRAME_COLUMNS: Mapping[str, Kind] = {"frame": "whole", "timestamp_s": "number", "segment": "text"}
 LIGHT_COLUMNS: Mapping[str, Kind] = {"light": "name", "x": "number", "y": "number", "z": "number"}
-PATTERN_COLUMNS: Mapping[str, Kind] = {"frame": "whole", "light": "name", "intensity": "number"}
+INTENSITIES = ["intensity_r", "intensity_g", "intensity_b"]
+WHITE_PATTERN_COLUMNS: Mapping[str, Kind] = {"frame": "whole", "light": "name", "intensity": "number"}
+COLORED_PATTERN_COLUMNS: Mapping[str, Kind] = {
+    "frame": "whole",
+    "light": "name",
+    **dict.fromkeys(INTENSITIES, "number"),
+}
 KEYPOINT_COLUMNS: Mapping[str, Kind] = {
     "frame": "whole", "camera": "name", "keypoint": "text", "x": "number", "y": "number", "confidence": "number",
 }  # fmt: skip
@@ -88,15 +102,20 @@ def read_lights_csv(root: Path, path: str, complaints: Complaints) -> pd.DataFra
 def read_patterns_csv(
     root: Path, path: str, frames: pd.DataFrame | None, lights: pd.DataFrame | None, complaints: Complaints
 ) -> pd.DataFrame | None:
-    """One row per lit light, by frame; rows of intensity 0 say what is true of unlisted lights, and are left out.
+    """One row per lit light: frame, light, intensity_r, intensity_g, intensity_b, by frame.
 
-    Frames up to `SLACK_FRAMES` before the first and after the last image may be named: see there.
+    A file with the one column `intensity` is of white lights: all three are equal. Rows of intensity 0 say what is true
+    of unlisted lights, and are left out. Frames up to `SLACK_FRAMES` before the first and after the last image may
+    be named: see there.
     """
-    table = read_csv(root, path, PATTERN_COLUMNS, complaints)
+    table = read_csv(root, path, _pattern_columns(root, path, complaints), complaints)
     if table is None:
         return None
-    if (bad := table["intensity"] < 0).any():
-        complain_rows(complaints, path, "intensity", bad, "0 or more", table["intensity"])
+    for column in [column for column in table if column.startswith("intensity")]:
+        if (bad := table[column] < 0).any():
+            complain_rows(complaints, path, column, bad, "0 or more", table[column])
+    if "intensity" in table:
+        table = table.assign(**dict.fromkeys(INTENSITIES, table["intensity"])).drop(columns="intensity")
     complain_repeats(complaints, path, table, ["frame", "light"])
     if lights is not None:
         complain_unknown(complaints, path, "light", table["light"], lights["light"], "the table of lights")
@@ -106,7 +125,20 @@ def read_patterns_csv(
         complain_unknown(complaints, path, "frame", table["frame"], [*frames["frame"], *around], "the table of frames")
         if beyond := set(table["frame"]) & set(around):
             log.warning("%s: frames without images: %s; are the counts out of step?", path, listed(sorted(beyond)))
-    return table[table["intensity"] != 0].sort_values(["frame", "light"], kind="stable", ignore_index=True)
+    lit = (table[INTENSITIES] != 0).any(axis=1)
+    return table[lit].sort_values(["frame", "light"], kind="stable", ignore_index=True)
+
+
+def _pattern_columns(root: Path, path: str, complaints: Complaints) -> Mapping[str, Kind]:
+    """Which of the two spellings a file of patterns uses; complains about a file that uses both."""
+    names = column_names(root, path)
+    colored = any(column in names for column in INTENSITIES)
+    if colored and "intensity" in names:
+        complaints.add(
+            path, "columns", expected=f"intensity (white lights), or {', '.join(INTENSITIES)} (coloured ones)",
+            found="both", mend="keep one of the two",
+        )  # fmt: skip
+    return COLORED_PATTERN_COLUMNS if colored else WHITE_PATTERN_COLUMNS
 
 
 def read_patches_csv(root: Path, path: str, complaints: Complaints) -> list[list[float]] | None:

@@ -11,6 +11,8 @@ import pandas as pd
 
 from pipeline.base.errors import InputError
 from pipeline.base.progress import progress
+from pipeline.capture.color_views import evenly
+from pipeline.capture.reduced_images import block_means, reduction
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.keypoint_targets import KeypointTargets
 from pipeline.geometry.mesh_tracker import Observations
@@ -82,12 +84,10 @@ def mask_views(
 ) -> list[View]:
     """Masks as outlines to fit, from at most `most` cameras, reduced to `size_px`; empty if the capture has none."""
     masked = images[images.mask_path.notna() & images.camera.isin(list(cameras)) & images.frame.isin(frames)]
-    names = sorted(masked.camera.unique())
-    if len(names) > most:
-        names = [names[i] for i in np.linspace(0, len(names) - 1, most).round().astype(int)]
+    names = evenly(sorted(masked.camera.unique()), most)
     views = []
     for name in progress(names, "read masks"):
-        factor = max(1, int(np.ceil(max(cameras[name].width, cameras[name].height) / size_px)))
+        factor = reduction(cameras[name], size_px)
         camera = cameras[name].downsampled(float(factor))
         rows = masked[masked.camera == name].set_index("frame").mask_path
         views.append(view_from_masks(camera, [_mask(capture, rows.get(frame), camera, factor) for frame in frames]))
@@ -100,11 +100,4 @@ def _mask(capture: Path, path: str | None, camera: Camera, factor: int) -> np.nd
     mask = cv2.imread(str(capture / path), cv2.IMREAD_GRAYSCALE)
     if mask is None:
         raise InputError(f"{capture / path}: expected an 8-bit mask, found no readable image")
-    # Whole blocks of factor x factor pixels: the principal point of `downsampled` stays exact. What is cut off at the
-    # right and bottom is less than a block; the reduced camera may round up to one more, which stays empty.
-    rows, columns = mask.shape[0] // factor, mask.shape[1] // factor
-    blocks = mask[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor).mean((1, 3))
-    reduced = np.zeros((camera.height, camera.width), np.uint8)
-    rows, columns = min(rows, camera.height), min(columns, camera.width)
-    reduced[:rows, :columns] = np.round(blocks)[:rows, :columns]
-    return reduced
+    return np.round(block_means(mask, factor, camera)).astype(np.uint8)

@@ -121,10 +121,12 @@ def _check_splits(
         "test_cameras": (cameras["camera"], "the table of cameras"),
         "test_frames": (frames["frame"], "the table of frames"),
         "test_segments": (frames["segment"], "the table of frames"),
+        "test_patterns": (frames["frame"], "the table of frames"),
     }
     for key, (known, where) in listed_in.items():
         complain_unknown(complaints, MANIFEST, f"splits.{key}", getattr(splits, key), list(known), where)
-    training_frames = ~(frames["frame"].isin(splits.test_frames) | frames["segment"].isin(splits.test_segments))
+    held_out = [*splits.test_frames, *splits.test_patterns]
+    training_frames = ~(frames["frame"].isin(held_out) | frames["segment"].isin(splits.test_segments))
     if not training_frames.any() or cameras["camera"].isin(splits.test_cameras).all():
         found = "every camera, or every frame, held out"
         complaints.add(MANIFEST, "splits", expected="some images that no split holds out, to train on", found=found)
@@ -138,6 +140,8 @@ def _images_table(images: pd.DataFrame, digests: dict[str, str], frames: pd.Data
         test_camera=images["camera"].isin(splits.test_cameras),
         test_frame=images["frame"].isin(splits.test_frames),
         test_segment=segments.isin(splits.test_segments),
+        # Of the frames that the capture names; book_patterns finds all that show the same pattern.
+        test_pattern=images["frame"].isin(splits.test_patterns),
     )
 
 

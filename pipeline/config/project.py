@@ -21,6 +21,7 @@ from pipeline.config.pack_shards import PackShards
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.config.review_calibration import ReviewCalibration
+from pipeline.config.review_tracking import ReviewTracking
 from pipeline.config.settings import Settings
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.trace_irradiance import TraceIrradiance
@@ -55,6 +56,7 @@ class SubjectSettings(Settings):
     book_patterns: BookPatterns = BookPatterns()
     unwrap_atlas: UnwrapAtlas = UnwrapAtlas()
     track_mesh: TrackMesh = TrackMesh()
+    review_tracking: ReviewTracking = ReviewTracking()
     plan_effects: PlanEffects = PlanEffects()
     trace_irradiance: TraceIrradiance = TraceIrradiance()
     pack_shards: PackShards = PackShards()

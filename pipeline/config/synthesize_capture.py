@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from pipeline.config.settings import Settings
 
 
 class SynthesizeCapture(Settings):
-    """A procedural figure in a procedural light stage; the defaults make `subjectA`."""
+    """A procedural subject in a procedural light stage; the defaults make `subjectA`."""
 
+    figure: Literal["body", "head"] = Field("body", description="what is captured: a skinned body or an unrigged head")
+    framed_height_m: float = Field(
+        2.05, gt=0.1, description="height of the scene that fills the image at the stage's centre: subject and room [m]"
+    )
     cameras: int = Field(8, ge=2, description="cameras on a ring around the subject")
     lights: int = Field(24, ge=3, description="lights on the dome")
     frames: int = Field(24, ge=2, description="frames of both segments together")
@@ -34,7 +40,7 @@ class SynthesizeCapture(Settings):
     color_spread: float = Field(0.035, ge=0, description="standard deviation of the cameras' colour response entries")
 
     uvs: bool = Field(True, description="the template has texture coordinates")
-    vertex_spacing_m: float = Field(0.032, gt=0.005, lt=0.08, description="edge length of the figure's mesh [m]")
+    vertex_spacing_m: float = Field(0.032, gt=0.002, lt=0.08, description="edge length of the figure's mesh [m]")
     texture_size: int = Field(512, ge=64, description="size of the albedo texture that is rendered [texels]")
     gloss_alpha: float = Field(0.25, gt=0.02, le=1, description="GGX width of the figure's gloss")
     scale_to_m: float = Field(1.0, gt=0, description="metres per unit of the template file [m]")

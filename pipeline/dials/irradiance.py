@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pandas as pd
 
 from pipeline.base.files import read_table
 from pipeline.capture.images import read_exr_channel
 from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
+from pipeline.lighting.draws import Spread
 
 TOLERANCE = 0.01
 """RMS error of irradiance, fully lit and unoccluded being 1: 1 % of full scale, the noise of a capture (40 dB)."""
@@ -60,4 +63,6 @@ IRRADIANCE_DIALS = [
         Dial(f"irradiance_{sampling}", IRRADIANCE, "samples", _samples, {"sampling": sampling})
         for sampling in ("uniform", "power", "arriving")
     ),
+    Dial("irradiance_spread", IRRADIANCE, "spread", lambda subject: get_args(Spread), {"samples": "1"}),
+    Dial("irradiance_visibility", IRRADIANCE, "visibility", lambda subject: ("cached", "traced")),
 ]

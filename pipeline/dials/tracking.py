@@ -10,8 +10,8 @@ from pipeline.dials.tolerances import YARDSTICKS, small_length_mm
 from pipeline.geometry.cameras import read_cameras
 from pipeline.metrics.output_errors import align_rigs
 
-SMALLEST_MASK_PX, LARGEST_MASK_PX = 16, 1024
-"""Longer sides of masks: what the stage takes, and twice its default, beyond which a sweep takes hours."""
+SMALLEST_PX, LARGEST_PX = 16, 1024
+"""Longer sides of masks and images: what the stage takes, and twice its default, beyond which a sweep takes hours."""
 
 
 def _distances_mm(subject: Subject, output: Files, expected: Files) -> np.ndarray:
@@ -38,22 +38,26 @@ def _bad_vertices(subject: Subject, output: Files, expected: Files) -> float:
     return float(np.percentile(_distances_mm(subject, output, expected), 95))
 
 
-def _mask_sizes(subject: Subject) -> list[int]:
-    """Longer sides in pixels, from an eighth of the images' to all of it or LARGEST_MASK_PX."""
+def _image_sizes(subject: Subject) -> list[int]:
+    """Longer sides in pixels, from an eighth of the images' to all of it or LARGEST_PX."""
     sides = read_table(subject.results / "index/cameras.parquet")[["width", "height"]]
-    largest = min(int(sides.to_numpy().max()), LARGEST_MASK_PX)
-    return sorted({max(largest // part, SMALLEST_MASK_PX) for part in (8, 4, 2, 1)})
+    largest = min(int(sides.to_numpy().max()), LARGEST_PX)
+    return sorted({max(largest // part, SMALLEST_PX) for part in (8, 4, 2, 1)})
 
 
 TRACKING = CostedStage(
     name="track_mesh",
-    arguments="--capture {capture} --index {results}/index --cameras {results}/calibration/cameras.json --chunk 0 "
-    "--chunk-size {chunk_size} --out {out}",
+    arguments="--capture {capture} --index {results}/index --cameras {results}/calibration/cameras.json "
+    # Without these two, images are not compared, and nothing says so but the table of frames.
+    "--lights {results}/calibration/lights.parquet --patterns {results}/patterns.parquet "
+    "--chunk 0 --chunk-size {chunk_size} --out {out}",
     inputs=(
         "index/frames.parquet",
         "index/cameras.parquet",
         "index/images.parquet",
         "index/keypoints_2d.parquet",
+        "patterns.parquet",
+        "calibration/lights.parquet",
         *YARDSTICKS,
     ),
     outputs={"tracking": ("0000.safetensors", "tracking.safetensors"), "rig": (None, "cameras.json")},
@@ -66,7 +70,12 @@ TRACKING = CostedStage(
 )
 
 TRACKING_DIALS = [
+    # Without images; with 0 rounds of outlines, keypoints are all that is left.
+    Dial("keypoints_outlines", TRACKING, "outline_rounds", lambda subject: (0, 1, 2, 3, 5, 8), {"image_rounds": 0}),
     Dial("outline_rounds", TRACKING, "outline_rounds", lambda subject: (0, 1, 2, 3, 5, 8)),
-    Dial("mask_size", TRACKING, "outline_size_px", _mask_sizes),
+    Dial("mask_size", TRACKING, "outline_size_px", _image_sizes),
+    Dial("image_rounds", TRACKING, "image_rounds", lambda subject: (0, 1, 2, 3, 5)),
+    Dial("image_size", TRACKING, "image_size_px", _image_sizes),
+    Dial("image_points", TRACKING, "image_points", lambda subject: (200, 500, 1500, 4000)),
     Dial("iterations", TRACKING, "max_iterations", lambda subject: (1, 2, 3, 5, 10, 30)),
 ]

@@ -11,7 +11,9 @@ from pipeline.base.files import written_whole
 from pipeline.base.verdicts import Grade, Verdict
 
 MARKS: dict[Grade, str] = {"good": "✓", "weak": "!", "failed": "✗"}
-KINDS = {"camera": "cameras", "ball": "mirror balls", "light": "lights", "color": "colour of the cameras"}
+KINDS = {
+    "camera": "cameras", "ball": "mirror balls", "light": "lights", "color": "colour of the cameras", "frame": "frames",
+}  # fmt: skip
 
 STYLE = """
 :root { color-scheme: light dark; --back: #f6f7f8; --card: #fff; --ink: #1c2026; --muted: #5c6470; --line: #d5d9df;
@@ -49,17 +51,17 @@ class Section:
     text: str
 
 
-def write_page(path: Path, subject: str, verdicts: Sequence[Verdict], sections: Sequence[Section]) -> None:
+def write_page(path: Path, title: str, verdicts: Sequence[Verdict], sections: Sequence[Section]) -> None:
     """Write the page. All text is escaped."""
     amiss = [verdict for verdict in verdicts if verdict.grade != "good"]
     amiss.sort(key=lambda verdict: verdict.grade != "failed")
-    listed = _table(amiss) if amiss else "<p>Everything is good.</p>" if verdicts else "<p>Nothing was calibrated.</p>"
+    listed = _table(amiss) if amiss else "<p>Everything is good.</p>" if verdicts else "<p>Nothing was judged.</p>"
     everything = f"<details><summary>All {len(verdicts)} verdicts</summary>{_table(verdicts)}</details>"
     parts = [
         '<!doctype html>\n<html lang="en">\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>Calibration of {escape(subject)}</title>\n<style>{STYLE}</style>",
-        f"<h1>Calibration of {escape(subject)}</h1>",
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>",
+        f"<h1>{escape(title)}</h1>",
         f'<div class="tiles">{"".join(_tile(kind, verdicts) for kind in KINDS)}</div>',
         f"<h2>What needs a look</h2>\n{listed}\n{everything if verdicts else ''}",
         *(_section(section) for section in sections),

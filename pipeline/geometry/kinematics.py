@@ -20,6 +20,7 @@ from pipeline.geometry.rotations import (
     skew,
 )
 from pipeline.geometry.skin import Template, joint_transforms, joints_in_order
+from pipeline.geometry.surface_points import SurfacePoints
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,13 @@ class Pose:
     def at(self, frames: np.ndarray | slice) -> Pose:
         """The poses of some of the frames."""
         return Pose(self.root_rotation[frames], self.root_translation[frames], self.joint_rotations[frames])
+
+    def replaced(self, frames: Int64[np.ndarray, " some"], poses: Pose) -> Pose:
+        """These poses with some of the frames' exchanged."""
+        new = Pose(self.root_rotation.copy(), self.root_translation.copy(), self.joint_rotations.copy())
+        new.root_rotation[frames], new.root_translation[frames] = poses.root_rotation, poses.root_translation
+        new.joint_rotations[frames] = poses.joint_rotations
+        return new
 
 
 @dataclass(frozen=True)
@@ -60,11 +68,12 @@ class TrackedPoints:
         """Numbers per frame: root translation, root rotation, then three per free joint."""
         return 6 + 3 * len(self.free)
 
-    def with_vertices(self, vertices: Int64[np.ndarray, " more"]) -> TrackedPoints:
-        """These points and then some vertices, with the same pivot and unknowns."""
-        none = np.full(len(vertices), -1, np.int64)
-        more = tracked_points(self.template, none, vertices)
-        return replace(self, parts=np.concatenate([self.parts, more.parts]))
+    def with_surface(self, surface: SurfacePoints) -> TrackedPoints:
+        """These points and then some on the surface, with the same pivot and unknowns."""
+        corners, which = np.unique(surface.corners, return_inverse=True)
+        parts = tracked_points(self.template, np.full(len(corners), -1, np.int64), corners).parts
+        more = np.einsum("pcja,pc->pja", parts[which.reshape(surface.corners.shape)], surface.barycentric)
+        return replace(self, parts=np.concatenate([self.parts, more]))
 
     def rest_pose(self, frames: int) -> Pose:
         """The rest pose, untransformed, for a number of frames."""

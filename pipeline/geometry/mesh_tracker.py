@@ -3,8 +3,10 @@
 1. Triangulate every keypoint robustly; frames with too few are set aside.
 2. Align the rest pose rigidly to each frame, then solve for all poses against the triangulated points.
 3. Solve again against the 2D keypoints themselves.
-4. Rounds of outline fitting, with the keypoints kept, for what keypoints leave open.
-5. Frames set aside are interpolated between their neighbours on the rotation manifold.
+4. Rounds of fitting what else the images show (`Cue`), with the keypoints kept, for what keypoints leave open.
+5. Well lit frames are refined with more (their colours); the corrections are carried to the frames between them, on
+   the rotation manifold, where their own keypoints correct them again.
+6. Frames set aside are interpolated between their neighbours.
 """
 
 from __future__ import annotations
@@ -14,19 +16,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.carrying import carry_offsets, fill_between
+from pipeline.geometry.cues import Rounds, fit_cues
 from pipeline.geometry.keypoint_targets import KeypointTargets, size_ratio
 from pipeline.geometry.kinematics import Pose, TrackedPoints, point_positions, tracked_points
 from pipeline.geometry.motion_prior import MotionPrior
-from pipeline.geometry.outlines import outline_term, spread_vertices
-from pipeline.geometry.pose_solver import align_rigidly, joined, position_term, reprojection_term, solve_poses
-from pipeline.geometry.rotations import matrix_from_quaternion, slerp
-from pipeline.geometry.silhouettes import View
-from pipeline.geometry.skin import Template, posed
-from pipeline.geometry.triangulation import reprojection, triangulate
+from pipeline.geometry.pose_solver import DataTerm, align_rigidly, position_term, reprojection_term, solve_poses
+from pipeline.geometry.refining import Refinement, refine
+from pipeline.geometry.skin import Template
+from pipeline.geometry.swaps import exchanged, find_swaps
+from pipeline.geometry.triangulation import Triangulation, reprojection, triangulate
 
 LOG = logging.getLogger(__name__)
 
@@ -35,12 +38,6 @@ SMALLEST_SIGMA_PX = 0.05
 
 SMALLEST_SIGMA_M = 0.01
 """The start trusts triangulated points to a centimetre, so that it reaches its minimum from a pose far away."""
-
-SETTLED_M = 1e-4
-"""Outline rounds end when vertices move less than this on average, a tenth of what a mask can tell."""
-
-OUTLINE_STEPS = 4
-"""Gauss-Newton steps per outline round; then the drawn outline is out of date."""
 
 WELL_SEEN = 0.5
 """Frames with this share of the best frame's keypoints are aligned on their own; the others start between them."""
@@ -64,40 +61,44 @@ class Observations:
 
 @dataclass(frozen=True)
 class Tracking:
-    """Poses, and per frame: whether it was solved or interpolated, and how well its keypoints fit.
+    """Poses, and per frame: how it was found, and how well its keypoints fit.
 
     Attributes:
+        offsets: of the vertices before skinning, metres; see `pipeline.geometry.vertex_offsets`.
+        status: [frames] of text: "tracked" by keypoints and outlines; "refined" by images as well; "carried": tracked,
+            with the corrections of the refined frames around it; "interpolated": too few keypoints.
         residual_px: distance of every detected keypoint to the model's, undistorted pixels; NaN where not detected.
-        keypoints: number of triangulated keypoints per frame.
+        keypoints_m, keypoint_sigma_m: triangulated, and the standard deviation of each (root mean square over axes);
+            NaN where fewer than two cameras agree.
         noise_px, sigma_px: standard deviation of a keypoint's coordinate about its triangulated point, and the model's.
         size_ratio: measured over template bone lengths.
     """
 
     pose: Pose
-    solved: Bool[np.ndarray, " frames"]
+    offsets: Float64[np.ndarray, "frames vertices 3"]
+    status: np.ndarray
     residual_px: Float64[np.ndarray, "cameras frames keypoints"]
-    keypoints: Int64[np.ndarray, " frames"]
+    keypoints_m: Float64[np.ndarray, "frames keypoints 3"]
+    keypoint_sigma_m: Float64[np.ndarray, "frames keypoints"]
     noise_px: float
     sigma_px: float
     size_ratio: float
 
 
 def track(
-    template: Template, targets: KeypointTargets, observations: Observations, views: Sequence[View],
-    prior: MotionPrior, *, inlier_px: float, min_keypoints: int, max_iterations: int, outline_rounds: int,
-    outline_sigma_px: float, outline_vertices: int,
+    template: Template, targets: KeypointTargets, observations: Observations, prior: MotionPrior,
+    schedule: Sequence[Rounds], refinement: Refinement | None = None, *, inlier_px: float, min_keypoints: int,
+    max_iterations: int,
 ) -> Tracking:  # fmt: skip
-    """Poses of consecutive frames; `views` may be empty. Other parameters as in `pipeline.config.track_mesh`.
+    """Poses of consecutive frames. `schedule` may be empty; other parameters as in `pipeline.config.track_mesh`.
 
     Raises:
         InputError: if no frame has enough keypoints, or the template's unit is wrong.
     """
     points = tracked_points(template, targets.joints, targets.vertices)
     count, frames = len(targets.names), observations.normalised.shape[1]
-    flat = observations.normalised.reshape(len(observations.cameras), -1, 2)
-    confidence = observations.confidence.reshape(len(observations.cameras), -1)
-    found = triangulate(observations.cameras, flat, confidence, inlier_px)
-    measured = found.points.reshape(frames, count, 3)
+    observations, found = triangulate_unswapped(observations, targets.names, inlier_px)
+    measured, sigma_m = found.points.reshape(frames, count, 3), found.sigma_m.reshape(frames, count)
     keypoints = np.isfinite(measured).all(-1).sum(1)
     solved = keypoints >= min_keypoints
     if not solved.any():
@@ -107,32 +108,50 @@ def track(
         )
     ratio = size_ratio(template, targets, measured, point_positions(points, points.rest_pose(1))[0])
     kept = np.flatnonzero(solved)
-    some, prior = observations.at(kept), prior.at(kept)
-    sigma_m = np.maximum(found.sigma_m.reshape(frames, count)[kept], SMALLEST_SIGMA_M)
+    some, takes, prior = observations.at(kept), prior.takes, prior.at(kept)
     start = _aligned(points, measured[kept])
-    pose, _ = solve_poses(points, position_term(measured[kept], sigma_m), prior, start, max_iterations)
+    positions = position_term(measured[kept], np.maximum(sigma_m[kept], SMALLEST_SIGMA_M))
+    pose, _ = solve_poses(points, positions, prior, start, max_iterations)
     sigma_px = max(found.noise_px, SMALLEST_SIGMA_PX)
     pose, sigma_px = _fit_keypoints(points, some, prior, pose, sigma_px, max_iterations)
-    if views:
-        chosen = spread_vertices(template.vertices_rest, outline_vertices)
-        views = [view.at(kept) for view in views]
-        term = reprojection_term(some.cameras, some.normalised, some.confidence, sigma_px)
-        for outline_round in range(outline_rounds):
-            before = _posed(template, pose)
-            outlines = outline_term(views, before, template.faces, chosen, outline_sigma_px)
-            both = points.with_vertices(chosen)
-            pose, _ = solve_poses(both, joined([term, outlines], [count, len(chosen)]), prior, pose, OUTLINE_STEPS)
-            change = np.linalg.norm(_posed(template, pose) - before, axis=-1).mean()
-            LOG.info("outline round %d: vertices moved %.2f mm on average", outline_round + 1, 1e3 * change)
-            if change < SETTLED_M:
-                break
-    pose = fill_between(pose, kept, frames, points.pivot)
+
+    def keypoint_term(frames: np.ndarray) -> DataTerm:
+        few = some.at(frames)
+        return reprojection_term(few.cameras, few.normalised, few.confidence, sigma_px)
+
+    for rounds in schedule:
+        pose = fit_cues(points, keypoint_term(np.arange(len(kept))), rounds.at(kept), prior, pose)
+    offsets = np.zeros((frames, len(template.vertices_rest), 3))
+    status = np.where(solved, "tracked", "interpolated")
+    known = np.flatnonzero(np.isin(kept, [] if refinement is None else refinement.frames))
+    if refinement is not None and len(known):
+        pose, found_offsets = refine(points, keypoint_term, refinement.at(kept), prior, pose)
+        offsets = carry_offsets(found_offsets, kept[known], frames, takes)
+        status[kept], status[kept[known]] = "carried", "refined"
+    pose = fill_between(pose, kept, frames, points.pivot, takes)
     residual = _residual_px(points, observations, pose)
-    return Tracking(pose, solved, residual, keypoints, found.noise_px, sigma_px, ratio)
+    return Tracking(pose, offsets, status, residual, measured, sigma_m, found.noise_px, sigma_px, ratio)
 
 
-def _posed(template: Template, pose: Pose) -> np.ndarray:
-    return posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
+def triangulate_unswapped(
+    observations: Observations, names: Sequence[str], inlier_px: float
+) -> tuple[Observations, Triangulation]:
+    """Triangulated keypoints, and observations in which those that a view has under each other's name are put right."""
+    found = _triangulated(observations, inlier_px)
+    points = found.points.reshape(*observations.normalised.shape[1:3], 3)
+    swaps = find_swaps(observations.cameras, observations.normalised, points, inlier_px)
+    if not len(swaps):
+        return observations, found
+    pairs = sorted({f"{names[a]}/{names[b]}" for a, b in swaps[:, 2:]})
+    LOG.warning("%d pairs of keypoints were exchanged in one view and are put right: %s", len(swaps), ", ".join(pairs))
+    normalised, confidence = exchanged(observations.normalised, swaps), exchanged(observations.confidence, swaps)
+    observations = Observations(observations.cameras, normalised, confidence)
+    return observations, _triangulated(observations, inlier_px)
+
+
+def _triangulated(observations: Observations, inlier_px: float) -> Triangulation:
+    flat = observations.normalised.reshape(len(observations.cameras), -1, 2)
+    return triangulate(observations.cameras, flat, observations.confidence.reshape(len(flat), -1), inlier_px)
 
 
 def _residual_px(points: TrackedPoints, observations: Observations, pose: Pose) -> np.ndarray:
@@ -166,18 +185,3 @@ def _aligned(points: TrackedPoints, measured: Float64[np.ndarray, "frames keypoi
         use = known[frame]
         rotation[row], translation[row] = align_rigidly(source[use], measured[frame, use], np.ones(use.sum()))
     return fill_between(Pose(rotation, translation, rest.joint_rotations), well, len(measured), points.pivot)
-
-
-def fill_between(pose: Pose, known: Int64[np.ndarray, " known"], frames: int, pivot: Float64[np.ndarray, " 3"]) -> Pose:
-    """Poses of all `frames` from those of the `known` ones: rotations by slerp and the pivot along a line in between,
-    the nearest pose before the first and after the last.
-    """
-    wanted = np.arange(frames)
-    after = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    before = np.where(known[after] > wanted, np.maximum(after - 1, 0), after)
-    at = np.clip((wanted - known[before]) / np.maximum(known[after] - known[before], 1), 0.0, 1.0)
-    rotation = slerp(pose.root_rotation[before], pose.root_rotation[after], at)
-    pivots = matrix_from_quaternion(pose.root_rotation) @ pivot + pose.root_translation
-    between = pivots[before] * (1 - at[:, None]) + pivots[after] * at[:, None]
-    joints = slerp(pose.joint_rotations[before], pose.joint_rotations[after], at[:, None])
-    return Pose(rotation, between - matrix_from_quaternion(rotation) @ pivot, joints)

@@ -1,5 +1,8 @@
 """What is expected of a motion before any image is seen: small accelerations, and local rotations near the rest pose.
 
+The twist of a round limb is seen by no keypoint and no outline: there it is the rest pose that decides. Its loss is
+Cauchy's, because a joint far from rest says nothing about its twist; the frames in which it is near say it for all.
+
 Rotations are differenced on the manifold: the velocity between two frames is log(R_f^T R_{f+1}) / dt, and its
 derivatives are the inverse Jacobians of the exponential map (Sola et al. 2018, "A micro Lie theory", eqs. 143-146).
 """
@@ -9,9 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from pipeline.geometry.kinematics import Pose, TrackedPoints
+from pipeline.geometry.robust import cauchy
 from pipeline.geometry.rotations import (
     conjugate_quaternion,
     matrix_from_quaternion,
@@ -36,17 +40,22 @@ class MotionPrior:
         times_s: time of each frame, increasing.
         rotation_acceleration: of every local rotation and the root's [rad/s^2].
         translation_acceleration: of the root's pivot [m/s^2].
-        rest_rotation: of every local rotation from its rest [rad].
+        rest_rotation: of every local rotation from its rest [rad]; its tails are heavy, as Cauchy's.
+        expected: local rotations to expect in each frame instead of the rest pose's.
+        takes: number of the take that each frame belongs to: across a cut, no motion is expected at all. None: one.
     """
 
     times_s: Float64[np.ndarray, " frames"]
     rotation_acceleration: float
     translation_acceleration: float
     rest_rotation: float
+    expected: Float64[np.ndarray, "frames joints 4"] | None = None
+    takes: Int64[np.ndarray, " frames"] | None = None
 
     def at(self, frames: np.ndarray) -> MotionPrior:
         """The prior of some of the frames."""
-        return replace(self, times_s=self.times_s[frames])
+        expected, takes = (None if a is None else a[frames] for a in (self.expected, self.takes))
+        return replace(self, times_s=self.times_s[frames], expected=expected, takes=takes)
 
 
 @dataclass(frozen=True)
@@ -85,22 +94,28 @@ def _accelerations(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tup
     sigma = np.full(change.shape[1], prior.rotation_acceleration)
     sigma[0] = prior.translation_acceleration
     scale = np.sqrt(between / DECORRELATION_S)[:, None] / between[:, None] / sigma
+    if prior.takes is not None:
+        scale[(prior.takes[2:] != prior.takes[1:-1]) | (prior.takes[1:-1] != prior.takes[:-2])] = 0.0
     velocity = change / dt[:, None, None]
     return np.diff(velocity, axis=0) * scale[..., None], change, dt, scale
 
 
-def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation vectors from the rest pose [F, free, 3], and the weight of each frame."""
-    rest = points.template.rest_rotations[points.free]
-    away = multiply_quaternions(conjugate_quaternion(rest)[None], pose.joint_rotations[:, points.free])
-    spacing = np.gradient(prior.times_s) if len(pose) > 1 else np.full(1, DECORRELATION_S)
-    return rotation_vector_from_quaternion(away), spacing / DECORRELATION_S / prior.rest_rotation**2
+def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rotation vectors from the rest pose [F, free, 3], their robust precision [F, free], and half their cost."""
+    rest = points.template.rest_rotations[None] if prior.expected is None else prior.expected
+    away = rotation_vector_from_quaternion(
+        multiply_quaternions(conjugate_quaternion(rest[:, points.free]), pose.joint_rotations[:, points.free])
+    )
+    # The median, since a frame beside a gap or a cut says no more about its pose than any other.
+    spacing = np.full(len(pose), np.median(np.diff(prior.times_s)) if len(pose) > 1 else DECORRELATION_S)
+    share = spacing[:, None] / DECORRELATION_S
+    losses, weight = cauchy((away**2).sum(-1) / prior.rest_rotation**2)
+    return away, share * weight / prior.rest_rotation**2, float((share * losses).sum())
 
 
 def prior_cost(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> float:
-    """Half the sum of squared whitened residuals."""
-    away, weight = _from_rest(prior, points, pose)
-    cost = 0.5 * (weight[:, None, None] * away**2).sum()
+    """Half the sum of squared whitened accelerations, and the robust cost of the rotations from rest."""
+    cost = _from_rest(prior, points, pose)[2]
     if len(pose) > 2:
         cost += 0.5 * (_accelerations(prior, points, pose)[0] ** 2).sum()
     return float(cost)
@@ -112,10 +127,11 @@ def prior_system(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> Bande
     parts = unknowns // 3
     blocks = [np.zeros((frames, parts, 3, 3)) for _ in range(3)]
     gradient = np.zeros((frames, parts, 3))
-    away, weight = _from_rest(prior, points, pose)
+    away, precision, _ = _from_rest(prior, points, pose)
     jacobian = inverse_right_jacobian(away)
-    blocks[0][:, 2:] += weight[:, None, None, None] * jacobian.swapaxes(-1, -2) @ jacobian
-    gradient[:, 2:] += weight[:, None, None] * np.einsum("fpia,fpi->fpa", jacobian, away)
+    carried = precision[..., None, None] * jacobian.swapaxes(-1, -2)
+    blocks[0][:, 2:] += carried @ jacobian
+    gradient[:, 2:] += (carried @ away[..., None])[..., 0]
     if frames > 2:
         residual, change, dt, scale = _accelerations(prior, points, pose)
         onward = inverse_right_jacobian(change)

@@ -7,21 +7,20 @@ each with its signed distance to that outline. They are then asked to have the s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Float64, Int64
 
-from pipeline.base.conventions import PIXEL_CENTER
-from pipeline.geometry.pose_solver import DataTerm, PointQuadratic, cauchy
-from pipeline.geometry.silhouettes import View, draw_silhouette, signed_distance
+from pipeline.geometry.pose_solver import DataTerm, PointQuadratic
+from pipeline.geometry.robust import cauchy
+from pipeline.geometry.sampling import sample_bilinear
+from pipeline.geometry.silhouettes import View, signed_distance
+from pipeline.geometry.surface_points import SurfacePoints, at_vertices
 from pipeline.geometry.triangulation import SMALLEST_DEPTH_M
 
 OUTLINE_PX = 1.5
 """Vertices this near to the drawn outline move it; the next ring of vertices is hidden behind it."""
-
-EDGE_PX = 1e-3
-"""Keeps a bilinear look-up's right and lower neighbour inside the image."""
 
 
 def spread_vertices(vertices: Float64[np.ndarray, "vertices 3"], count: int) -> Int64[np.ndarray, " chosen"]:
@@ -32,23 +31,6 @@ def spread_vertices(vertices: Float64[np.ndarray, "vertices 3"], count: int) -> 
         chosen.append(int(distance2.argmax()))
         distance2 = np.minimum(distance2, ((vertices - vertices[chosen[-1]]) ** 2).sum(1))
     return np.array(sorted(chosen), np.int64)
-
-
-def _sample(
-    stack: Float32[np.ndarray, "frames height width"],
-    frame: Int64[np.ndarray, " points"],
-    pixels: Float64[np.ndarray, "points 2"],
-) -> tuple[Float64[np.ndarray, " points"], Float64[np.ndarray, "points 2"]]:
-    """Bilinear value and gradient at pixels of the images stack[frame]; outside, those of the nearest edge."""
-    height, width = stack.shape[1:]
-    x = np.clip(pixels[:, 0] - PIXEL_CENTER, 0, width - 1 - EDGE_PX)
-    y = np.clip(pixels[:, 1] - PIXEL_CENTER, 0, height - 1 - EDGE_PX)
-    column, row = x.astype(np.int64), y.astype(np.int64)
-    u, v = x - column, y - row
-    a, b = stack[frame, row, column], stack[frame, row, column + 1]
-    c, d = stack[frame, row + 1, column], stack[frame, row + 1, column + 1]
-    value = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
-    return value, np.stack([(1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)], -1)
 
 
 @dataclass(frozen=True)
@@ -65,10 +47,10 @@ def _outline_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen:
     size = [view.camera.width, view.camera.height]
     frames, indices, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for frame in np.flatnonzero(view.usable):
-        drawn = signed_distance(draw_silhouette(view.camera, vertices[frame], faces))
+        drawn = signed_distance(view.drawn(vertices[frame], faces))
         pixels, depth = view.camera.project(vertices[frame, chosen])
         candidates = np.flatnonzero((depth > 0) & (pixels > 0).all(1) & (pixels < size).all(1))
-        distance, _ = _sample(drawn[None], np.zeros(len(candidates), np.int64), pixels[candidates])
+        distance, _ = sample_bilinear(drawn[None], np.zeros(len(candidates), np.int64), pixels[candidates])
         near = np.abs(distance) < OUTLINE_PX
         frames.append(np.full(near.sum(), frame))
         indices.append(candidates[near])
@@ -93,7 +75,7 @@ def outline_term(
             at = positions[frame, vertex]
             in_camera = at @ camera.R.T + camera.t
             depth = np.maximum(in_camera[:, 2:], SMALLEST_DEPTH_M)
-            value, slope = _sample(outline.view.distance, frame, camera.project(at)[0])
+            value, slope = sample_bilinear(outline.view.distance, frame, camera.project(at)[0])
             residual = (value - outline.target) / sigma_px
             # Distortion changes the slope by a few percent at most: left out here, exact in the residual.
             along = slope * np.diag(camera.K)[:2] / depth / sigma_px
@@ -106,3 +88,33 @@ def outline_term(
         return PointQuadratic(float(cost), gradient, normal)
 
     return term
+
+
+@dataclass(frozen=True)
+class OutlineCue:
+    """Masks as a cue: some vertices, and the outlines they are fitted to.
+
+    Attributes:
+        views: the masks.
+        faces: the template's.
+        chosen: vertices that may sit on an outline.
+        sigma_px: standard deviation of a mask's outline, mask pixels.
+    """
+
+    views: Sequence[View]
+    faces: Int64[np.ndarray, "faces 3"]
+    chosen: Int64[np.ndarray, " chosen"]
+    sigma_px: float
+
+    @property
+    def points(self) -> SurfacePoints:
+        """The chosen vertices."""
+        return at_vertices(self.chosen)
+
+    def at(self, frames: Int64[np.ndarray, " some"]) -> OutlineCue:
+        """The cue of some of the frames."""
+        return replace(self, views=[view.at(frames) for view in self.views])
+
+    def around(self, vertices: Float64[np.ndarray, "frames vertices 3"]) -> DataTerm:
+        """The term of the chosen vertices, linearised around a mesh."""
+        return outline_term(self.views, vertices, self.faces, self.chosen, self.sigma_px)

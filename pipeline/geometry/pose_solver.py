@@ -12,16 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.linalg import LinAlgError, solveh_banded
+from scipy.linalg import LinAlgError, solve, solveh_banded
 
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.kinematics import Pose, TrackedPoints, moved, point_positions, points_with_derivatives
 from pipeline.geometry.motion_prior import BandedSystem, MotionPrior, prior_cost, prior_system
+from pipeline.geometry.robust import cauchy
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.triangulation import reprojection
-
-CAUCHY = 2.3849
-"""Cauchy's c in standard deviations: 95 % efficient on clean Gaussian noise (Holland and Welsch 1977)."""
 
 START_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
 """Of Levenberg-Marquardt, relative to the diagonal. Where even the most does not help, rounding has been reached."""
@@ -32,20 +30,27 @@ CONVERGED = 1e-7
 
 @dataclass(frozen=True)
 class PointQuadratic:
-    """Cost, and per point its gradient and Gauss-Newton matrix by the world position."""
+    """Cost, and per point its gradient and Gauss-Newton matrix by the world position.
+
+    `shared` couples the frames: a point's matrix between frames f and g has -shared_f shared_g^T added. It is what is
+    left of unknowns of the point's own, common to all frames, that were solved for and eliminated (Schur complement).
+    """
 
     cost: float
     gradient: Float64[np.ndarray, "frames points 3"]
     normal: Float64[np.ndarray, "frames points 3 3"]
+    shared: Float64[np.ndarray, "frames points 3 own"] | None = None
+
+
+@dataclass(frozen=True)
+class DenseSystem:
+    """Normal equations of all frames together: the lower triangle of their matrix, and the gradient."""
+
+    lower: Float64[np.ndarray, "all all"]
+    gradient: Float64[np.ndarray, "frames unknowns"]
 
 
 DataTerm = Callable[[Float64[np.ndarray, "frames points 3"]], PointQuadratic]
-
-
-def cauchy(squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cost and weight of whitened squared residuals."""
-    ratio = squared / CAUCHY**2
-    return 0.5 * CAUCHY**2 * np.log1p(ratio), 1 / (1 + ratio)
 
 
 def position_term(
@@ -97,7 +102,12 @@ def joined(terms: Sequence[DataTerm], counts: Sequence[int]) -> DataTerm:
     def term(positions: np.ndarray) -> PointQuadratic:
         parts = [t(p) for t, p in zip(terms, np.split(positions, ends, axis=1), strict=True)]
         gradient, normal = (np.concatenate([getattr(p, name) for p in parts], 1) for name in ("gradient", "normal"))
-        return PointQuadratic(sum(p.cost for p in parts), gradient, normal)
+        shared = None
+        if any(p.shared is not None for p in parts):
+            own = max(p.shared.shape[3] for p in parts if p.shared is not None)
+            none = [np.zeros((*p.gradient.shape, own)) for p in parts]
+            shared = np.concatenate([n if p.shared is None else p.shared for p, n in zip(parts, none, strict=True)], 1)
+        return PointQuadratic(sum(p.cost for p in parts), gradient, normal, shared)
 
     return term
 
@@ -125,20 +135,39 @@ def solve_poses(
     return pose, cost
 
 
-def _system(points: TrackedPoints, data: DataTerm, prior: MotionPrior, pose: Pose) -> BandedSystem:
+def _system(points: TrackedPoints, data: DataTerm, prior: MotionPrior, pose: Pose) -> BandedSystem | DenseSystem:
     positions, derivatives = points_with_derivatives(points, pose)
     quadratic, system = data(positions), prior_system(prior, points, pose)
     frames, unknowns = len(pose), points.unknowns
     flat = derivatives.reshape(frames, -1, unknowns)
     carried = (quadratic.normal @ derivatives).reshape(frames, -1, unknowns)
     gradient = (quadratic.gradient.reshape(frames, 1, -1) @ flat)[:, 0]
-    return BandedSystem(
+    banded = BandedSystem(
         system.diagonal + flat.swapaxes(1, 2) @ carried, system.first, system.second, system.gradient + gradient
     )
+    if quadratic.shared is None:
+        return banded
+    # [frames, unknowns, points with anything shared, own]
+    some = np.flatnonzero((quadratic.shared != 0).any((0, 2, 3)))
+    factor = np.einsum("fpau,fpak->fupk", derivatives[:, some], quadratic.shared[:, some], optimize=True)
+    return _coupled(banded, factor.reshape(frames * unknowns, -1))
 
 
-def _solve(system: BandedSystem, damping: float) -> Float64[np.ndarray, "frames unknowns"]:
-    """-(H + damping diag H)^-1 g by banded Cholesky."""
+def _coupled(system: BandedSystem, factor: Float64[np.ndarray, "all own"]) -> DenseSystem:
+    """The banded system less factor @ factor^T, as one matrix."""
+    frames, unknowns = system.gradient.shape
+    matrix = np.zeros((frames, unknowns, frames, unknowns))
+    for apart, blocks in enumerate((system.diagonal, system.first, system.second)):
+        for frame in range(frames - apart):
+            matrix[frame + apart, :, frame] = blocks[frame]
+    lower = matrix.reshape(frames * unknowns, -1) - np.tril(factor @ factor.T)
+    return DenseSystem(lower, system.gradient)
+
+
+def _solve(system: BandedSystem | DenseSystem, damping: float) -> Float64[np.ndarray, "frames unknowns"]:
+    """-(H + damping diag H)^-1 g by Cholesky, banded where only neighbouring frames are coupled."""
+    if isinstance(system, DenseSystem):
+        return _solve_dense(system, damping)
     frames, unknowns = system.gradient.shape
     banded = np.zeros((3 * unknowns, frames * unknowns))
     row, column = np.indices((unknowns, unknowns)).reshape(2, -1)
@@ -155,6 +184,18 @@ def _solve(system: BandedSystem, damping: float) -> Float64[np.ndarray, "frames 
     except LinAlgError:  # not positive definite to rounding: no step, so that the caller damps more
         return np.zeros((frames, unknowns))
     return step.reshape(frames, unknowns)
+
+
+def _solve_dense(system: DenseSystem, damping: float) -> Float64[np.ndarray, "frames unknowns"]:
+    matrix = system.lower.copy()
+    diagonal = np.einsum("ii->i", matrix)
+    diagonal *= 1 + damping
+    diagonal[diagonal <= 0] = 1.0
+    try:
+        step = solve(matrix, -system.gradient.ravel(), lower=True, assume_a="pos", overwrite_a=True, check_finite=False)
+    except LinAlgError:
+        return np.zeros_like(system.gradient)
+    return step.reshape(system.gradient.shape)
 
 
 def align_rigidly(

@@ -56,14 +56,17 @@ def adjust_rig(
     cameras: Sequence[Camera],
     rig_from_board: Float64[np.ndarray, "views 4 4"],
     distortion: int | Sequence[int],
+    lens: Sequence[int] | None = None,
 ) -> Rig:
     """Refine `cameras` and `rig_from_board` together; view 0 is the frame and does not move.
 
     Args:
-        distortion: number of coefficients, of all cameras or of each.
+        distortion: number of coefficients, of all lenses or of each.
+        lens: number of each camera's lens, counted from 0 without gaps; None: each camera has its own.
     """
-    numbers = [distortion] * len(cameras) if isinstance(distortion, int) else list(distortion)
-    model = RigModel(observations, corners_m[observations.corner], cameras, rig_from_board, numbers)
+    owned = np.arange(len(cameras)) if lens is None else np.asarray(lens, np.int64)
+    numbers = [distortion] * len(np.unique(owned)) if isinstance(distortion, int) else list(distortion)
+    model = RigModel(observations, corners_m[observations.corner], cameras, rig_from_board, numbers, owned)
     start, (mean, sigma), free = model.start(), model.priors(), model.free
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csc_array]:
@@ -80,7 +83,7 @@ def adjust_rig(
     inflation = robust_inflation(solution.residual / solution.sigma, len(free))
     covariance[np.ix_(free, free)] = _rescaled(solution.covariance, precision, inflation)
     centers = center_covariance(covariance, model.center_jacobian(full), solved)
-    intrinsics = np.stack([covariance[at, at] for at in _intrinsics_slices(len(solved))])
+    intrinsics = np.stack([covariance[at, at] for at in map(_intrinsics_slice, owned.tolist())])
     focal_sigma = np.sqrt(intrinsics[:, 0, 0]) / np.array([camera.K[0, 0] for camera in solved])
     center_sigma = np.sqrt(np.maximum(np.diag(centers), 0).reshape(-1, 3).mean(1))
     return Rig(
@@ -89,8 +92,8 @@ def adjust_rig(
     )  # fmt: skip
 
 
-def _intrinsics_slices(cameras: int) -> list[slice]:
-    return [slice(c * len(INTRINSICS), (c + 1) * len(INTRINSICS)) for c in range(cameras)]
+def _intrinsics_slice(lens: int) -> slice:
+    return slice(lens * len(INTRINSICS), (lens + 1) * len(INTRINSICS))
 
 
 def robust_inflation(scaled: Float64[np.ndarray, "observations 2"], fitted: int) -> float:

@@ -53,7 +53,8 @@ class RigModel:
     Attributes:
         points: of each observation on its board, metres.
         cameras, rig_from_board: where the parameters start; rotations are increments to these.
-        distortion: number of coefficients of each camera.
+        distortion: number of coefficients of each lens.
+        lens: of each camera, its number: a camera that stood in two places is two cameras with one lens.
     """
 
     observations: Observations
@@ -61,6 +62,12 @@ class RigModel:
     cameras: Sequence[Camera]
     rig_from_board: Float64[np.ndarray, "views 4 4"]
     distortion: Sequence[int]
+    lens: Int64[np.ndarray, " cameras"]
+
+    @cached_property
+    def lenses(self) -> list[Camera]:
+        """Of each lens, the first camera that has it."""
+        return [self.cameras[c] for c in np.unique(self.lens, return_index=True)[1]]
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -76,7 +83,7 @@ class RigModel:
         estimated = [[name in DISTORTION_TERMS[number] for name in INTRINSICS[4:]] for number in self.distortion]
         intrinsics = [
             [c.K[0, 0], c.K[1, 1] / c.K[0, 0], c.K[0, 2], c.K[1, 2], *(c.dist * used)]
-            for c, used in zip(self.cameras, estimated, strict=True)
+            for c, used in zip(self.lenses, estimated, strict=True)
         ]
         camera_pose = [[0, 0, 0, *c.t] for c in self.cameras]
         board_pose = [[0, 0, 0, *pose[:3, 3]] for pose in self.rig_from_board]
@@ -86,28 +93,30 @@ class RigModel:
         """Mean and standard deviation of each parameter's prior, infinite where there is none."""
         count = self.start().size
         mean, sigma = np.zeros(count), np.full(count, np.inf)
-        for c, camera in enumerate(self.cameras):
+        for c, camera in enumerate(self.lenses):
             at = slice(c * len(INTRINSICS), (c + 1) * len(INTRINSICS))
             sigma[at] = intrinsics_prior_sigma(camera)
             mean[at] = [camera.K[0, 0], 1, camera.width / 2, camera.height / 2, 0, 0, 0, 0, 0]
         return mean, sigma
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Intrinsics [cameras, 9], poses of the cameras and of the boards [:, 6]."""
-        count = len(self.cameras)
-        parts = np.split(x, [count * len(INTRINSICS), count * (len(INTRINSICS) + POSE)])
-        return parts[0].reshape(count, -1), parts[1].reshape(-1, POSE), parts[2].reshape(-1, POSE)
+        """Intrinsics [lenses, 9], poses of the cameras and of the boards [:, 6]."""
+        intrinsics = len(self.lenses) * len(INTRINSICS)
+        parts = np.split(x, [intrinsics, intrinsics + len(self.cameras) * POSE])
+        return parts[0].reshape(-1, len(INTRINSICS)), parts[1].reshape(-1, POSE), parts[2].reshape(-1, POSE)
 
     def pose_columns(self, camera: int) -> np.ndarray:
         """Where a camera's pose stands among all parameters."""
-        return len(self.cameras) * len(INTRINSICS) + camera * POSE + np.arange(POSE)
+        return len(self.lenses) * len(INTRINSICS) + camera * POSE + np.arange(POSE)
 
     def rig_at(self, x: np.ndarray) -> tuple[list[Camera], np.ndarray]:
         """The cameras, and the boards' poses [views, 4, 4], that the parameters mean."""
         intrinsics, camera_pose, board_pose = self.split(x)
         start_R = np.stack([camera.R for camera in self.cameras])
         cameras = []
-        poses = zip(intrinsics, _rotations(camera_pose, start_R), camera_pose[:, 3:], self.cameras, strict=True)
+        poses = zip(
+            intrinsics[self.lens], _rotations(camera_pose, start_R), camera_pose[:, 3:], self.cameras, strict=True
+        )
         for (f, aspect, cx, cy, *dist), R, t, start in poses:
             K = np.array([[f, 0, cx], [0, f * aspect, cy], [0, 0, 1]])
             cameras.append(replace(start, R=R, t=t, K=K, dist=np.array(dist)))
@@ -132,18 +141,19 @@ class RigModel:
         c, v = self.observations.camera, self.observations.view
         start_R = np.stack([camera.R for camera in self.cameras])
         intrinsics, camera_pose, board_pose = self.split(x)
+        lens = self.lens[c]
         R = _rotations(camera_pose, start_R)[c]
         turned = np.einsum("nij,nj->ni", _rotations(board_pose, self.rig_from_board[:, :3, :3])[v], self.points)
         in_rig = turned + board_pose[v, 3:]
         rotated = np.einsum("nij,nj->ni", R, in_rig)
-        pixel, by_intrinsics, by_point = project_with_jacobian(intrinsics[c], rotated + camera_pose[c, 3:])
+        pixel, by_intrinsics, by_point = project_with_jacobian(intrinsics[lens], rotated + camera_pose[c, 3:])
         by_camera_turn = -by_point @ skew(rotated) @ left_jacobian(np.ascontiguousarray(camera_pose[:, :3]))[c]
         by_rig = by_point @ R
         by_board_turn = -by_rig @ skew(turned) @ left_jacobian(np.ascontiguousarray(board_pose[:, :3]))[v]
         blocks = np.concatenate([by_intrinsics, by_camera_turn, by_point, by_board_turn, by_rig], -1)
         boards = intrinsics.size + camera_pose.size
         column = np.concatenate([
-            c[:, None] * len(INTRINSICS) + np.arange(len(INTRINSICS)),
+            lens[:, None] * len(INTRINSICS) + np.arange(len(INTRINSICS)),
             intrinsics.size + c[:, None] * POSE + np.arange(POSE),
             boards + v[:, None] * POSE + np.arange(POSE),
         ], 1)  # fmt: skip

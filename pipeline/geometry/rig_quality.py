@@ -12,7 +12,9 @@ from pipeline.base.errors import listed
 from pipeline.base.verdicts import Verdict
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.rig import Rig
-from pipeline.geometry.rig_calibration import Calibrated, Movement
+from pipeline.geometry.rig_calibration import Calibrated, Inspection, Movement
+from pipeline.geometry.rig_distortion import choose_distortion
+from pipeline.geometry.rig_misfit import describe_movement, too_many_astray
 
 CELLS = 8
 """Cells along either side of the grid that corners should cover: one is about as large as a square of the board."""
@@ -21,6 +23,9 @@ PARALLEL_DEG = 20.0
 """Views turned less against each other are called parallel. It only words a reason (what decides is the focal length's
 standard deviation), so it allows for what noise turns boards where the focal length is open: foreshortening of 0.5 %, a
 corner's noise on a small board, is cos 6 degrees, either way and for two boards."""
+
+DECISIVE = 5.0
+"""Log odds from which on a lens is said to need more coefficients: very strong evidence (Kass and Raftery 1995)."""
 
 COLUMNS = [
     "camera", "views", "corners", "rms_px", "focal_sigma", "center_sigma_m", "coverage", "tilt_deg", "distortion",
@@ -58,8 +63,9 @@ def largest_turn(cam_from_board_R: Float64[np.ndarray, "views 3 3"]) -> float:
 
 def judge_cameras(
     quality: pd.DataFrame,
+    calibrated: Calibrated,
     rough_shots: Mapping[str, Sequence[int]],
-    movements: Sequence[Movement],
+    inspection: Inspection,
     names: Sequence[str],
     settings: CalibrateCameras,
 ) -> list[Verdict]:
@@ -67,20 +73,43 @@ def judge_cameras(
 
     Args:
         rough_shots: per camera, shots whose own reprojection error is above `good_rms_px`.
-        names: what the numbers of cameras in `movements` mean.
+        names: what the numbers of cameras in `inspection` mean.
     """
-    return [_judge(row, rough_shots[row.camera], movements, names, settings) for row in quality.itertuples()]
+    astray, verdicts = too_many_astray(inspection, quality.views.tolist()), []
+    for c, row in enumerate(quality.itertuples()):
+        failed, weak = _judge_fit(c, inspection.movements, astray, names, settings)
+        wanted = wanted_distortion(calibrated, c)
+        if wanted > row.distortion:
+            weak.append(
+                f"its views ask for {wanted} distortion coefficients, error bars are too small: distortion auto"
+            )
+        verdicts.append(_judge(row, rough_shots[row.camera], failed, weak, settings))
+    return verdicts
 
 
-def _judge(
-    row: tuple, rough: Sequence[int], movements: Sequence[Movement], names: Sequence[str], limits: CalibrateCameras
-) -> Verdict:
-    failed, weak = [], []
+def wanted_distortion(calibrated: Calibrated, camera: int) -> int:
+    """The number of coefficients that a lens decisively needs; the one it has where it needs no other."""
+    odds, used = calibrated.evidence[camera], calibrated.distortion[camera]
+    wanted = choose_distortion([odds])[0]
+    return wanted if odds[wanted] - odds[used] > DECISIVE else used
+
+
+def _judge_fit(
+    camera: int,
+    movements: Sequence[Movement],
+    astray: Mapping[int, str],
+    names: Sequence[str],
+    limits: CalibrateCameras,
+) -> tuple[list[str], list[str]]:
+    failed, weak = [astray[camera]] if camera in astray else [], []
     for movement in movements:
-        suspects = [names[suspect] for suspect in movement.suspects]
-        if row.camera in suspects:
-            told = describe_movement(movement, suspects)
+        if camera in movement.suspects:
+            told = describe_movement(movement, [names[suspect] for suspect in movement.suspects])
             (failed if movement.shift_px > limits.largest_shift_px else weak).append(told)
+    return failed, weak
+
+
+def _judge(row: tuple, rough: Sequence[int], failed: list[str], weak: list[str], limits: CalibrateCameras) -> Verdict:
     if row.focal_sigma > limits.largest_focal_error:
         failed.append(describe_focal(row.focal_sigma, row.tilt_deg))
     elif row.focal_sigma > limits.good_focal_error:
@@ -109,13 +138,6 @@ def describe_focal(focal_sigma: float, tilt_deg: float) -> str:
     if tilt_deg < PARALLEL_DEG:
         return f"all its views of the board are parallel (within {tilt_deg:.0f} degrees): tilt it by 30 and more"
     return "its focal length is uncertain: show it the board tilted by 30 degrees and more, and at several distances"
-
-
-def describe_movement(movement: Movement, suspects: Sequence[str]) -> str:
-    """Which camera moved, when and how far."""
-    which = " or ".join(suspects)
-    moved = "" if np.isnan(movement.shift_m) else f", {1000 * movement.shift_m:.1f} mm and {movement.turn_deg:.2f} deg"
-    return f"{which} moved before view {movement.shot} ({movement.shift_px:.2g} px{moved})"
 
 
 def rough_shots(

@@ -1,13 +1,9 @@
-"""Where the bundle adjustment of a rig starts: each camera alone, then cameras joined through views they share.
-
-A small board seen from afar fits two poses almost equally, one the other's mirror image in depth (Collins and Bartoli
-2014). Both are kept until the other cameras decide: a pair of cameras may share no more than one or two views.
-"""
+"""Where the bundle adjustment of a rig starts: each camera alone, then cameras joined through views they share."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,6 +13,7 @@ from jaxtyping import Float64
 
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.rig_join import Sighting, join_cameras, place_board, sight
 from pipeline.geometry.rig_model import Observations
 
 LEAST_CORNERS = 6
@@ -27,10 +24,6 @@ PLAUSIBLE_FOCAL = (0.3, 30.0)
 
 GUESSED_FOCAL = 1.2
 """Focal length over the longer side, of a 45 degree lens, where Zhang's start has failed."""
-
-START_ERROR_PX = 3.0
-"""Reprojection error of a pose that one camera sees in another: about ten times the noise of corners, because the pose
-of one view is all that it rests on. It only scales a robust loss by which such poses are compared."""
 
 
 @dataclass(frozen=True)
@@ -79,37 +72,46 @@ def _shared_corners(observations: Observations, cameras: int) -> np.ndarray:
     return shared
 
 
-@dataclass(frozen=True)
-class _Sighting:
-    """One view by one camera: corners [n, 3], where they are on the plane z = 1 [n, 2], and the poses that fit."""
-
-    points: np.ndarray
-    normalized: np.ndarray
-    focal: float
-    camera_from_board: np.ndarray
-
-
 def start_rig(
     observations: Observations, corners_m: Float64[np.ndarray, "corners 3"], sizes: Sequence[tuple[int, int]]
 ) -> Start:
-    """Intrinsics and poses to start from; `sizes` are (width, height). All cameras must be connected."""
+    """The likeliest of `possible_starts`."""
+    return possible_starts(observations, corners_m, sizes)[0]
+
+
+def possible_starts(
+    observations: Observations,
+    corners_m: Float64[np.ndarray, "corners 3"],
+    sizes: Sequence[tuple[int, int]],
+    lenses: Sequence[Camera] | None = None,
+) -> list[Start]:
+    """Intrinsics and poses to start from, the likeliest first: some joins may be undecided. All must be connected.
+
+    Args:
+        sizes: (width, height) of each camera.
+        lenses: cameras whose intrinsics are taken; None: each camera's own views give them.
+    """
     rows, cameras = view_rows(observations), []
-    sightings: dict[tuple[int, int], _Sighting] = {}
+    views = int(observations.view.max()) + 1
+    sightings: dict[int, dict[int, Sighting]] = {v: {} for v in range(views)}
     for c, size in enumerate(sizes):
         mine = {v: (corners_m[observations.corner[r]], observations.pixel[r]) for (k, v), r in rows.items() if k == c}
-        camera = start_camera(list(mine.values()), size)
-        cameras.append(camera)
+        cameras.append(start_camera(list(mine.values()), size) if lenses is None else lenses[c])
         for v, (points, pixels) in mine.items():
-            sightings[c, v] = _sight(camera, points, pixels)
-    from_root = _join(sightings, _shared_corners(observations, len(sizes)))
-    views = int(observations.view.max()) + 1
-    root_from_board = np.stack([_place_board(sightings, from_root, v) for v in range(views)])
-    first = root_from_board[0]
-    placed = []
-    for c, camera in enumerate(cameras):
-        pose = from_root[c] @ first
-        placed.append(Camera(pose[:3, :3], pose[:3, 3], camera.K, camera.dist, camera.width, camera.height))
-    return Start(placed, np.linalg.inv(first) @ root_from_board)
+            sightings[v][c] = sight(cameras[-1], points, pixels)
+    joined = join_cameras(sightings, _shared_corners(observations, len(sizes)))
+    return [_in_first_view(cameras, sightings, from_root) for from_root in joined]
+
+
+def _in_first_view(
+    cameras: Sequence[Camera],
+    sightings: Mapping[int, Mapping[int, Sighting]],
+    from_root: Mapping[int, np.ndarray],
+) -> Start:
+    root_from_board = np.stack([place_board(sightings, from_root, v)[0] for v in sorted(sightings)])
+    poses = [from_root[c] @ root_from_board[0] for c in range(len(cameras))]
+    placed = [replace(camera, R=pose[:3, :3], t=pose[:3, 3]) for camera, pose in zip(cameras, poses, strict=True)]
+    return Start(placed, np.linalg.inv(root_from_board[0]) @ root_from_board)
 
 
 def start_camera(views: Sequence[tuple[np.ndarray, np.ndarray]], size: tuple[int, int]) -> Camera:
@@ -132,59 +134,3 @@ def start_camera(views: Sequence[tuple[np.ndarray, np.ndarray]], size: tuple[int
             K, dist = found.copy(), np.asarray(found_dist, np.float64).ravel()[:5]
             K[:2, 2] += PIXEL_CENTER
     return Camera(np.eye(3), np.zeros(3), K.astype(np.float64), dist, *size)
-
-
-def _sight(camera: Camera, points: np.ndarray, pixels: np.ndarray) -> _Sighting:
-    normalized, poses = camera.undistort(pixels), []
-    _, turns, shifts, _ = cv2.solvePnPGeneric(points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
-    for turn, shift in zip(turns, shifts, strict=True):
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
-        poses.append(pose)
-    return _Sighting(points, normalized, float(camera.K[0, 0]), np.stack(poses))
-
-
-def _misfit(sighting: _Sighting, camera_from_board: np.ndarray) -> np.ndarray:
-    """Robust cost [...] of poses [..., 4, 4] in one view."""
-    in_camera = sighting.points @ np.swapaxes(camera_from_board[..., :3, :3], -1, -2)
-    in_camera = in_camera + camera_from_board[..., None, :3, 3]
-    depth = np.where(in_camera[..., 2:] > 0, in_camera[..., 2:], np.nan)  # behind the camera: as wrong as can be
-    error = np.linalg.norm(in_camera[..., :2] / depth - sighting.normalized, axis=-1) * sighting.focal
-    return np.log1p((np.nan_to_num(error, nan=1e6) / START_ERROR_PX) ** 2).sum(-1)
-
-
-def _join(sightings: dict[tuple[int, int], _Sighting], shared: np.ndarray) -> dict[int, np.ndarray]:
-    """Poses of all cameras from camera 0, along the spanning tree of the most shared corners."""
-    tree = scipy.sparse.csgraph.minimum_spanning_tree(scipy.sparse.csr_array(np.where(shared > 0, -shared, 0)))
-    order, parent = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
-    from_root = {0: np.eye(4)}
-    for c in order[1:]:
-        p = int(parent[c])
-        both = [(s, sightings[p, v]) for (k, v), s in sightings.items() if k == c and (p, v) in sightings]
-        from_root[int(c)] = _relative_pose(both) @ from_root[p]
-    return from_root
-
-
-def _relative_pose(both: Sequence[tuple[_Sighting, _Sighting]]) -> np.ndarray:
-    """The pose of one camera from another's: the one that a view suggests and all shared views like best."""
-    pairs = [
-        own @ np.linalg.inv(other)
-        for mine, others in both
-        for own in mine.camera_from_board
-        for other in others.camera_from_board
-    ]
-    candidates = np.stack(pairs)
-    cost = np.zeros(len(candidates))
-    for mine, others in both:
-        cost += _misfit(mine, candidates[:, None] @ others.camera_from_board[None]).min(1)
-    return candidates[np.argmin(cost)]
-
-
-def _place_board(
-    sightings: dict[tuple[int, int], _Sighting], from_root: dict[int, np.ndarray], view: int
-) -> np.ndarray:
-    """The board's pose from camera 0: the one that a camera suggests and all that see it like best."""
-    seen = [(from_root[k], sighting) for (k, v), sighting in sightings.items() if v == view]
-    candidates = np.concatenate([np.linalg.inv(pose) @ sighting.camera_from_board for pose, sighting in seen])
-    cost = sum(_misfit(sighting, pose @ candidates) for pose, sighting in seen)
-    return candidates[np.argmin(cost)]

@@ -181,12 +181,19 @@ def joint_transforms(
     return result
 
 
+def blended_transforms(
+    template: Template, joint_rotations: Float64[np.ndarray, "frames joints 4"]
+) -> Float64[np.ndarray, "frames vertices 3 4"]:
+    """What skinning applies to each vertex before skinning (linear-blend skinning), glTF units."""
+    palette = (joint_transforms(template, joint_rotations) @ template.inverse_bind)[:, :, :3]
+    return np.einsum("vj,fjab->fvab", template.weights, palette, optimize=True)
+
+
 def skinned(
     template: Template, joint_rotations: Float64[np.ndarray, "frames joints 4"]
 ) -> Float64[np.ndarray, "frames vertices 3"]:
     """Vertices in template space, metres, from local joint rotations (linear-blend skinning)."""
-    palette = (joint_transforms(template, joint_rotations) @ template.inverse_bind)[:, :, :3]
-    blended = np.einsum("vj,fjab->fvab", template.weights, palette, optimize=True)
+    blended = blended_transforms(template, joint_rotations)
     homogeneous = np.concatenate([template.vertices_bind, np.ones((len(template.vertices_bind), 1))], 1)
     return template.scale_to_m * np.einsum("fvab,vb->fva", blended, homogeneous, optimize=True)
 

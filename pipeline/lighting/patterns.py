@@ -1,4 +1,4 @@
-"""Which LED was on in which frame, how bright that should look, and which frames do not fit."""
+"""Which LED was on in which frame, under which name, and which frames a pattern holds out for testing."""
 
 from __future__ import annotations
 
@@ -6,116 +6,103 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
 
-from pipeline.geometry.cameras import Camera
+from pipeline.lighting.frame_lights import CHANNELS
 
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation, 1 / Phi^-1(3/4)."""
+SAME_INTENSITY = 1e-6
+"""Intensities this close, relative to the log's largest, are one: decimals of a table, not a choice of light."""
 
-SMALLEST_SPREAD = 0.05
-"""Robust spread of log brightness ratios below which it is not believed: exposure and LEDs repeat to a few percent,
-and a spread of 0 (a still subject) would make every frame suspicious."""
-
-GROUP_FOR_ITS_OWN_MEDIAN = 8
-"""Frames of one kind (fully or partially lit) from which they get a median of their own: a median of fewer is noise."""
-
-DARK_SHARE = 1e-3
-"""Share of the median below which a brightness counts as dark; keeps the logarithm of a ratio finite."""
+SAME_LIGHT = 0.01
+"""Patterns of the same lights whose relative intensities differ by less show a model the same light: LEDs themselves
+repeat to a percent, and brightness as such teaches nothing new."""
 
 
 def book_frames(frames: pd.DataFrame, images: pd.DataFrame, patterns: pd.DataFrame, lights: list[str]) -> pd.DataFrame:
-    """One row per frame: frame, timestamp_s, segment, lights_on, fully_lit, split.
+    """One row per frame: frame, timestamp_s, segment, lights_on, fully_lit, pattern, test_pattern, split.
+
+    `pattern` names the lit lights with their intensities by the first frame that shows them; `test_pattern` says
+    whether that is the pattern of a frame that `splits.test_patterns` lists.
 
     Args:
         frames, images, patterns: tables of the index; `patterns` in the numbering of the images.
-        lights: every LED of the stage; a frame that lists all of them is fully lit.
+        lights: every LED of the stage that works; a frame that lights all of them is fully lit.
     """
-    lit = patterns[patterns.intensity > 0].groupby("frame").light.nunique()
-    flags = images.groupby("frame")[["test_frame", "test_segment"]].any()
+    lit = patterns[patterns.light.isin(lights)].groupby("frame").light.nunique()
+    flags = images.groupby("frame")[["test_frame", "test_segment", "test_pattern"]].any()
     booked = frames[["frame", "timestamp_s", "segment"]].sort_values("frame").reset_index(drop=True)
     booked["lights_on"] = booked.frame.map(lit).fillna(0).astype(np.int64)
     booked["fully_lit"] = booked.lights_on == len(lights)
-    held_out = flags.reindex(booked.frame, fill_value=False).astype(bool)
+    booked["pattern"] = name_patterns(patterns, booked.frame)
+    held_out = flags.reindex(booked.frame, fill_value=False).astype(bool).reset_index(drop=True)
+    booked["test_pattern"] = booked.pattern.isin(booked.pattern[held_out.test_pattern])
     booked["split"] = np.select(
-        [held_out.test_segment.to_numpy(), held_out.test_frame.to_numpy()], ["test_segments", "test_frames"], "train"
-    )
+        [held_out.test_segment, held_out.test_frame, booked.test_pattern],
+        ["test_segments", "test_frames", "test_patterns"], "train",
+    )  # fmt: skip
     return booked
 
 
-def book_patterns_rgb(patterns: pd.DataFrame, booked: pd.DataFrame) -> pd.DataFrame:
-    """One row per lit light of a booked frame: frame, light, intensity_r, intensity_g, intensity_b, fully_lit, split.
+def name_patterns(patterns: pd.DataFrame, frames: pd.Series) -> pd.Series:
+    """For each frame the first one, in the order given, that shows the same lights at the same intensities."""
+    unit = SAME_INTENSITY * max(float(patterns[CHANNELS].to_numpy().max(initial=0.0)), np.finfo(float).tiny)
+    steps = patterns.assign(**{channel: (patterns[channel] / unit).round() for channel in CHANNELS})
+    shown = {
+        frame: tuple(rows.sort_values("light")[["light", *CHANNELS]].itertuples(index=False, name=None))
+        for frame, rows in steps.groupby("frame")
+    }
+    first: dict[tuple, int] = {}
+    return frames.map(lambda frame: first.setdefault(shown.get(frame, ()), frame))
 
-    LEDs are white: their three intensities are equal, and white means what the colour chart calls white.
+
+def find_leaks(booked: pd.DataFrame, patterns: pd.DataFrame) -> list[tuple[int, int]]:
+    """Pairs (held-out frame, training frame) that show the same light, so that testing would ask what was taught.
+
+    The same light is the same lit lights with intensities in the same proportions. Held out are the frames of a
+    held-out pattern, and partially lit test frames; that fully lit ones repeat is what they are for.
     """
-    table = patterns[patterns.intensity > 0].merge(booked[["frame", "fully_lit", "split"]], on="frame")
-    for channel in "rgb":
-        table[f"intensity_{channel}"] = table.intensity.astype(np.float64)
-    columns = ["frame", "light", "intensity_r", "intensity_g", "intensity_b", "fully_lit", "split"]
+    partial_tests = (booked.split == "test_frames") & ~booked.fully_lit & (booked.lights_on > 0)
+    asked = set(booked.frame[booked.test_pattern | partial_tests])
+    taught = set(booked.frame[booked.split == "train"])
+    alike: dict[tuple, list[tuple[int, np.ndarray]]] = {}
+    for frame, rows in patterns[patterns.frame.isin(asked | taught)].sort_values("light").groupby("frame"):
+        levels = rows[CHANNELS].to_numpy(np.float64)
+        alike.setdefault(tuple(rows.light), []).append((int(frame), levels / levels.max()))
+    return [
+        (test, train)
+        for group in alike.values()
+        for test, wanted in group if test in asked
+        for train, known in group if train in taught and np.abs(wanted - known).max() < SAME_LIGHT
+    ]  # fmt: skip
+
+
+def book_patterns_rgb(patterns: pd.DataFrame, booked: pd.DataFrame) -> pd.DataFrame:
+    """One row per lit light of a frame: frame, light, intensity_r, intensity_g, intensity_b, fully_lit, split."""
+    table = patterns.merge(booked[["frame", "fully_lit", "split"]], on="frame")
+    columns = ["frame", "light", *CHANNELS, "fully_lit", "split"]
     return table[columns].sort_values(["frame", "light"]).reset_index(drop=True)
 
 
-def shift_patterns(patterns: pd.DataFrame, frames: pd.DataFrame, offset: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Renumber patterns to the images' frames, where images of frame f show the pattern logged for f + `offset`.
+def mend_patterns(
+    patterns: pd.DataFrame, frames: pd.DataFrame, found: pd.DataFrame, constants: Mapping[str, np.ndarray]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """What was really on, if the check is right: patterns in the numbering of the images, and the frames they cover.
 
-    Returns patterns and frames; frames whose pattern was never logged are dropped.
+    Frames whose pattern was never logged, and those that do not show their pattern, are dropped. Frames without images
+    move with those before them.
+
+    Args:
+        found: per frame with images: frame, offset_frames, suspicious, as of `SyncCheck.frames`.
+        constants: lights that have one level in all frames, linear RGB; 0 for dead ones.
     """
-    known = frames[(frames.frame + offset).isin(frames.frame)]
-    moved = patterns.assign(frame=patterns.frame - offset)
-    return moved[moved.frame.isin(known.frame)].reset_index(drop=True), known.reset_index(drop=True)
-
-
-def predicted_brightness(
-    patterns: pd.DataFrame, lights: pd.DataFrame, frames: pd.Series, center: Float64[np.ndarray, " 3"]
-) -> pd.Series:
-    """Irradiance at the subject's centre per frame, sum of I / d^2 over its lit lights; 0 in the dark."""
-    squared = pd.Series(((lights[["x", "y", "z"]].to_numpy() - center) ** 2).sum(1), lights.light.to_numpy())
-    terms = patterns.intensity / patterns.light.map(squared)
-    return terms.groupby(patterns.frame).sum().reindex(frames.to_numpy(), fill_value=0.0).rename("predicted")
-
-
-def observed_brightness(means: pd.DataFrame) -> pd.Series:
-    """Brightness per frame, averaged over cameras: columns camera, frame, brightness -> indexed by frame.
-
-    Each camera is divided by its own mean over frames first, so that neither its gain nor a missing image matters.
-    """
-    share = means.brightness / means.groupby("camera").brightness.transform("mean").replace(0, np.nan)
-    return share.groupby(means.frame).mean().rename("observed")
-
-
-def subject_center(
-    cameras: Mapping[str, Camera], pixels: Mapping[str, Float64[np.ndarray, " 2"]]
-) -> Float64[np.ndarray, " 3"]:
-    """The point nearest to the rays through one pixel per camera (least squares), metres, world."""
-    normal, right = np.zeros((3, 3)), np.zeros(3)
-    for name, pixel in pixels.items():
-        direction = cameras[name].ray_directions(np.asarray(pixel)[None])[0]
-        across = np.eye(3) - np.outer(direction, direction)
-        normal, right = normal + across, right + across @ cameras[name].center
-    # The minimum-norm solution: a single camera, or parallel ones, leave the distance open.
-    return np.linalg.lstsq(normal, right, rcond=None)[0]
-
-
-def suspicious_frames(booked: pd.DataFrame, sigmas: float) -> pd.Series:
-    """Frames whose observed / predicted brightness is an outlier: beyond `sigmas` robust deviations in the logarithm.
-
-    Fully and partially lit frames are compared among themselves where there are enough: a few lights from one side
-    brighten a body less than the same light from everywhere. Frames without images are not suspicious.
-    """
-    suspicious = pd.Series(False, booked.index)
-    for _, group in booked[booked.observed.notna()].groupby(_lighting_group(booked)):
-        floor = DARK_SHARE * group[["predicted", "observed"]].median().clip(lower=np.finfo(float).tiny)
-        ratio = np.log(group.observed.clip(lower=floor.observed) / group.predicted.clip(lower=floor.predicted))
-        # Dark as logged and dark as seen is no ratio, and no surprise.
-        both_dark = (group.predicted <= floor.predicted) & (group.observed <= floor.observed)
-        center = ratio[~both_dark].median()
-        spread = max(MAD_TO_SIGMA * (ratio[~both_dark] - center).abs().median(), SMALLEST_SPREAD)
-        suspicious[group.index] = ((ratio - center).abs() > sigmas * spread) & ~both_dark
-    return suspicious
-
-
-def _lighting_group(booked: pd.DataFrame) -> pd.Series:
-    counts = booked[booked.observed.notna()].fully_lit.value_counts()
-    if len(counts) == 2 and counts.min() >= GROUP_FOR_ITS_OWN_MEDIAN:
-        return booked.fully_lit
-    return pd.Series(False, booked.index)
+    offsets = found.set_index("frame").offset_frames.reindex(frames.frame.sort_values()).ffill().bfill()
+    logged = pd.DataFrame({"frame": offsets.index, "logged": (offsets.index + offsets).astype(np.int64)})
+    known = logged.logged.isin(frames.frame) | logged.logged.isin(patterns.frame)
+    logged = logged[known & ~logged.frame.isin(found.frame[found.suspicious])]
+    moved = patterns.rename(columns={"frame": "logged"}).merge(logged, on="logged").drop(columns="logged")
+    moved = moved[~moved.light.isin(list(constants))]
+    for light, levels in constants.items():
+        if (levels > 0).any():
+            always = logged[["frame"]].assign(light=light, **dict(zip(CHANNELS, levels, strict=True)))
+            moved = pd.concat([moved, always])
+    left = frames[frames.frame.isin(logged.frame)].reset_index(drop=True)
+    return moved.sort_values(["frame", "light"]).reset_index(drop=True)[["frame", "light", *CHANNELS]], left

@@ -36,13 +36,17 @@ REGION = (
     f"at least {SMALLEST_SIDE} px a side), mean over images; "
     "captured x mask and rendering, both over black"
 )
+FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
+"""Why an image is held out."""
+
 COLOR_SPACE = "sRGB"
 METRICS = ("psnr_db", "ssim", "lpips", "flip")
 SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
-    "test": lambda t: t.test_camera | t.test_frame | t.test_segment,
+    "test": lambda t: t[list(FLAGS)].any(axis=1),
     "test_cameras": lambda t: t.test_camera,
     "test_frames": lambda t: t.test_frame,
     "test_segments": lambda t: t.test_segment,
+    "test_patterns": lambda t: t.test_pattern,
 }
 LIT: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "all": lambda t: pd.Series(True, t.index),
@@ -60,6 +64,7 @@ class ScoredImage(Protocol):
     test_camera: bool
     test_frame: bool
     test_segment: bool
+    test_pattern: bool
     fully_lit: bool
     image: Any
     mask: Any
@@ -81,16 +86,16 @@ def evaluate(
     """
     rows, number, frame = [], None, None
     for index, image in enumerate(progress(images, "evaluate")):
-        if not (image.test_camera or image.test_frame or image.test_segment):
+        if not any(getattr(image, name) for name in FLAGS):
             continue
         if image.frame != number:  # one record for all images of a frame: renderers keep what depends on it only
             number, frame = image.frame, frames[image.frame]
         captured, rendered = display_pair(render, image, frame)
         foreground = np.asarray(image.mask) >= FOREGROUND_MASK
-        flags = {name: getattr(image, name) for name in ("test_camera", "test_frame", "test_segment", "fully_lit")}
+        flags = {name: getattr(image, name) for name in (*FLAGS, "fully_lit")}
         scores = score_pair(rendered, captured, foreground, lpips)
         rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **scores})
-    columns = ["index", "camera", "frame", "test_camera", "test_frame", "test_segment", "fully_lit"]
+    columns = ["index", "camera", "frame", *FLAGS, "fully_lit"]
     flags = dict.fromkeys(columns[3:], bool)
     return pd.DataFrame(rows, columns=[*columns, *METRICS, "foreground_pixels"]).astype(flags)
 

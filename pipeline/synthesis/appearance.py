@@ -6,6 +6,7 @@ carries coordinates but no colours.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -18,6 +19,9 @@ from pipeline.synthesis.skeleton import Skeleton
 
 ATLAS_PADDING = 4
 """Texels between charts at the baked resolution: bilinear look-ups and 2x minification stay within a chart."""
+
+MOTTLE_M, MOTTLE = 0.02, 0.16
+"""Shortest wavelength and standard deviation of the figure's brightness variation."""
 
 SKIN = (0.52, 0.30, 0.20)
 SHIRT = (0.10, 0.22, 0.45)
@@ -90,36 +94,34 @@ def albedo_at(
     paint(head & (y > 1.64 + 0.35 * z), HAIR)
     paint(head & (z > 0) & (np.hypot(np.abs(x) - 0.04, y - 1.625) < 0.016), EYES)
     paint(head & (z > 0) & (((x / 0.035) ** 2 + ((y - 1.53) / 0.011) ** 2) < 1), LIPS)
-    return (albedo * _mottle(points, subject)[:, None]).clip(0.01, 0.9).astype(np.float32)
+    return (albedo * mottle(points, subject, MOTTLE_M, MOTTLE)[:, None]).clip(0.01, 0.9).astype(np.float32)
 
 
-def _mottle(points: np.ndarray, subject: str) -> np.ndarray:
-    """Fine brightness variation: a sum of seeded plane waves, wavelengths 2 to 15 cm, standard deviation 0.16."""
+def mottle(
+    points: Float64[np.ndarray, "n 3"], subject: str, shortest_m: float, deviation: float
+) -> Float64[np.ndarray, "n"]:
+    """Fine brightness variation about 1: seeded plane waves of wavelengths `shortest_m` to 7.5 times that."""
     random = generator_for(subject, "albedo")
     directions = random.normal(size=(48, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    wavelengths = 0.02 * 7.5 ** random.random(48)
+    wavelengths = shortest_m * 7.5 ** random.random(48)
     phases = 2 * np.pi * random.random(48)
     waves = np.sin(points @ (2 * np.pi * directions / wavelengths[:, None]).T + phases)
-    return 1.0 + 0.16 * waves.sum(axis=1) / np.sqrt(24)
+    return 1.0 + deviation * waves.sum(axis=1) / np.sqrt(24)
 
 
 def bake(
-    unwrapped: Unwrapped,
-    vertices: Float64[np.ndarray, "v 3"],
-    owner: Int64[np.ndarray, "v"],
-    skeleton: Skeleton,
-    size: int,
-    subject: str,
+    unwrapped: Unwrapped, size: int, albedo: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Float32[np.ndarray, "size size 3"]:
-    """Albedo texture, row 0 at v = 0; texels outside the charts repeat the nearest chart's colour."""
+    """Albedo texture, row 0 at v = 0; texels outside the charts repeat the nearest chart's colour.
+
+    Args:
+        albedo: linear colours [k, 3] from corners [k, 3] (vertices of the uncut mesh) and barycentric coordinates.
+    """
     texel, face, barycentric = rasterize(unwrapped, size)
-    corners = unwrapped.source[unwrapped.faces[face]]
-    points = np.einsum("kc,kcd->kd", barycentric, vertices[corners])
-    owners = owner[corners[np.arange(len(corners)), barycentric.argmax(axis=1)]]
     texture = np.zeros((size, size, 3), dtype=np.float32)
     covered = np.zeros((size, size), dtype=bool)
-    texture[texel[:, 0], texel[:, 1]] = albedo_at(points, owners, skeleton, subject)
+    texture[texel[:, 0], texel[:, 1]] = albedo(unwrapped.source[unwrapped.faces[face]], barycentric)
     covered[texel[:, 0], texel[:, 1]] = True
     _, labels = cv2.distanceTransformWithLabels(
         (~covered).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL

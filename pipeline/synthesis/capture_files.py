@@ -7,40 +7,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
-from jaxtyping import Float64
 
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import write_cameras
-from pipeline.synthesis.figure import Figure, vertex_normals
-from pipeline.synthesis.gltf_writer import FIRST_JOINT_NODE, write_skinned_glb
-from pipeline.synthesis.motion import Pose
 from pipeline.synthesis.stage_rig import StageRig, segment_of, survey_lights
+from pipeline.synthesis.subject import Moment, Subject, template_source
 from pipeline.synthesis.targets import BOARD_DICTIONARY, CHART_PATCHES
 
 FORMAT = "lightstage-capture/1"
-
-
-def template_source(figure: Figure, settings: SynthesizeCapture) -> np.ndarray:
-    """For each vertex of the template file, the vertex of the uncut mesh it is a copy of."""
-    return figure.unwrapped.source if settings.uvs else np.arange(len(figure.vertices))
-
-
-def write_template(root: Path, figure: Figure, settings: SynthesizeCapture) -> None:
-    """template/template.glb and template/keypoints.csv."""
-    source = template_source(figure, settings)
-    write_skinned_glb(
-        root / "template/template.glb",
-        vertices=figure.vertices[source],
-        normals=vertex_normals(figure.vertices, figure.faces)[source],
-        faces=figure.unwrapped.faces if settings.uvs else figure.faces,
-        uv=figure.unwrapped.uv if settings.uvs else None,
-        weights=figure.weights[source],
-        skeleton=figure.skeleton,
-        units_per_m=1 / settings.scale_to_m,
-    )
-    nodes = FIRST_JOINT_NODE + np.arange(len(figure.skeleton.names))
-    write_table(root / "template/keypoints.csv", pd.DataFrame({"keypoint": figure.skeleton.names, "node_index": nodes}))
 
 
 def write_tables(
@@ -87,12 +62,12 @@ def held_out(rig: StageRig, settings: SynthesizeCapture) -> dict[str, list]:
     }
 
 
-def write_capture_yaml(root: Path, subject: str, rig: StageRig, settings: SynthesizeCapture) -> None:
+def write_capture_yaml(root: Path, name: str, kind: str, rig: StageRig, settings: SynthesizeCapture) -> None:
     """capture.yaml, the file that names everything else."""
     content = {
         "format": FORMAT,
-        "subject": subject,
-        "kind": "body",
+        "subject": name,
+        "kind": kind,
         "units": "m",
         "up": "+y",
         "fps": settings.fps,
@@ -145,13 +120,7 @@ def _calibration_entries(settings: SynthesizeCapture) -> dict[str, dict[str, obj
     }
 
 
-def write_truth(
-    root: Path,
-    rig: StageRig,
-    vertices: Float64[np.ndarray, "frames v 3"],
-    joints: Float64[np.ndarray, "frames joints 3"],
-    poses: list[Pose],
-) -> None:
+def write_truth(root: Path, rig: StageRig, subject: Subject, moments: list[Moment], uvs: bool) -> None:
     """truth/: what no stage may read. `vertices` are in the template file's order, everything in metres."""
     write_cameras(root / "truth/cameras.json", rig.cameras)
     lights = pd.DataFrame(rig.lights_xyz, columns=["x", "y", "z"])
@@ -159,11 +128,8 @@ def write_truth(
     write_table(root / "truth/lights.parquet", lights)
     responses = {name: matrix.tolist() for name, matrix in rig.raw_from_true.items()}
     write_json(root / "truth/color.json", {"raw_from_true": responses})
-    tracking = {
-        "frames": np.arange(len(vertices)),
-        "vertices": vertices.astype(np.float32),
-        "joints": joints.astype(np.float32),
-        "joint_rotations": np.stack([pose.rotations for pose in poses]).astype(np.float32),
-        "root_translation": np.stack([pose.root_translation for pose in poses]).astype(np.float32),
-    }
-    write_arrays(root / "truth/tracking.safetensors", tracking)
+    source = template_source(subject, uvs)
+    tracking = {"frames": np.arange(len(moments)), "vertices": np.stack([m.vertices[source] for m in moments])}
+    tracking |= {name: np.stack([moment.truth[name] for moment in moments]) for name in moments[0].truth}
+    single = {name: a.astype(np.float32) if a.dtype == np.float64 else a for name, a in tracking.items()}
+    write_arrays(root / "truth/tracking.safetensors", single)

@@ -1,4 +1,4 @@
-"""A synthetic keypoint detector: projected joints with noise, outliers, and less confidence where they are hidden."""
+"""A synthetic keypoint detector: projections with noise, outliers, and less confidence where they are hidden."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ from jaxtyping import Bool, Float64
 
 from pipeline.geometry.cameras import Camera
 
-SKIN_DEPTH_M = 0.16
-"""A joint lies up to this far below the skin that belongs to it (half the torso's width); more means it is hidden."""
-
 HIDDEN_NOISE = 3.0
-"""A hidden joint is guessed, with this many times the noise of a visible one."""
+"""A hidden keypoint is guessed, with this many times the noise of a visible one."""
 
 OUTLIER_PX = 20.0
 """Outliers are off by about this much at an image height of 160 pixels: a limb mistaken for another."""
@@ -23,27 +20,27 @@ CONFIDENCE_SPREAD = 0.06
 
 def detect_keypoints(
     camera: Camera,
-    joints: Float64[np.ndarray, "joints 3"],
-    hidden: Bool[np.ndarray, "joints"],
+    keypoints: Float64[np.ndarray, "keypoints 3"],
+    hidden: Bool[np.ndarray, "keypoints"],
     names: tuple[str, ...],
     noise_px: float,
     outlier_share: float,
     random: np.random.Generator,
 ) -> pd.DataFrame:
-    """keypoint, x, y, confidence of every joint, in the pixels of the distorted image.
+    """keypoint, x, y, confidence of every keypoint, in the pixels of the distorted image.
 
     Args:
         camera: at image resolution.
-        hidden: joints that something else than their own limb covers.
+        hidden: keypoints that something else than their own skin covers.
     """
-    pixels, _ = camera.project(joints)
+    pixels, _ = camera.project(keypoints)
     spread = noise_px * np.where(hidden, HIDDEN_NOISE, 1.0)
     pixels = pixels + spread[:, None] * random.standard_normal(pixels.shape)
-    outlier = random.random(len(joints)) < outlier_share
-    turn = 2 * np.pi * random.random(len(joints))
-    far = OUTLIER_PX * camera.height / 160 * (0.5 + random.random(len(joints)))
+    outlier = random.random(len(keypoints)) < outlier_share
+    turn = 2 * np.pi * random.random(len(keypoints))
+    far = OUTLIER_PX * camera.height / 160 * (0.5 + random.random(len(keypoints)))
     pixels = pixels + np.where(outlier, far, 0.0)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     confidence = np.where(hidden, HIDDEN_CONFIDENCE, VISIBLE_CONFIDENCE)
     confidence = np.where(outlier, OUTLIER_CONFIDENCE, confidence)
-    confidence = (confidence + CONFIDENCE_SPREAD * random.standard_normal(len(joints))).clip(0.05, 1.0)
+    confidence = (confidence + CONFIDENCE_SPREAD * random.standard_normal(len(keypoints))).clip(0.05, 1.0)
     return pd.DataFrame({"keypoint": names, "x": pixels[:, 0], "y": pixels[:, 1], "confidence": confidence})

@@ -3,28 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float32, Float64, Int64
 
-from pipeline.synthesis.appearance import Unwrapped, bake, unwrap
+from pipeline.base.files import write_table
+from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.synthesis.appearance import Unwrapped, albedo_at, bake, unwrap
+from pipeline.synthesis.gltf_writer import FIRST_JOINT_NODE, Skin, write_glb
 from pipeline.synthesis.implicit_surface import even_out, smooth_union, surface_nets
+from pipeline.synthesis.motion import pose_at
 from pipeline.synthesis.skeleton import Skeleton, human_skeleton, human_solids
 from pipeline.synthesis.skinning import joint_transforms, pose_vertices, smooth_weights
+from pipeline.synthesis.subject import Material, Moment, template_mesh, template_source
 
 BOX_LOW_M = np.array([-0.9, -0.1, -0.3])
 BOX_HIGH_M = np.array([0.9, 1.9, 0.35])
 """A box around the rest pose with a hand's breadth to spare."""
 
+FLOOR_Y_M = -0.88
+"""Height of the ground in the stage frame: puts the figure's middle at the stage's centre."""
+
 
 @dataclass(frozen=True)
 class Figure:
-    """Rest mesh in metres, skin and texture.
+    """A skinned figure that walks and reaches: a `Subject`, whose keypoints are its joints.
 
     Attributes:
-        vertices, faces, weights: the closed mesh, not cut along texture seams, and its skin.
-        unwrapped: the same mesh cut along texture seams.
-        texture: linear albedo, row 0 at v = 0.
+        weights: skin of the uncut mesh.
+        keypoint_depth_m: half the torso's width.
     """
 
     skeleton: Skeleton
@@ -33,14 +43,37 @@ class Figure:
     weights: Float64[np.ndarray, "v joints"]
     unwrapped: Unwrapped
     texture: Float32[np.ndarray, "size size 3"]
+    materials: tuple[Material, ...]
+    kind: Literal["body"] = "body"
+    keypoint_depth_m: float = 0.16
+    detected_when_hidden: bool = True
+
+    @property
+    def keypoint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.skeleton.names
 
     def posed(self, rotations: np.ndarray, root_translation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Uncut vertices [v, 3] and joint positions [joints, 3] in metres for local joint rotations (wxyz)."""
         world_from_joint = joint_transforms(self.skeleton, rotations, root_translation)
         return pose_vertices(self.vertices, self.weights, self.skeleton, world_from_joint), world_from_joint[:, :3, 3]
 
+    def at(self, time_s: float, segment: str) -> Moment:
+        """The figure at a time within a segment."""
+        pose = pose_at(self.skeleton, time_s, segment, FLOOR_Y_M)
+        vertices, joints = self.posed(pose.rotations, pose.root_translation)
+        truth = {"joints": joints, "joint_rotations": pose.rotations, "root_translation": pose.root_translation}
+        return Moment(vertices, joints, truth)
 
-def build_figure(subject: str, vertex_spacing_m: float, texture_size: int) -> Figure:
+    def write_template(self, folder: Path, settings: SynthesizeCapture) -> None:
+        """template.glb with the skin, and keypoints.csv, which names the joints' nodes."""
+        skin = Skin(self.weights[template_source(self, settings.uvs)], self.skeleton)
+        write_glb(folder / "template.glb", **template_mesh(self, settings), skin=skin)
+        nodes = FIRST_JOINT_NODE + np.arange(len(self.skeleton.names))
+        write_table(folder / "keypoints.csv", pd.DataFrame({"keypoint": self.skeleton.names, "node_index": nodes}))
+
+
+def build_figure(subject: str, vertex_spacing_m: float, texture_size: int, gloss_alpha: float) -> Figure:
     """Build the figure; equal arguments give an equal figure."""
     skeleton, solids = human_skeleton(), human_solids()
 
@@ -51,15 +84,11 @@ def build_figure(subject: str, vertex_spacing_m: float, texture_size: int) -> Fi
     vertices = even_out(vertices, faces, field)
     weights = smooth_weights(vertices, faces, solids, skeleton)
     unwrapped = unwrap(vertices, faces, texture_size)
-    texture = bake(unwrapped, vertices, weights.argmax(axis=1), skeleton, texture_size, subject)
-    return Figure(skeleton, vertices, faces, weights, unwrapped, texture)
+    owner = weights.argmax(axis=1)
 
+    def albedo(corners: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        owners = owner[corners[np.arange(len(corners)), barycentric.argmax(axis=1)]]
+        return albedo_at(np.einsum("kc,kcd->kd", barycentric, vertices[corners]), owners, skeleton, subject)
 
-def vertex_normals(vertices: Float64[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"]) -> Float64[np.ndarray, "v 3"]:
-    """Unit normals, area-weighted over the faces around each vertex."""
-    corners = vertices[faces]
-    doubled_area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], doubled_area)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    texture = bake(unwrapped, texture_size, albedo)
+    return Figure(skeleton, vertices, faces, weights, unwrapped, texture, (Material(slice(None), gloss_alpha),))

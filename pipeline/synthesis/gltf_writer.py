@@ -1,9 +1,10 @@
-"""Write a skinned mesh as glTF 2.0 binary: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html."""
+"""Write a mesh, with its skin if it has one, as glTF 2.0 binary: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html."""
 
 from __future__ import annotations
 
 import json
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,54 +47,76 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def write_skinned_glb(
+@dataclass(frozen=True)
+class Skin:
+    """Dense skin weights, at most `INFLUENCES` per vertex, and the joints they belong to."""
+
+    weights: Float64[np.ndarray, "v joints"]
+    skeleton: Skeleton
+
+
+def write_glb(
     path: Path,
     *,
     vertices: Float64[np.ndarray, "v 3"],
     normals: Float64[np.ndarray, "v 3"],
     faces: Int64[np.ndarray, "f 3"],
     uv: Float64[np.ndarray, "v 2"] | None,
-    weights: Float64[np.ndarray, "v joints"],
-    skeleton: Skeleton,
     units_per_m: float,
+    skin: Skin | None = None,
 ) -> None:
-    """Write a rest mesh with its skin; no material, texture or animation. Joint j is node `FIRST_JOINT_NODE + j`.
+    """Write a rest mesh; no material, texture or animation. Joint j of a skin is node `FIRST_JOINT_NODE + j`.
 
     Args:
         vertices: rest positions in metres; stored multiplied by `units_per_m`, like the joints.
         uv: glTF texture coordinates, or None to leave them out.
     """
     buffer = _Buffer()
-    joints = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
-    strongest = np.take_along_axis(weights, joints, axis=1)
-    joints = np.where(strongest > 0, joints, 0)
     attributes = {
         "POSITION": buffer.add((vertices * units_per_m).astype("<f4"), "VEC3", _FLOAT, _ARRAY_BUFFER),
         "NORMAL": buffer.add(normals.astype("<f4"), "VEC3", _FLOAT, _ARRAY_BUFFER),
-        "JOINTS_0": buffer.add(joints.astype("<u2"), "VEC4", _UINT16, _ARRAY_BUFFER),
-        "WEIGHTS_0": buffer.add(strongest.astype("<f4"), "VEC4", _FLOAT, _ARRAY_BUFFER),
     }
     if uv is not None:
         attributes["TEXCOORD_0"] = buffer.add(uv.astype("<f4"), "VEC2", _FLOAT, _ARRAY_BUFFER)
-    indices = buffer.add(faces.reshape(-1).astype("<u4"), "SCALAR", _UINT32, _ELEMENT_BUFFER)
-    inverse_bind = np.tile(np.eye(4), (len(skeleton.names), 1, 1))
-    inverse_bind[:, :3, 3] = -skeleton.positions * units_per_m
-    # glTF stores matrices column by column.
-    matrices = buffer.add(inverse_bind.transpose(0, 2, 1).reshape(-1, 16).astype("<f4"), "MAT4", _FLOAT)
-    primitive = {"attributes": attributes, "indices": indices, "mode": 4}
-    joint_nodes = list(range(FIRST_JOINT_NODE, FIRST_JOINT_NODE + len(skeleton.names)))
-    content = {
+    primitive = {
+        "attributes": attributes, "mode": 4,
+        "indices": buffer.add(faces.reshape(-1).astype("<u4"), "SCALAR", _UINT32, _ELEMENT_BUFFER),
+    }  # fmt: skip
+    content: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "pipeline.synthesis"},
         "scene": 0,
-        "scenes": [{"nodes": [0, FIRST_JOINT_NODE]}],
-        "nodes": [{"name": "body", "mesh": 0, "skin": 0}, *_joint_nodes(skeleton, units_per_m)],
-        "meshes": [{"name": "body", "primitives": [primitive]}],
-        "skins": [{"joints": joint_nodes, "inverseBindMatrices": matrices, "skeleton": FIRST_JOINT_NODE}],
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "template", "mesh": 0}],
+        "meshes": [{"name": "template", "primitives": [primitive]}],
+    }
+    if skin is not None:
+        _add_skin(content, attributes, buffer, skin, units_per_m)
+    content |= {
         "buffers": [{"byteLength": len(buffer.data)}],
         "bufferViews": buffer.views,
         "accessors": buffer.accessors,
     }
     _write_chunks(path, content, bytes(buffer.data))
+
+
+def _add_skin(
+    content: dict[str, Any], attributes: dict[str, int], buffer: _Buffer, skin: Skin, units_per_m: float
+) -> None:
+    skeleton = skin.skeleton
+    joints = np.argsort(-skin.weights, axis=1, kind="stable")[:, :INFLUENCES]
+    strongest = np.take_along_axis(skin.weights, joints, axis=1)
+    joints = np.where(strongest > 0, joints, 0)
+    attributes["JOINTS_0"] = buffer.add(joints.astype("<u2"), "VEC4", _UINT16, _ARRAY_BUFFER)
+    attributes["WEIGHTS_0"] = buffer.add(strongest.astype("<f4"), "VEC4", _FLOAT, _ARRAY_BUFFER)
+    inverse_bind = np.tile(np.eye(4), (len(skeleton.names), 1, 1))
+    inverse_bind[:, :3, 3] = -skeleton.positions * units_per_m
+    # glTF stores matrices column by column.
+    matrices = buffer.add(inverse_bind.transpose(0, 2, 1).reshape(-1, 16).astype("<f4"), "MAT4", _FLOAT)
+    joint_nodes = list(range(FIRST_JOINT_NODE, FIRST_JOINT_NODE + len(skeleton.names)))
+    content["scenes"][0]["nodes"].append(FIRST_JOINT_NODE)
+    content["nodes"][0]["skin"] = 0
+    content["nodes"] += _joint_nodes(skeleton, units_per_m)
+    content["skins"] = [{"joints": joint_nodes, "inverseBindMatrices": matrices, "skeleton": FIRST_JOINT_NODE}]
 
 
 def _joint_nodes(skeleton: Skeleton, units_per_m: float) -> list[dict[str, Any]]:

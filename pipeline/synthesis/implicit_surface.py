@@ -42,10 +42,15 @@ def distance_to_solids(points: Float64[np.ndarray, "n 3"], solids: Sequence[Roun
 
 
 def smooth_union(points: Float64[np.ndarray, "n 3"], solids: Sequence[RoundCone]) -> Float64[np.ndarray, "n"]:
-    """Distance-like field of the union, fillets of width `BLEND_M`: -b log sum exp(-d / b)."""
-    scaled = -distance_to_solids(points, solids) / BLEND_M
+    """Distance-like field of the union, fillets of width `BLEND_M`."""
+    return smooth_minimum(distance_to_solids(points, solids), BLEND_M)
+
+
+def smooth_minimum(distances: Float64[np.ndarray, "n s"], blend_m: float) -> Float64[np.ndarray, "n"]:
+    """-b log sum exp(-d / b) over the solids: the union's field, with fillets of width `blend_m`."""
+    scaled = -distances / blend_m
     largest = scaled.max(axis=1, keepdims=True)
-    return -BLEND_M * (largest[:, 0] + np.log(np.exp(scaled - largest).sum(axis=1)))
+    return -blend_m * (largest[:, 0] + np.log(np.exp(scaled - largest).sum(axis=1)))
 
 
 def surface_nets(

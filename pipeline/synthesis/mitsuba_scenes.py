@@ -6,6 +6,7 @@ Rendered images are radiance, linear RGB, with coverage in the fourth channel.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from jaxtyping import Float32, Float64, Int64
 from pipeline.synthesis.lens import LensView
 
 COAT_IOR = 1.5
-"""Refractive index of the figure's coat: typical of skin oil, varnish and polymers."""
+"""Refractive index of a subject's coat: typical of skin oil, varnish and polymers."""
 
 NO_ROULETTE = 1000
 """Path depth at which Russian roulette would start: never, since it only adds noise to paths this short."""
@@ -109,14 +110,17 @@ def bitmap_texture(texture: Float32[np.ndarray, "h w 3"], filter_type: str) -> d
 
 
 def lit_scene(
-    mesh: Any, light_positions: Float64[np.ndarray, "n 3"], intensities: Float64[np.ndarray, "n"], max_depth: int
+    meshes: Sequence[Any],
+    light_positions: Float64[np.ndarray, "n 3"],
+    intensities: Float64[np.ndarray, "n"],
+    max_depth: int,
 ) -> Any:
-    """A mesh under point lights of the given radiant intensities, on black; paths of up to `max_depth` edges."""
+    """Meshes under point lights of the given radiant intensities, on black; paths of up to `max_depth` edges."""
     mi = mitsuba()
     content: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": NO_ROULETTE},
-        "mesh": mesh,
+        **{f"mesh_{index}": mesh for index, mesh in enumerate(meshes)},
     }
     for index, (position, intensity) in enumerate(zip(light_positions, intensities, strict=True)):
         content[f"light_{index:04d}"] = {
@@ -126,7 +130,7 @@ def lit_scene(
     return mi.load_dict(content)
 
 
-def body_mesh(
+def coated_mesh(
     texture: np.ndarray,
     gloss_alpha: float,
     vertices: np.ndarray,
@@ -134,7 +138,7 @@ def body_mesh(
     faces: np.ndarray,
     uv: np.ndarray,
 ) -> Any:
-    """The figure: a diffuse albedo texture under a rough dielectric coat (GGX of width `gloss_alpha`)."""
+    """A subject's surface: a diffuse albedo texture under a rough dielectric coat (GGX of width `gloss_alpha`)."""
     bsdf = {
         "type": "roughplastic", "distribution": "ggx", "alpha": gloss_alpha, "int_ior": COAT_IOR,
         "diffuse_reflectance": bitmap_texture(texture, "bilinear"),

@@ -15,11 +15,11 @@ from pipeline.base.seeds import generator_for, seed_for
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import Camera
 from pipeline.synthesis import mitsuba_scenes as scenes
-from pipeline.synthesis.detector import SKIN_DEPTH_M, detect_keypoints
-from pipeline.synthesis.figure import Figure, vertex_normals
+from pipeline.synthesis.detector import detect_keypoints
 from pipeline.synthesis.lens import view_points
 from pipeline.synthesis.sensor_model import SensorModel, write_8bit, write_exr
 from pipeline.synthesis.stage_rig import StageRig
+from pipeline.synthesis.subject import Moment, Subject, vertex_normals
 from pipeline.synthesis.targets import (
     CHART_LIGHT,
     ball_centers,
@@ -50,7 +50,7 @@ COVERED = 0.5
 
 @dataclass(frozen=True)
 class Studio:
-    """What every photograph needs: where it is stored, who is shown, with what."""
+    """What every photograph needs: where it is stored, whose capture it is, with what it is taken."""
 
     root: Path
     subject: str
@@ -66,13 +66,12 @@ class Studio:
 
 @dataclass(frozen=True)
 class FrameJob:
-    """One frame: the posed, uncut mesh, joints (metres) and the radiant intensity of each light of the rig."""
+    """One frame: the subject at that moment, and the radiant intensity of each light of the rig."""
 
     studio: Studio
-    figure: Figure
+    shown: Subject
     frame: int
-    vertices: np.ndarray
-    joints: np.ndarray
+    moment: Moment
     intensities: np.ndarray
 
 
@@ -116,19 +115,22 @@ def take(job: Job) -> pd.DataFrame | None:
 
 
 def _photograph_frame(job: FrameJob) -> pd.DataFrame:
-    studio, settings, figure = job.studio, job.studio.settings, job.figure
-    normals = vertex_normals(job.vertices, figure.faces)
-    cut = figure.unwrapped
-    mesh = scenes.body_mesh(
-        figure.texture, settings.gloss_alpha, job.vertices[cut.source], normals[cut.source], cut.faces, cut.uv
-    )
+    studio, settings, shown = job.studio, job.studio.settings, job.shown
+    cut, vertices = shown.unwrapped, job.moment.vertices
+    normals = vertex_normals(vertices, shown.faces)
+    meshes = [
+        scenes.coated_mesh(
+            shown.texture, m.gloss_alpha, vertices[cut.source], normals[cut.source], cut.faces[m.faces], cut.uv
+        )
+        for m in shown.materials
+    ]
     lit = job.intensities > 0
-    scene = scenes.lit_scene(mesh, studio.rig.lights_xyz[lit], job.intensities[lit], settings.max_depth)
+    scene = scenes.lit_scene(meshes, studio.rig.lights_xyz[lit], job.intensities[lit], settings.max_depth)
     paths = settings.spp_fully_lit if lit.all() else settings.spp
     detections = []
     for name, sensor_camera in studio.rig.cameras.items():
         camera = sensor_camera.downsampled(settings.downsample_from_sensor)
-        view = view_points(camera, job.vertices, settings.supersampling)
+        view = view_points(camera, vertices, settings.supersampling)
         samples = max(1, round(paths / settings.supersampling**2))
         seed = seed_for(studio.subject, "paths", name, job.frame) % 2**31
         developed = view.develop(scenes.render(scene, view, samples, seed))
@@ -143,15 +145,17 @@ def _photograph_frame(job: FrameJob) -> pd.DataFrame:
 
 
 def _detect(job: FrameJob, scene: object, name: str, camera: Camera) -> pd.DataFrame:
-    settings, subject = job.studio.settings, job.studio.subject
-    offsets = job.joints - camera.center
+    settings, shown, keypoints = job.studio.settings, job.shown, job.moment.keypoints
+    offsets = keypoints - camera.center
     distances = np.linalg.norm(offsets, axis=1)
     first_hit = scenes.hit_distances(scene, camera.center, offsets / distances[:, None])
+    hidden = first_hit < distances - shown.keypoint_depth_m
     found = detect_keypoints(
-        camera, job.joints, first_hit < distances - SKIN_DEPTH_M, job.figure.skeleton.names,
-        settings.keypoint_noise_px, settings.keypoint_outliers,
-        generator_for(subject, "keypoints", name, job.frame),
+        camera, keypoints, hidden, shown.keypoint_names, settings.keypoint_noise_px, settings.keypoint_outliers,
+        generator_for(job.studio.subject, "keypoints", name, job.frame),
     )  # fmt: skip
+    if not shown.detected_when_hidden:
+        found = found[~hidden]
     found.insert(0, "frame", job.frame)
     found.insert(1, "camera", name)
     return found
@@ -187,7 +191,7 @@ def _photograph_print(texture: np.ndarray, corners: np.ndarray, camera: Camera, 
 
 def _photograph_ball(job: BallJob) -> None:
     studio, settings, camera = job.studio, job.studio.settings, job.studio.rig.cameras[job.camera]
-    center, radius = ball_centers(studio.subject, settings.ball_positions)[job.position], settings.ball_radius_m
+    center, radius = ball_centers(studio.subject, settings)[job.position], settings.ball_radius_m
     folder = studio.root / f"calibration/mirror_ball/{job.position}/{job.camera}"
     for name, light in studio.rig.light_positions.items():
         value = np.full((camera.height, camera.width), DARK)

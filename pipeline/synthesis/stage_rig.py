@@ -15,11 +15,11 @@ from pipeline.geometry.cameras import Camera
 ELEVATIONS_DEG = (6.0, 28.0, -8.0, 18.0)
 """Heights of successive cameras: neighbours differ, so that views are not coplanar."""
 
-FRAMED_HEIGHT_M = 2.05
-"""Height of the scene that fills the image at the stage's centre: the figure, 1.74 m, and room to move."""
-
 LOWEST_LIGHT = -0.75
 """Sine of the lowest light's elevation: a stage has a floor."""
+
+AIM_ERROR = 0.015
+"""Cameras miss the stage's centre by up to this share of the framed height along each axis."""
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
@@ -81,11 +81,11 @@ def _camera(subject: str, index: int, settings: SynthesizeCapture) -> Camera:
     elevation = np.radians(ELEVATIONS_DEG[index % len(ELEVATIONS_DEG)] + 3 * random.uniform(-1, 1))
     outward = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
     center = settings.camera_distance_m * (1 + 0.02 * random.uniform(-1, 1)) * outward
-    target = 0.03 * random.uniform(-1, 1, 3)
+    target = AIM_ERROR * settings.framed_height_m * random.uniform(-1, 1, 3)
     R = look_at(center, target, roll=np.radians(2) * random.uniform(-1, 1))
     width = settings.width * settings.downsample_from_sensor
     height = settings.height * settings.downsample_from_sensor
-    focal = height * settings.camera_distance_m / FRAMED_HEIGHT_M * (1 + 0.02 * random.uniform(-1, 1))
+    focal = height * settings.camera_distance_m / settings.framed_height_m * (1 + 0.02 * random.uniform(-1, 1))
     aspect = 1 + 0.005 * random.uniform(-1, 1)
     middle = np.array([width, height]) * (0.5 + 0.01 * random.uniform(-1, 1, 2))
     K = np.array([[focal, 0, middle[0]], [0, focal * aspect, middle[1]], [0, 0, 1]])

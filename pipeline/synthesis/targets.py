@@ -26,10 +26,13 @@ PAPER, INK = 0.65, 0.04
 STEEPEST_VIEW_DEG = 58.0
 """Board views at a lower angle than this are left out: markers get too thin to read."""
 
-BOARD_SPREAD_M = np.array([0.3, 0.7, 0.3])
-BOARD_NEARER_M = 0.8
-"""How far the board strays from the stage's centre, and towards the cameras it faces: views have to reach the corners
-of the images, since lens distortion cannot be measured where no board was."""
+BOARD_SPREAD = np.array([0.15, 0.34, 0.15])
+BOARD_NEARER = 0.39
+"""How far the board strays from the stage's centre, and towards the cameras it faces, of the framed height: views have
+to reach the corners of the images, since lens distortion cannot be measured where no board was."""
+
+BALL_SPREAD = 0.2
+"""How far the mirror ball strays from the stage's centre, of the framed height."""
 
 BOARD_SHARE_IN_VIEW = 0.6
 """Share of the board that must lie in the image for a view to be taken."""
@@ -89,7 +92,8 @@ def board_poses(subject: str, settings: SynthesizeCapture) -> list[Float64[np.nd
         tilt = np.radians(10 + 32 * random.uniform(-1, 1))
         normal = np.array([np.cos(tilt) * np.sin(azimuth), np.sin(tilt), np.cos(tilt) * np.cos(azimuth)])
         toward = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
-        center = BOARD_SPREAD_M * random.uniform(-1, 1, 3) + BOARD_NEARER_M * random.uniform(-0.3, 1) * toward
+        center = BOARD_SPREAD * random.uniform(-1, 1, 3) + BOARD_NEARER * random.uniform(-0.3, 1) * toward
+        center = settings.framed_height_m * center
         poses.append(facing_rectangle(center, normal, width, height, roll=np.radians(25) * random.uniform(-1, 1)))
     return poses
 
@@ -145,12 +149,13 @@ def chart_corners(camera: Camera, random: np.random.Generator) -> Float64[np.nda
     return facing_rectangle(center, normal / np.linalg.norm(normal), width, width * rows / columns, roll)
 
 
-def ball_centers(subject: str, count: int) -> Float64[np.ndarray, "n 3"]:
+def ball_centers(subject: str, settings: SynthesizeCapture) -> Float64[np.ndarray, "n 3"]:
     """Centres of the mirror ball: around the stage's centre, within every camera's image, not in a line."""
+    count, spread = settings.ball_positions, BALL_SPREAD * settings.framed_height_m
     random = generator_for(subject, "mirror ball")
     angles = 2 * np.pi * (np.arange(count) + 0.3 * random.uniform(-1, 1, count)) / count
-    heights = 0.25 * np.where(np.arange(count) % 2, -1, 1) * random.uniform(0.6, 1, count)
-    return np.stack([0.25 * np.sin(angles), heights, 0.25 * np.cos(angles)], axis=1)
+    heights = spread * np.where(np.arange(count) % 2, -1, 1) * random.uniform(0.6, 1, count)
+    return np.stack([spread * np.sin(angles), heights, spread * np.cos(angles)], axis=1)
 
 
 def sphere_points(center: np.ndarray, radius: float, count: int = 200) -> Float64[np.ndarray, "n 3"]:

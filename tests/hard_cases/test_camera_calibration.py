@@ -135,6 +135,21 @@ def test_of_two_cameras_either_may_have_been_knocked(tmp_path):
     assert "a or b moved before view 5" in message or "b or a moved before view 5" in message
 
 
+def test_mixed_up_images_are_not_taken_for_a_movement(tmp_path, caplog):
+    """Half of one camera's images under each other's numbers: no two poses of the camera explain them."""
+    images = record(dict.fromkeys(RIG, range(12)))
+    mixed = [1, 3, 4, 6, 8, 9, 11]
+    right = {v: images["b", v] for v in mixed}
+    images |= {("b", v): right[w] for v, w in zip(mixed, mixed[1:] + mixed[:1], strict=True)}
+    with caplog.at_level(logging.INFO):
+        message = refused(tmp_path, images)
+    assert "camera b: expected views that fit together, found 7 of 12 views could not be brought together" in message
+    assert "1, 3, 4, 6, 8" in message
+    assert "look for images of another camera or shot" in message
+    assert "moved before" not in message
+    assert "camera a: good" in caplog.text
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1000), ("cm", 100)])
 def test_lengths_in_other_units_than_metres(tmp_path, unit, factor):
     wrong = {**vars(BOARD), "square_m": factor * BOARD.square_m, "marker_m": factor * BOARD.marker_m}

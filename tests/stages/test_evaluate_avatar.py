@@ -34,7 +34,8 @@ class PlantedAvatar:
 def record(camera: str, frame: int, **flags) -> ImageRecord:
     mask = np.zeros((40, 36), np.float32)
     mask[3:-3, 2:-2] = 1
-    all_flags = {"test_camera": False, "test_frame": False, "test_segment": False, "fully_lit": frame % 2 == 0, **flags}
+    held_out = dict.fromkeys(("test_camera", "test_frame", "test_segment", "test_pattern"), False)
+    all_flags = {**held_out, "fully_lit": frame % 2 == 0, **flags}
     image, eye = np.full((40, 36, 3), LEVEL, np.float32), np.eye(3)
     return ImageRecord(camera, frame, **all_flags, x0=0, y0=0, width=36, height=40, image=image, mask=mask,
                        K=eye, R=eye, t=np.zeros(3))  # fmt: skip
@@ -97,7 +98,7 @@ def test_the_table_says_what_was_planted(results):
         "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
         "color_space", "region", "lpips_net", "lpips_weights",
     ]  # fmt: skip
-    assert len(table) == 2 * 4 * 3
+    assert len(table) == 2 * 5 * 3
     assert set(table.subject) == {"someone"}
     assert set(table.color_space) == {"sRGB"}
     rows = table.set_index(["variant", "split", "lit"])
@@ -108,6 +109,7 @@ def test_the_table_says_what_was_planted(results):
         ("test_cameras", "all"): 2, ("test_cameras", "full"): 1, ("test_cameras", "partial"): 1,
         ("test_frames", "all"): 2, ("test_frames", "full"): 0, ("test_frames", "partial"): 2,
         ("test_segments", "all"): 1, ("test_segments", "full"): 1, ("test_segments", "partial"): 0,
+        ("test_patterns", "all"): 0, ("test_patterns", "full"): 0, ("test_patterns", "partial"): 0,
     }  # fmt: skip
     empty = rows.loc[("good", "test_frames", "full")]
     assert empty[["psnr_db", "ssim", "lpips", "flip"]].isna().all()

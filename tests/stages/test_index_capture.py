@@ -74,7 +74,7 @@ class TestValid:
         assert {row.light: (row.x, row.y, row.z) for row in lights.itertuples()} == LIGHTS
         patterns = pd.read_parquet(tmp_path / "patterns.parquet")
         rows = [(0, "A", 1.0), (0, "B", 1.0), (0, "C", 0.5), (1, "A", 2.0), (2, "C", 1.0)]
-        assert list(patterns.itertuples(index=False, name=None)) == rows
+        assert list(patterns.itertuples(index=False, name=None)) == [(*row, row[2], row[2]) for row in rows]
 
     def test_images_carry_paths_digests_and_splits(self, known: Path, tmp_path: Path) -> None:
         run(capture=known, out=tmp_path)
@@ -169,6 +169,27 @@ class TestValid:
         run(capture=capture, out=tmp_path / "out")
         patterns = pd.read_parquet(tmp_path / "out/patterns.parquet")
         assert patterns[patterns["frame"] == 2]["light"].tolist() == ["C"]
+
+    def test_white_and_coloured_lights_are_indexed_alike(self, known: Path, tmp_path: Path) -> None:
+        run(capture=known, out=tmp_path / "white")
+        white = pd.read_parquet(tmp_path / "white/patterns.parquet")
+        assert list(white.columns) == ["frame", "light", "intensity_r", "intensity_g", "intensity_b"]
+        assert white.iloc[2].tolist() == [0, "C", 0.5, 0.5, 0.5]
+        capture = shutil.copytree(known, tmp_path / "capture")
+        lines = ["0,A,1,0.5,0.25", "1,B,0,0,0", "1,A,0,0,2"]
+        write_lines(capture / "patterns.csv", "frame,light,intensity_r,intensity_g,intensity_b", *lines)
+        run(capture=capture, out=tmp_path / "out")
+        colored = pd.read_parquet(tmp_path / "out/patterns.parquet")
+        assert colored.to_numpy().tolist() == [[0, "A", 1, 0.5, 0.25], [1, "A", 0, 0, 2]]
+
+    def test_held_out_patterns_are_marked(self, known: Path, tmp_path: Path) -> None:
+        run(capture=known, out=tmp_path / "without")
+        assert not pd.read_parquet(tmp_path / "without/images.parquet")["test_pattern"].any()
+        capture = shutil.copytree(known, tmp_path / "capture")
+        edit_manifest(capture, lambda m: m["splits"].update(test_patterns=[1]))
+        run(capture=capture, out=tmp_path / "out")
+        images = pd.read_parquet(tmp_path / "out/images.parquet")
+        assert set(images["frame"][images["test_pattern"]]) == {1}
 
     def test_patterns_of_a_stage_out_of_step_pass(self, known: Path, tmp_path: Path) -> None:
         """Whose frames run 1, 2, 3: book_patterns has to see them."""

@@ -62,7 +62,7 @@ def stage(tmp_path) -> Path:
     write_arrays(tmp_path / "0000.safetensors", {"frames": np.array(FRAMES), "vertices": vertices})
     for i, frame in enumerate(FRAMES):
         write_exr(tmp_path / f"irradiance/{frame:06d}.exr", {"Y": MAP + np.diag([0, i]), "falling": MAP / 2})
-    booked = {"frame": FRAMES[:3], "segment": "a", "fully_lit": [False, True, False]}
+    booked = {"frame": FRAMES[:3], "segment": "a", "fully_lit": [False, True, False], "test_pattern": False}
     pd.DataFrame(booked).to_parquet(tmp_path / "frames.parquet")  # frame 13 was dropped by the bookkeeping
     lit = [(10, "B", 1.0), (11, "A", 2.0), (11, "B", 3.0)]
     patterns = pd.DataFrame([(f, n, i, i + 1, i + 2) for f, n, i in lit],
@@ -88,6 +88,15 @@ def pack(stage: Path, on: tuple[str, ...] = (), **flags) -> tuple:
     run(capture=stage, index=stage / "index", lights=stage / "lights.parquet", out=stage / "shards", **paths, **options)
     shards = stage / "shards"
     return *(read_image_shards([shards / split]) for split in ("train", "test")), read_frame_shards([shards / "frames"])
+
+
+def test_every_frame_of_a_held_out_pattern_is_held_out(stage):
+    booked = pd.read_parquet(stage / "frames.parquet")
+    booked.assign(test_pattern=booked.frame == 12).to_parquet(stage / "frames.parquet")
+    train, test, _ = pack(stage)
+    assert [(r.camera, r.frame) for r in train] == [("c0", 10)]
+    assert [(r.camera, r.frame) for r in test if r.test_pattern] == [("c0", 12), ("c1", 12)]
+    assert all(r.is_test for r in test)
 
 
 def test_with_all_effects_off_crops_are_the_images(stage):

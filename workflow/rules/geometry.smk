@@ -5,6 +5,8 @@ rule track_mesh:
         images="results/{subject}/index/images.parquet",
         keypoints="results/{subject}/index/keypoints_2d.parquet",
         cameras="results/{subject}/calibration/cameras.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        patterns="results/{subject}/patterns.parquet",
     output:
         tracking="results/{subject}/tracking/{chunk}.safetensors",
         quality="results/{subject}/tracking/{chunk}.parquet",
@@ -28,8 +30,46 @@ rule track_mesh:
         "{wildcards.subject}: tracking the template, chunk {wildcards.chunk}"
     shell:
         "python -m pipeline.track_mesh --capture {params.capture:q} --index {params.index:q} "
-        "--cameras {input.cameras:q} --chunk {wildcards.chunk} --chunk-size {params.chunk_size} "
+        "--cameras {input.cameras:q} --lights {input.lights:q} --patterns {input.patterns:q} "
+        "--chunk {wildcards.chunk} --chunk-size {params.chunk_size} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+
+
+rule review_tracking:
+    input:
+        capture="results/{subject}/index/capture.json",
+        frames="results/{subject}/index/frames.parquet",
+        images="results/{subject}/index/images.parquet",
+        keypoints="results/{subject}/index/keypoints_2d.parquet",
+        cameras="results/{subject}/calibration/cameras.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        color="results/{subject}/calibration/color.json",
+        patterns="results/{subject}/patterns.parquet",
+        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        quality=of_chunks("results/{subject}/tracking/{chunk}.parquet"),
+    output:
+        review=directory("results/{subject}/tracking/review"),
+    log:
+        "results/{subject}/logs/review_tracking.log",
+    benchmark:
+        "results/{subject}/benchmarks/review_tracking.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_of("review_tracking"),
+        capture=capture_folder,
+        index=subpath(input.capture, parent=True),
+        calibration=subpath(input.cameras, parent=True),
+        settings=settings_of("review_tracking"),
+    message:
+        "{wildcards.subject}: drawing what the tracking is judged by"
+    shell:
+        "python -m pipeline.review_tracking --capture {params.capture:q} --index {params.index:q} "
+        "--calibration {params.calibration:q} --patterns {input.patterns:q} --tracking {input.tracking:q} "
+        "--out {output.review:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
 
 
 rule unwrap_atlas:

@@ -57,6 +57,7 @@ def make_image(frame: FrameRecord, albedo: np.ndarray, shift_x: float = 0.0, pix
     radiance = np.einsum("lhw,lc->hwc", falloff, frame.light_intensities) * albedo / np.pi
     return ImageRecord(
         camera=f"x{shift_x}", frame=frame.frame, test_camera=False, test_frame=False, test_segment=False,
+        test_pattern=False,
         fully_lit=True, x0=0, y0=0, width=pixels, height=pixels, image=(radiance * mask[..., None]).astype(np.float32),
         mask=mask.astype(np.float32), K=K, R=R, t=-R @ center,
     )  # fmt: skip

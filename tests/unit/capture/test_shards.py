@@ -30,6 +30,7 @@ def image_record(frame: int, width: int = 5, height: int = 3) -> ImageRecord:
         test_camera=frame % 2 == 0,
         test_frame=False,
         test_segment=frame == 3,
+        test_pattern=frame == 2,
         fully_lit=frame % 3 == 0,
         x0=7,
         y0=-2,

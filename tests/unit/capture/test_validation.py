@@ -54,6 +54,10 @@ def text(name: str, old: str, new: str) -> Break:
     return lambda root: replace_text(root / name, old, new)
 
 
+def rewritten(name: str, *lines: str) -> Break:
+    return lambda root: write_lines(root / name, *lines)
+
+
 def keypoints(change: Callable[[pd.DataFrame], pd.DataFrame]) -> Break:
     def edit(root: Path) -> None:
         path = root / "keypoints_2d.parquet"
@@ -91,6 +95,10 @@ def nan_pixels(root: Path) -> None:
 
 
 MANIFEST_BREAKS: dict[str, tuple[Break, list[str]]] = {
+    "unknown test pattern": (
+        manifest(lambda m: m["splits"].update(test_patterns=[0, 9])),
+        ["splits.test_patterns: expected one that the table of frames lists, found 9"],
+    ),
     "missing key": (manifest(lambda m: m.pop("fps")), ["fps: expected frames per second, found no such key"]),
     "missing section": (manifest(lambda m: m.pop("splits")), ["splits: expected a section with the keys test_cameras"]),
     "unknown key with hint": (
@@ -243,6 +251,25 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
     "negative intensity": (
         text("patterns.csv", "1,A,2.0", "1,A,-2.0"),
         ["patterns.csv: intensity: expected 0 or more", "line 5"],
+    ),
+    "negative intensity of a channel": (
+        rewritten("patterns.csv", "frame,light,intensity_r,intensity_g,intensity_b", "0,A,1,-2,0", "0,B,1,2,nan"),
+        [
+            "intensity_g: expected 0 or more, found '-2.0' in line 2",
+            "intensity_b: expected a finite number",
+        ],
+    ),
+    "a channel is missing": (
+        rewritten("patterns.csv", "frame,light,intensity_r,intensity_b", "0,A,1,1"),
+        ["patterns.csv: columns: expected frame, light, intensity_r, intensity_g, intensity_b, found no intensity_g"],
+    ),
+    "intensities spelled twice": (
+        rewritten("patterns.csv", "frame,light,intensity,intensity_r,intensity_g,intensity_b", "0,A,1,1,1,1"),
+        ["patterns.csv: columns: expected intensity (white lights), or intensity_r", "found both; keep one"],
+    ),
+    "no intensity": (
+        rewritten("patterns.csv", "frame,light", "0,A"),
+        ["patterns.csv: columns: expected frame, light, intensity, found no intensity"],
     ),
     "pattern of unknown light": (
         text("patterns.csv", "1,A", "1,X"),

@@ -45,7 +45,7 @@ def read(path):
 
 def test_page_lists_what_is_not_good_first_and_links_only_its_neighbours(tmp_path):
     sections = [Section("The stage", "rig.png", "Look."), Section("Charts", "", "The method is none.")]
-    write_page(tmp_path / "index.html", "sub<ject", VERDICTS, sections)
+    write_page(tmp_path / "index.html", "Calibration of sub<ject", VERDICTS, sections)
     page, source = read(tmp_path / "index.html"), (tmp_path / "index.html").read_text()
     assert set(page.links) == {"rig.png"}
     assert "Calibration of sub<ject" in page.text
@@ -60,4 +60,4 @@ def test_page_says_when_there_is_nothing_to_worry_about(tmp_path):
     write_page(tmp_path / "a.html", "s", VERDICTS[:1], [])
     write_page(tmp_path / "b.html", "s", [], [])
     assert "Everything is good." in read(tmp_path / "a.html").text
-    assert "Nothing was calibrated." in read(tmp_path / "b.html").text
+    assert "Nothing was judged." in read(tmp_path / "b.html").text

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.moved_cameras import find_moved
-from pipeline.geometry.rig_calibration import calibrate_rig, find_movements
+from pipeline.geometry.rig_calibration import calibrate_rig, inspect_rig
 from pipeline.geometry.rig_model import Observations
 from tests.planted_rig import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
 
@@ -44,7 +44,7 @@ def movements(moves, **options):
     observations, numbers = record(moves, **options)
     count = options.get("count", COUNT)
     calibrated = calibrate_rig(observations, BOARD.corners_m(), [SIZE] * count, "auto")
-    return find_movements(calibrated, BOARD.corners_m(), [SIZE] * count, numbers, "auto")
+    return inspect_rig(calibrated, BOARD.corners_m(), [SIZE] * count, numbers).movements
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -61,8 +61,9 @@ def test_a_moved_camera_is_named_with_its_view(degrees, shift_m):
     moves = {2: (9, degrees, shift_m)}
     found = movements(moves)
     assert [(m.suspects, m.shot) for m in found] == [([2], first_seen(moves, 2))]
-    assert found[0].turn_deg == pytest.approx(degrees, rel=0.2, abs=0.02)
-    # Direction and place of a camera that sees a board 2.5 m away trade 0.02 degrees for a millimetre.
+    # Direction and place of a camera that sees a board 2.5 m away trade 0.02 degrees for a millimetre, and 0.1 px leave
+    # one millimetre open.
+    assert found[0].turn_deg == pytest.approx(degrees, rel=0.02, abs=0.05)
     assert found[0].shift_m == pytest.approx(shift_m, abs=5e-3)
 
 

@@ -6,6 +6,7 @@ import pytest
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.rig_calibration import calibrate_rig
 from pipeline.geometry.rig_model import PRIOR_SIGMA
+from pipeline.geometry.rig_quality import wanted_distortion
 from tests.planted_rig import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
 
 LENSES = {
@@ -17,13 +18,13 @@ LENSES = {
 """Where corners reach, r = 0.45 of 700 px, each further term moves them by many standard deviations (0.05 px)."""
 
 
-def calibrate(lenses, seed=3):
+def calibrate(lenses, seed=3, distortion="auto"):
     rng = np.random.default_rng(seed)
     planted = planted_cameras(len(lenses), rng, arc=1.5)
     cameras = [Camera(c.R, c.t, c.K, np.array(d, float), *SIZE) for c, d in zip(planted, lenses, strict=True)]
     boards = boards_in_stage(16, rng, arc=1.5)
     observations, _ = without_small_views(observe(cameras, boards, 0.05, rng))
-    return calibrate_rig(observations, BOARD.corners_m(), [SIZE] * len(lenses), "auto"), cameras
+    return calibrate_rig(observations, BOARD.corners_m(), [SIZE] * len(lenses), distortion), cameras
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 5])
@@ -40,6 +41,13 @@ def test_the_model_that_made_the_data_is_chosen(number):
     # A term too many, now and then, costs a little precision and no truth; a term too few would.
     assert min(chosen) == number
     assert chosen.count(number) >= 5
+
+
+def test_too_few_coefficients_on_request_are_told():
+    """Lenses of none and one, both taken for none: the second alone needs more."""
+    calibrated, _ = calibrate([LENSES[0], LENSES[1], LENSES[0]], distortion=0)
+    assert calibrated.distortion == [0, 0, 0]
+    assert [wanted_distortion(calibrated, c) for c in range(3)] == [0, 1, 0]
 
 
 def test_each_camera_of_a_rig_has_its_own_model():

@@ -11,7 +11,6 @@ import trimesh
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.lighting.visibility import Occluders
 from pipeline.synthesis.figure import build_figure
-from pipeline.synthesis.motion import pose_at
 from pipeline.synthesis.stage_rig import build_stage_rig
 from tests.unit.lighting.test_visibility import random_points
 
@@ -22,9 +21,8 @@ AGREEMENT = 0.995
 
 def test_shadow_rays_agree(tmp_path: Path) -> None:
     settings = SynthesizeCapture()
-    figure = build_figure("subjectA", settings.vertex_spacing_m, 64)
-    pose = pose_at(figure.skeleton, 0.7, "a", -0.88)
-    vertices, _ = figure.posed(pose.rotations, pose.root_translation)
+    figure = build_figure("subjectA", settings.vertex_spacing_m, 64, settings.gloss_alpha)
+    vertices = figure.at(0.7, "a").vertices
     lights = build_stage_rig("subjectA", settings).lights_xyz
     points, normals = random_points(vertices, figure.faces, POINTS)
 

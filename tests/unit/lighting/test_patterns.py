@@ -6,22 +6,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.geometry.cameras import Camera
-from pipeline.lighting.patterns import (
-    book_frames,
-    book_patterns_rgb,
-    observed_brightness,
-    predicted_brightness,
-    shift_patterns,
-    subject_center,
-    suspicious_frames,
-)
+from pipeline.lighting.patterns import book_frames, book_patterns_rgb, find_leaks, mend_patterns, name_patterns
 
-LIGHTS = pd.DataFrame({"light": ["A", "B"], "x": [2.0, 0.0], "y": [0.0, 1.0], "z": [0.0, 3.0]})
 FRAMES = pd.DataFrame({"frame": [3, 1, 2, 0], "timestamp_s": [0.3, 0.1, 0.2, 0.0], "segment": ["b", "a", "a", "a"]})
-PATTERNS = pd.DataFrame(
-    {"frame": [0, 0, 1, 2, 2], "light": ["B", "A", "A", "B", "A"], "intensity": [2.0, 4.0, 8.0, 2.0, 0.0]}
-)
+
+
+def white(rows: list[tuple[int, str, float]]) -> pd.DataFrame:
+    table = pd.DataFrame(rows, columns=["frame", "light", "intensity_r"])
+    return table.assign(intensity_g=table.intensity_r, intensity_b=table.intensity_r)
+
+
+PATTERNS = white([(0, "B", 2.0), (0, "A", 4.0), (1, "A", 8.0), (2, "B", 2.0)])
 IMAGES = pd.DataFrame(
     {
         "frame": [0, 0, 1, 2, 3],
@@ -29,89 +24,100 @@ IMAGES = pd.DataFrame(
         "test_camera": [False, True, False, False, False],
         "test_frame": [False, False, True, False, True],
         "test_segment": [False, False, False, False, True],
+        "test_pattern": False,
     }
 )
+
+
+def images(count: int, test_frames: tuple = (), test_patterns: tuple = ()) -> pd.DataFrame:
+    frame = pd.Series(range(count))
+    return pd.DataFrame({"frame": frame, "camera": "c", "test_camera": False, "test_segment": False,
+                         "test_frame": frame.isin(test_frames), "test_pattern": frame.isin(test_patterns)})  # fmt: skip
+
+
+def frames(count: int) -> pd.DataFrame:
+    return pd.DataFrame({"frame": range(count), "timestamp_s": np.arange(count) / 24, "segment": "a"})
 
 
 def test_frames_are_booked_in_order():
     booked = book_frames(FRAMES, IMAGES, PATTERNS, ["A", "B"])
     assert booked.frame.tolist() == [0, 1, 2, 3]
-    assert booked.lights_on.tolist() == [2, 1, 1, 0]  # a light of intensity 0 is off
+    assert booked.lights_on.tolist() == [2, 1, 1, 0]
     assert booked.fully_lit.tolist() == [True, False, False, False]
     assert booked.split.tolist() == ["train", "test_frames", "train", "test_segments"]
     table = book_patterns_rgb(PATTERNS, booked)
     assert table[["frame", "light"]].to_numpy().tolist() == [[0, "A"], [0, "B"], [1, "A"], [2, "B"]]
     assert (table.intensity_r == [4, 2, 8, 2]).all()
-    assert (table.intensity_b == table.intensity_r).all()
     assert table.fully_lit.tolist() == [True, True, False, False]
 
 
-def test_predicted_brightness_falls_with_the_square_of_the_distance():
-    predicted = predicted_brightness(PATTERNS, LIGHTS, pd.Series([0, 1, 2, 3]), np.array([0.0, 1.0, 0.0]))
-    # |A - centre|^2 = 5, |B - centre|^2 = 9
-    assert predicted.tolist() == pytest.approx([4 / 5 + 2 / 9, 8 / 5, 2 / 9, 0.0])
+def test_a_pattern_is_named_by_the_first_frame_that_shows_it():
+    patterns = white([(0, "A", 1), (0, "B", 2), (2, "B", 2 + 1e-9), (2, "A", 1), (3, "A", 1), (4, "A", 1.5)])
+    patterns.loc[len(patterns)] = [5, "A", 1, 1, 0.5]  # the same light in another colour
+    names = name_patterns(patterns, pd.Series(range(7)))
+    assert names.tolist() == [0, 1, 0, 3, 4, 5, 1]  # 1 and 6 are dark
 
 
-def test_observed_brightness_ignores_gain_and_missing_images():
-    truth = {0: 1.0, 1: 3.0, 2: 2.0}
-    rows = [(c, f, g * b) for c, g in (("c", 1.0), ("d", 7.0)) for f, b in truth.items()]
-    means = pd.DataFrame(rows, columns=["camera", "frame", "brightness"])
-    assert observed_brightness(means).tolist() == pytest.approx([0.5, 1.5, 1.0])
-    assert observed_brightness(means[:-1]).index.tolist() == [0, 1, 2]
+def test_a_held_out_pattern_holds_out_every_frame_that_shows_it():
+    patterns = white([(0, "A", 1), (1, "B", 1), (2, "A", 1), (3, "B", 1), (4, "C", 1)])
+    booked = book_frames(frames(5), images(5, test_patterns=(3,)), patterns, ["A", "B", "C"])
+    assert booked.split.tolist() == ["train", "test_patterns", "train", "test_patterns", "train"]
+    assert find_leaks(booked, patterns) == []
 
 
-def test_shifted_patterns_drop_frames_without_a_log():
-    moved, frames = shift_patterns(PATTERNS, FRAMES, 1)  # images of frame f show what was logged for f + 1
-    assert sorted(frames.frame) == [0, 1, 2]
-    assert moved.groupby("frame").size().to_dict() == {0: 1, 1: 2}
-    moved, frames = shift_patterns(PATTERNS, FRAMES, -2)
-    assert sorted(frames.frame) == [2, 3]
-    assert sorted(moved.frame.unique()) == [2, 3]
-    same, frames = shift_patterns(PATTERNS, FRAMES, 0)
-    pd.testing.assert_frame_equal(same, PATTERNS)
+def test_the_same_light_at_another_strength_is_a_leak():
+    patterns = white([(0, "A", 1), (0, "B", 2), (1, "A", 3), (1, "B", 6), (2, "A", 3), (2, "B", 5), (3, "A", 1)])
+    booked = book_frames(frames(4), images(4, test_patterns=(0,)), patterns, ["A", "B", "C"])
+    assert find_leaks(booked, patterns) == [(0, 1)]
 
 
-def test_subject_center_is_where_the_rays_meet():
-    target = np.array([0.2, 1.1, -0.3])
-    cameras, pixels = {}, {}
-    for i, angle in enumerate((0.0, 1.0, 2.5)):
-        R = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-        K = np.array([[200.0, 0, 64], [0, 200, 48], [0, 0, 1]])
-        camera = Camera(R, np.array([0.1, -0.9, 4.0]), K, np.array([-0.1, 0.02, 0, 0, 0]), 128, 96)
-        cameras[str(i)], pixels[str(i)] = camera, camera.project(target)[0]
-    np.testing.assert_allclose(subject_center(cameras, pixels), target, atol=1e-6)  # undistortion iterates to 1e-9
-    assert np.isfinite(subject_center(cameras, {"0": pixels["0"]})).all()
+def test_a_partially_lit_test_frame_leaks_into_a_training_frame_of_its_pattern():
+    patterns = white([(0, "A", 1), (1, "A", 1), (2, "A", 1), (2, "B", 1), (3, "A", 1), (3, "B", 1)])
+    booked = book_frames(frames(6), images(6, test_frames=(0, 2, 4)), patterns, ["A", "B"])
+    # Frames 2 and 3 are fully lit, 4 and 5 dark: that such frames repeat is what they are for.
+    assert find_leaks(booked, patterns) == [(0, 1)]
 
 
-def booked_table(seed: int = 0, count: int = 48) -> pd.DataFrame:
-    rng = np.random.default_rng(seed)
-    fully_lit = np.arange(count) % 3 == 0
-    predicted = np.where(fully_lit, 1.0, rng.uniform(0.5, 1.3, count))
-    observed = predicted * np.where(fully_lit, 1.0, 0.7) * (1 + 0.08 * rng.normal(size=count))
-    return pd.DataFrame({"fully_lit": fully_lit, "predicted": predicted, "observed": observed})
+def test_a_fully_lit_pattern_leaks_if_it_is_itself_held_out():
+    patterns = white([(0, "A", 1), (0, "B", 1), (1, "A", 2), (1, "B", 2)])
+    booked = book_frames(frames(2), images(2, test_patterns=(0,)), patterns, ["A", "B"])
+    assert find_leaks(booked, patterns) == [(0, 1)]
 
 
-def test_a_planted_wrong_frame_is_the_only_suspicious_one():
-    for seed in range(20):
-        table = booked_table(seed)
-        assert not suspicious_frames(table, 6.0).any()
-        for frame, factor in ((9, 3.0), (10, 0.2), (11, 0.0)):
-            wrong = table.copy()
-            wrong.loc[frame, "observed"] *= factor
-            assert suspicious_frames(wrong, 6.0)[lambda s: s].index.tolist() == [frame]
+def found(offsets: list[int], suspicious: tuple = ()) -> pd.DataFrame:
+    table = pd.DataFrame({"frame": range(len(offsets)), "offset_frames": offsets})
+    return table.assign(suspicious=table.frame.isin(suspicious))
 
 
-def test_dark_frames():
-    table = booked_table()
-    table.loc[5, ["predicted", "observed"]] = 0.0  # dark as logged
-    table.loc[7, "predicted"] = 0.0  # lit, though logged as dark
-    table.loc[8, "observed"] = np.nan  # no image
-    assert suspicious_frames(table, 6.0)[lambda s: s].index.tolist() == [7]
-    table["observed"] = np.nan
-    assert not suspicious_frames(table, 6.0).any()
+@pytest.mark.parametrize(
+    ("offsets", "left", "shown"),
+    [
+        ([0, 0, 0, 0], [0, 1, 2, 3], ["A", "B", "C", "D"]),
+        ([1, 1, 1, 1], [0, 1, 2], ["B", "C", "D"]),
+        ([-2, -2, -2, -2], [2, 3], ["A", "B"]),
+        ([0, 1, 1, 1], [0, 1, 2], ["A", "C", "D"]),
+        ([0, 0, -1, -1], [0, 1, 2, 3], ["A", "B", "B", "C"]),
+    ],
+)
+def test_patterns_move_to_their_images(offsets, left, shown):
+    patterns = white([(f, light, f + 1) for f, light in enumerate("ABCD")])
+    moved, kept = mend_patterns(patterns, frames(4), found(offsets), {})
+    assert kept.frame.tolist() == left
+    assert moved.sort_values("frame").light.tolist() == shown
+    assert (moved.intensity_r == moved.light.map(ord) - ord("A") + 1).all()
 
 
-def test_a_perfectly_steady_stage_is_not_suspicious():
-    table = booked_table()
-    table["observed"] = table.predicted * (1 + 1e-6 * np.arange(len(table)))
-    assert not suspicious_frames(table, 6.0).any()
+def test_patterns_logged_beyond_the_images_are_used():
+    patterns = white([(f, "A", 1) for f in range(2, 6)])
+    moved, kept = mend_patterns(patterns, frames(4), found([2, 2, 2, 2]), {})
+    assert kept.frame.tolist() == moved.frame.tolist() == [0, 1, 2, 3]
+
+
+def test_frames_and_lights_are_booked_as_they_were():
+    patterns = white([(0, "A", 1), (0, "B", 1), (1, "A", 1), (2, "B", 1)])
+    constants = {"A": np.zeros(3), "C": np.array([0.5, 0.4, 0.3])}
+    moved, kept = mend_patterns(patterns, frames(4), found([0] * 4, suspicious=(2,)), constants)
+    assert kept.frame.tolist() == [0, 1, 3]
+    assert moved[["frame", "light"]].to_numpy().tolist() == [[0, "B"], [0, "C"], [1, "C"], [3, "C"]]
+    assert moved[moved.light == "C"].iloc[0, 2:].tolist() == [0.5, 0.4, 0.3]
+    assert patterns.equals(white([(0, "A", 1), (0, "B", 1), (1, "A", 1), (2, "B", 1)]))

@@ -23,6 +23,7 @@ class Image:
     test_camera: bool = True
     test_frame: bool = False
     test_segment: bool = False
+    test_pattern: bool = False
     fully_lit: bool = True
 
 
@@ -43,8 +44,8 @@ def add_to(amount: float):
 def test_only_held_out_images_are_scored_and_groups_are_complete():
     images = [
         subject_image(0, frame=0, test_camera=False),
-        subject_image(1, frame=1, fully_lit=True),
-        subject_image(2, frame=2, fully_lit=False),
+        subject_image(1, frame=1, fully_lit=True, test_pattern=True),
+        subject_image(2, frame=2, fully_lit=False, test_pattern=True),
         subject_image(3, frame=3, test_camera=True, test_segment=True, fully_lit=False),
     ]
     table = evaluate(add_to(0.05), images, dict.fromkeys(range(4)))
@@ -56,6 +57,7 @@ def test_only_held_out_images_are_scored_and_groups_are_complete():
         ("test_cameras", "all"): 3, ("test_cameras", "full"): 1, ("test_cameras", "partial"): 2,
         ("test_frames", "all"): 0, ("test_frames", "full"): 0, ("test_frames", "partial"): 0,
         ("test_segments", "all"): 1, ("test_segments", "full"): 0, ("test_segments", "partial"): 1,
+        ("test_patterns", "all"): 2, ("test_patterns", "full"): 1, ("test_patterns", "partial"): 1,
     }  # fmt: skip
     assert rows.loc[("test_frames", "all"), ["psnr_db", "ssim", "lpips", "flip"]].isna().all()
     assert rows.loc[("test", "partial"), "psnr_db"] == pytest.approx(table.psnr_db[1:].mean())
@@ -127,7 +129,7 @@ def test_a_broken_rendering_is_an_error_that_names_the_image():
 
 def test_no_test_images_give_empty_rows():
     rows = summarize(evaluate(add_to(0.1), [subject_image(test_camera=False)], {0: None}))
-    assert len(rows) == 12
+    assert len(rows) == 15
     assert (rows.images == 0).all()
     assert rows.psnr_db.isna().all()
 

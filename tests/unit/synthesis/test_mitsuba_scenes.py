@@ -33,7 +33,7 @@ def on_plane(camera, pixels):
 def test_lambertian_plane_reflects_inverse_square_light(camera):
     reflectance, light, intensity = 0.4, np.array([0.3, 0.6, 1.1]), 5.0
     mesh = scenes.triangle_mesh({"type": "diffuse", "reflectance": reflectance}, SQUARE, FACES, UV)
-    scene = scenes.lit_scene(mesh, light[None], np.array([intensity]), max_depth=4)
+    scene = scenes.lit_scene([mesh], light[None], np.array([intensity]), max_depth=4)
     view = view_points(camera, SQUARE, 2)
     image = view.develop(scenes.render(scene, view, 4, seed=3))
     pixels = np.array([[47.5, 50.5], [40.5, 61.5], [60.5, 40.5], [35.5, 45.5]])
@@ -52,7 +52,7 @@ def test_intensities_add(camera):
 
     def mean(intensities):
         mesh = scenes.triangle_mesh({"type": "diffuse", "reflectance": 0.5}, SQUARE, FACES, UV)
-        return scenes.render(scenes.lit_scene(mesh, lights, intensities, 2), view, 64, seed=1)[..., 1].mean()
+        return scenes.render(scenes.lit_scene([mesh], lights, intensities, 2), view, 64, seed=1)[..., 1].mean()
 
     separate = mean(np.array([2.0, 0.0])) + mean(np.array([0.0, 3.0]))
     # 64 stratified samples of which light to look at, averaged over about 3000 pixels.
@@ -104,7 +104,7 @@ def test_mirror_ball_shows_the_light_where_reflection_says(camera):
 
 def test_distances_to_surfaces(camera):
     mesh = scenes.triangle_mesh({"type": "diffuse"}, SQUARE, FACES, UV)
-    scene = scenes.lit_scene(mesh, np.ones((1, 3)), np.ones(1), 2)
+    scene = scenes.lit_scene([mesh], np.ones((1, 3)), np.ones(1), 2)
     directions = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     distances = scenes.hit_distances(scene, np.array([0.1, 0.2, 2.0]), directions)
     assert distances[0] == pytest.approx(2, rel=1e-6)

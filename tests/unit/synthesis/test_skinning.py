@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.synthesis.figure import build_figure, vertex_normals
+from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.motion import pose_at
 from pipeline.synthesis.skinning import INFLUENCES, joint_transforms, pose_vertices
+from pipeline.synthesis.subject import vertex_normals
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -16,7 +17,7 @@ ROUNDING_M = 1e-12
 
 @pytest.fixture(scope="module")
 def figure():
-    return build_figure("test", 0.045, 128)
+    return build_figure("test", 0.045, 128, 0.25)
 
 
 def still(figure):

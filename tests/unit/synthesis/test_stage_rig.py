@@ -101,7 +101,7 @@ def test_light_behind_the_ball_is_left_out():
 
 
 def test_mirror_balls_lie_within_every_image(rig):
-    for center in ball_centers("test", SETTINGS.ball_positions):
+    for center in ball_centers("test", SETTINGS):
         for camera in rig.cameras.values():
             pixels, _ = camera.project(sphere_points(center, SETTINGS.ball_radius_m))
             assert (pixels > 0).all() and (pixels < [camera.width, camera.height]).all()

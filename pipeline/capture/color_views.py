@@ -1,0 +1,92 @@
+"""The images of some frames, as tracking compares them: linear, blurred within the subject."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool, Float32, Int64
+
+from pipeline.base.progress import progress
+from pipeline.capture.images import Transfer, read_image, read_mask
+from pipeline.capture.reduced_images import block_means, reduction
+from pipeline.geometry.cameras import Camera
+
+Thing = TypeVar("Thing")
+
+LEAST_SHARE = 1e-3
+"""Share of a blurred pixel that shows the subject below which it has no colour; rounding stays far below."""
+
+
+@dataclass(frozen=True)
+class ColorView:
+    """One camera's images of all frames, linear RGB; `usable` tells which frames have one.
+
+    Attributes:
+        camera: at the resolution of these images.
+        images: 0 where a frame has none.
+        masks: share of each pixel that shows the subject; 1 throughout where there is no mask.
+        usable: frames that have an image.
+    """
+
+    camera: Camera
+    images: Float32[np.ndarray, "frames height width 3"]
+    masks: Float32[np.ndarray, "frames height width"]
+    usable: Bool[np.ndarray, " frames"]
+
+    def at(self, frames: Int64[np.ndarray, " some"]) -> ColorView:
+        """The view in some of the frames."""
+        return ColorView(self.camera, self.images[frames], self.masks[frames], self.usable[frames])
+
+    def blurred(self, sigma_px: float) -> ColorView:
+        """The view through a Gaussian blur of the subject alone: the background does not bleed into it."""
+        images = np.zeros_like(self.images)
+        for frame in np.flatnonzero(self.usable):
+            mask = self.masks[frame]
+            share = cv2.GaussianBlur(mask, (0, 0), sigma_px)
+            light = cv2.GaussianBlur(self.images[frame] * mask[..., None], (0, 0), sigma_px)
+            shown = (share > LEAST_SHARE)[..., None]
+            images[frame] = np.where(shown, light / np.maximum(share, LEAST_SHARE)[..., None], 0)
+        return ColorView(self.camera, images, self.masks, self.usable)
+
+
+def read_color_views(
+    capture: Path, images: pd.DataFrame, cameras: dict[str, Camera], frames: Int64[np.ndarray, " frames"],
+    wanted: Int64[np.ndarray, " wanted"], most: int, longest_px: int, transfer: Transfer, black_level: float,
+) -> list[ColorView]:  # fmt: skip
+    """Images of the `wanted` ones (positions in `frames`), from at most `most` cameras, evenly chosen by name.
+
+    Images are reduced until their longer side has `longest_px` at most.
+    """
+    names = evenly(sorted(cameras), most)
+    views = []
+    for name in progress(names, "read images"):
+        factor, rows = reduction(cameras[name], longest_px), images[images.camera == name].set_index("frame")
+        camera = cameras[name].downsampled(float(factor))
+        usable = np.isin(frames, frames[wanted]) & np.isin(frames, rows.index)
+        stack = np.zeros((len(frames), camera.height, camera.width, 3), np.float32)
+        masks = np.zeros(stack.shape[:3], np.float32)
+        for f in np.flatnonzero(usable):
+            image = read_image(capture / rows.path[frames[f]], transfer, black_level)
+            finite = np.isfinite(image).all(2)
+            path = rows.mask_path[frames[f]]
+            share = 1.0 if pd.isna(path) else read_mask(capture / path).astype(np.float32) / 255
+            share = share * finite.astype(np.float32)
+            # Weighted by the mask: the background does not bleed into the subject.
+            masks[f] = block_means(share, factor, camera)
+            light = block_means(np.where(finite[..., None], image, 0) * share[..., None], factor, camera)
+            stack[f] = light / np.maximum(masks[f], LEAST_SHARE)[..., None]
+        views.append(ColorView(camera, stack, masks, usable))
+    return views
+
+
+def evenly(things: Sequence[Thing], most: int) -> list[Thing]:
+    """At most `most` of the things, evenly spaced."""
+    if len(things) <= most:
+        return list(things)
+    return [things[i] for i in np.linspace(0, len(things) - 1, most).round().astype(int)]

@@ -1,0 +1,165 @@
+"""Cameras joined through the views they share: which poses go together is decided by all of them at once.
+
+A small board seen from afar fits two poses almost equally, one the other's mirror image in depth (Collins and Bartoli
+2014). A pair of cameras that shares one view can then stand in four ways, and only a loop through other cameras tells
+which is right: so several hypotheses are kept until the last camera is placed (a beam search).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pipeline.geometry.cameras import Camera
+
+START_ERROR_PX = 3.0
+"""Reprojection error of a pose that one camera sees in another: about ten times the noise of corners, because the pose
+of one view is all that it rests on. It only scales a robust loss by which such poses are compared."""
+
+DOUBT = 150.0
+"""Robust cost by which a hypothesis may be worse than the best and live: one view of a board, twenty corners off by a
+hundred pixels. What two views speak against is given up."""
+
+OPEN = 40.0
+"""Robust cost by which a hypothesis may be worse than the best when all cameras are placed: what lenses known from a
+few views each leave over, two views off by three pixels. A loop that does not close costs `DOUBT`."""
+
+HYPOTHESES = 32
+"""Hypotheses kept at most: the two right and left poses of five views that nothing else decides yet."""
+
+PARENTS = 3
+"""Placed cameras, those that share most with it, from which a camera is placed: where one fails another will do."""
+
+SAME_DEG = 10.0
+"""Poses turned less against each other are one and the same, but for noise: mirrored ones are tens of degrees apart."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One view by one camera: corners [n, 3], where they are on the plane z = 1 [n, 2], and the poses that fit."""
+
+    points: np.ndarray
+    normalized: np.ndarray
+    focal: float
+    camera_from_board: np.ndarray
+
+
+Sightings = Mapping[int, Mapping[int, Sighting]]
+"""By view, and by the cameras that see it."""
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    """Poses of the cameras placed so far, and what each view then costs."""
+
+    from_root: dict[int, np.ndarray]
+    cost: dict[int, float]
+
+    @property
+    def total(self) -> float:
+        return float(sum(self.cost.values()))
+
+
+def sight(camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Sighting:
+    """A view of corners [n, 3] metres at pixels [n, 2], and the one or two poses that fit it."""
+    normalized, poses = camera.undistort(pixels), []
+    _, turns, shifts, _ = cv2.solvePnPGeneric(points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    for turn, shift in zip(turns, shifts, strict=True):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
+        poses.append(pose)
+    return Sighting(points, normalized, float(camera.K[0, 0]), np.stack(poses))
+
+
+def join_cameras(sightings: Sightings, shared: np.ndarray) -> list[dict[int, np.ndarray]]:
+    """Poses of all cameras from the first placed one; the best hypothesis first, and those that may yet be right.
+
+    Args:
+        shared: corners that two cameras see in the same view [cameras, cameras]; together they connect all.
+    """
+    root = int(shared.sum(1).argmax())
+    alive = [_Hypothesis({root: np.eye(4)}, {})]
+    while len(alive[0].from_root) < len(shared):
+        placed = list(alive[0].from_root)
+        to_placed = np.where(np.isin(np.arange(len(shared)), placed), -1, shared[:, placed].sum(1))
+        camera = int(to_placed.argmax())
+        parents = sorted(placed, key=lambda p: -shared[camera, p])[:PARENTS]
+        edges = {p: _relative_poses(_both(sightings, camera, p)) for p in parents if shared[camera, p] > 0}
+        grown = [
+            _grow(each, camera, relative @ each.from_root[p], sightings)
+            for each in alive
+            for p, candidates in edges.items()
+            for relative in candidates
+        ]
+        alive = _fittest(grown)
+    return [each.from_root for each in alive if each.total <= alive[0].total + OPEN]
+
+
+def place_board(sightings: Sightings, from_root: Mapping[int, np.ndarray], view: int) -> tuple[np.ndarray, float]:
+    """The board's pose from the root: the one that a placed camera suggests and all like best; and its cost."""
+    seen = [(from_root[c], sighting) for c, sighting in sightings[view].items() if c in from_root]
+    candidates = np.concatenate([np.linalg.inv(pose) @ sighting.camera_from_board for pose, sighting in seen])
+    cost = sum(_misfit(sighting, pose @ candidates) for pose, sighting in seen)
+    best = int(np.argmin(cost))
+    return candidates[best], float(cost[best])
+
+
+def _misfit(sighting: Sighting, camera_from_board: np.ndarray) -> np.ndarray:
+    """Robust cost [...] of poses [..., 4, 4] in one view."""
+    in_camera = sighting.points @ np.swapaxes(camera_from_board[..., :3, :3], -1, -2)
+    in_camera = in_camera + camera_from_board[..., None, :3, 3]
+    depth = np.where(in_camera[..., 2:] > 0, in_camera[..., 2:], np.nan)  # behind the camera: as wrong as can be
+    error = np.linalg.norm(in_camera[..., :2] / depth - sighting.normalized, axis=-1) * sighting.focal
+    return np.log1p((np.nan_to_num(error, nan=1e6) / START_ERROR_PX) ** 2).sum(-1)
+
+
+def _both(sightings: Sightings, camera: int, other: int) -> list[tuple[Sighting, Sighting]]:
+    return [(seen[camera], seen[other]) for seen in sightings.values() if camera in seen and other in seen]
+
+
+def _relative_poses(both: Sequence[tuple[Sighting, Sighting]]) -> np.ndarray:
+    """Poses of one camera from another's: those that a view suggests and all shared views like, best first."""
+    pairs = [
+        own @ np.linalg.inv(other)
+        for mine, others in both
+        for own in mine.camera_from_board
+        for other in others.camera_from_board
+    ]
+    candidates = np.stack(pairs)
+    cost = np.zeros(len(candidates))
+    for mine, others in both:
+        cost += _misfit(mine, candidates[:, None] @ others.camera_from_board[None]).min(1)
+    kept: list[int] = []
+    for k in np.argsort(cost):
+        if cost[k] < cost.min() + DOUBT and (_apart_deg(candidates[kept], candidates[k]) > SAME_DEG).all():
+            kept.append(int(k))
+    return candidates[kept]
+
+
+def _grow(hypothesis: _Hypothesis, camera: int, pose: np.ndarray, sightings: Sightings) -> _Hypothesis:
+    from_root = {**hypothesis.from_root, camera: pose}
+    cost = {v: place_board(sightings, from_root, v)[1] for v, seen in sightings.items() if camera in seen}
+    return _Hypothesis(from_root, {**hypothesis.cost, **cost})
+
+
+def _fittest(grown: Sequence[_Hypothesis]) -> list[_Hypothesis]:
+    """The best, without those that differ in nothing but noise, as far as they may yet be right."""
+    kept: list[_Hypothesis] = []
+    poses = np.zeros((0, len(grown[0].from_root), 4, 4))
+    for each in sorted(grown, key=lambda hypothesis: hypothesis.total):
+        if len(kept) == HYPOTHESES or (kept and each.total > kept[0].total + DOUBT):
+            break
+        pose = np.stack(list(each.from_root.values()))
+        if (_apart_deg(poses, pose).max(1) > SAME_DEG).all():
+            kept.append(each)
+            poses = np.concatenate([poses, pose[None]])
+    return kept
+
+
+def _apart_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angle [...] between poses [..., 4, 4]."""
+    cosine = (np.sum(a[..., :3, :3] * b[..., :3, :3], (-1, -2)) - 1) / 2
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))

@@ -1,0 +1,42 @@
+"""Points spread over a template's surface, each fixed to a face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from pipeline.base.seeds import generator_for
+from pipeline.geometry.mesh import area_vectors
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points on faces: vertex indices of the face's corners and the weights of these."""
+
+    corners: Int64[np.ndarray, "points 3"]
+    barycentric: Float64[np.ndarray, "points 3"]
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def carried(self, values: Float64[np.ndarray, "*batch vertices 3"]) -> Float64[np.ndarray, "*batch points 3"]:
+        """Values at vertices, interpolated."""
+        return (values[..., self.corners, :] * self.barycentric[:, :, None]).sum(-2)
+
+
+def spread_points(
+    vertices: Float64[np.ndarray, "vertices 3"], faces: Int64[np.ndarray, "faces 3"], count: int
+) -> SurfacePoints:
+    """`count` points, evenly by area: one in each of `count` equal parts of the faces' summed area, drawn at random."""
+    random = generator_for("spread_points", count)
+    area = np.linalg.norm(area_vectors(vertices, faces), axis=1).cumsum()
+    face = np.searchsorted(area, (np.arange(count) + random.random(count)) / count * area[-1])
+    u, v = np.sqrt(random.random(count)), random.random(count)
+    return SurfacePoints(faces[np.minimum(face, len(faces) - 1)], np.stack([1 - u, u * (1 - v), u * v], 1))
+
+
+def at_vertices(vertices: Int64[np.ndarray, " points"]) -> SurfacePoints:
+    """Points that are vertices."""
+    return SurfacePoints(np.repeat(vertices[:, None], 3, 1), np.tile([1.0, 0.0, 0.0], (len(vertices), 1)))

@@ -1,0 +1,115 @@
+"""The procedural head as a whole: an unrigged mesh of skin and two eyeballs, its texture and surface keypoints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float32, Float64, Int64
+from scipy.spatial import cKDTree
+
+from pipeline.base.files import write_table
+from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.synthesis.appearance import Unwrapped, bake, unwrap
+from pipeline.synthesis.expression import displaced, performance_at
+from pipeline.synthesis.gltf_writer import write_glb
+from pipeline.synthesis.head_appearance import eye_albedo, skin_albedo
+from pipeline.synthesis.head_shape import EYE_CENTERS_M, EYE_RADIUS_M, eyeball, head_mesh
+from pipeline.synthesis.subject import Material, Moment, template_mesh, template_source
+
+EYE_GLOSS_ALPHA = 0.06
+"""GGX width of the eyeballs' gloss: wet, nearly a mirror."""
+
+_PAIRED = {
+    "brow_inner": (0.014, 0.033, 0.087), "brow_middle": (0.029, 0.036, 0.080), "brow_outer": (0.045, 0.031, 0.070),
+    "eye_inner": (0.017, 0.009, 0.076), "eye_outer": (0.047, 0.010, 0.066),
+    "eye_upper": (0.032, 0.0185, 0.077), "eye_lower": (0.032, 0.0015, 0.077),
+    "nose_wing": (0.018, -0.027, 0.094), "mouth_corner": (0.0225, -0.0545, 0.080),
+    "lip_upper": (0.010, -0.0425, 0.088), "lip_lower": (0.010, -0.0680, 0.087),
+    "jaw": (0.054, -0.070, 0.030), "ear_top": (0.079, 0.029, -0.012), "ear_lobe": (0.077, -0.029, -0.012),
+}  # fmt: skip
+_MIDDLE = {
+    "nose_bridge": (0.0, 0.014, 0.094), "nose_tip": (0.0, -0.022, 0.116), "nose_base": (0.0, -0.033, 0.096),
+    "lip_upper": (0.0, -0.0420, 0.090), "lip_lower": (0.0, -0.0680, 0.088), "chin": (0.0, -0.098, 0.084),
+}  # fmt: skip
+"""Where keypoints lie near the rest surface; those of a pair on the left side, +x. With the pupils there are 36."""
+
+
+@dataclass(frozen=True)
+class Head:
+    """An unrigged head that turns, talks and smiles: a `Subject`, whose keypoints are vertices.
+
+    Attributes:
+        skin_count: number of vertices before those of the two eyeballs, which follow in equal halves.
+        keypoint_vertices: of the uncut mesh, in the order of `keypoint_names`.
+    """
+
+    vertices: Float64[np.ndarray, "v 3"]
+    faces: Int64[np.ndarray, "f 3"]
+    skin_count: int
+    unwrapped: Unwrapped
+    texture: Float32[np.ndarray, "size size 3"]
+    materials: tuple[Material, ...]
+    keypoint_names: tuple[str, ...]
+    keypoint_vertices: Int64[np.ndarray, " keypoints"]
+    kind: Literal["head"] = "head"
+    keypoint_depth_m: float = 0.004
+    detected_when_hidden: bool = False
+
+    def at(self, time_s: float, segment: str) -> Moment:
+        """The head at a time within a segment."""
+        performance = performance_at(time_s, segment)
+        eyes = self.vertices[self.skin_count :].reshape(2, -1, 3) - EYE_CENTERS_M[:, None]
+        turned = performance.gaze.apply(eyes.reshape(-1, 3)).reshape(eyes.shape) + EYE_CENTERS_M[:, None]
+        in_head = np.concatenate([displaced(self.vertices[: self.skin_count], performance), turned.reshape(-1, 3)])
+        world = performance.turn.apply(in_head) + performance.shift_m
+        truth = {
+            "root_rotation": performance.turn.as_quat(scalar_first=True), "root_translation": performance.shift_m,
+            "gaze": performance.gaze.as_quat(scalar_first=True), "keypoints": world[self.keypoint_vertices],
+        }  # fmt: skip
+        return Moment(world, truth["keypoints"], truth)
+
+    def write_template(self, folder: Path, settings: SynthesizeCapture) -> None:
+        """template.glb without a skin, and keypoints.csv, which names vertices of that file."""
+        write_glb(folder / "template.glb", **template_mesh(self, settings))
+        source = template_source(self, settings.uvs)
+        # A vertex on a seam has copies: the first stands for it.
+        first = np.array([np.flatnonzero(source == vertex)[0] for vertex in self.keypoint_vertices])
+        write_table(folder / "keypoints.csv", pd.DataFrame({"keypoint": self.keypoint_names, "vertex": first}))
+
+
+def build_head(subject: str, vertex_spacing_m: float, texture_size: int, gloss_alpha: float) -> Head:
+    """Build the head; equal arguments give an equal head."""
+    skin, skin_faces = head_mesh(vertex_spacing_m)
+    eye, eye_faces = eyeball()
+    vertices = np.concatenate([skin, *(EYE_RADIUS_M * eye + center for center in EYE_CENTERS_M)])
+    faces = np.concatenate([skin_faces, len(skin) + eye_faces, len(skin) + len(eye) + eye_faces])
+    names, near = _keypoints()
+    pupils = np.array([len(skin), len(skin) + len(eye)])
+    unwrapped = unwrap(vertices, faces, texture_size)
+
+    def albedo(corners: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        points = np.einsum("kc,kcd->kd", barycentric, vertices[corners])
+        in_eye = corners[:, 0] >= len(skin)
+        centers = EYE_CENTERS_M[np.where(corners[:, 0] >= pupils[1], 1, 0)]
+        outward = points - centers
+        colors = skin_albedo(points, skin, subject)
+        colors[in_eye] = eye_albedo(outward / np.linalg.norm(outward, axis=1, keepdims=True))[in_eye]
+        return colors
+
+    return Head(
+        vertices, faces, len(skin), unwrapped, bake(unwrapped, texture_size, albedo),
+        (Material(slice(0, len(skin_faces)), gloss_alpha), Material(slice(len(skin_faces), None), EYE_GLOSS_ALPHA)),
+        (*names, "pupil_l", "pupil_r"), np.concatenate([cKDTree(skin).query(near)[1], pupils]),
+    )  # fmt: skip
+
+
+def _keypoints() -> tuple[tuple[str, ...], Float64[np.ndarray, "k 3"]]:
+    """Names of the keypoints on the skin, and points near which they lie."""
+    places = dict(_MIDDLE)
+    for name, (x, y, z) in _PAIRED.items():
+        places |= {f"{name}_l": (x, y, z), f"{name}_r": (-x, y, z)}
+    return tuple(places), np.array(list(places.values()))

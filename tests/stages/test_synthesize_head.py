@@ -1,0 +1,91 @@
+"""A very small capture of the head: what differs from the body's, and that the next stages take it."""
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from pipeline import index_capture, unwrap_atlas
+from pipeline.base.files import read_arrays, read_json
+from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.geometry.cameras import read_cameras
+from pipeline.geometry.skin import read_template
+from pipeline.synthesize_capture import run
+
+pytest.importorskip("mitsuba")
+
+SETTINGS = SynthesizeCapture(
+    figure="head", framed_height_m=0.36, camera_distance_m=1.2, light_distance_m=1.3, total_intensity=22.0,
+    cameras=2, lights=3, frames=2, frames_b=1, fully_lit_every=2, partial_lights_min=1, partial_lights_max=2,
+    width=48, height=56, downsample_from_sensor=4, test_cameras=1, test_frames=0,
+    vertex_spacing_m=0.009, texture_size=128, spp=4, spp_fully_lit=4, supersampling=1,
+    board_squares_x=4, board_squares_y=3, board_square_m=0.04, board_marker_m=0.03, board_poses=14,
+    ball_positions=1, ball_cameras=2, ball_radius_m=0.04,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    out = tmp_path_factory.mktemp("captures") / "small"
+    run(subject="small", out=out, workers=1, settings=SETTINGS)
+    return out
+
+
+@pytest.fixture(scope="module")
+def truth(capture):
+    cameras = read_cameras(capture / "truth/cameras.json")
+    images = {name: camera.downsampled(SETTINGS.downsample_from_sensor) for name, camera in cameras.items()}
+    return images, read_arrays(capture / "truth/tracking.safetensors")
+
+
+def test_capture_is_valid_and_says_that_it_is_a_head(capture, tmp_path):
+    assert yaml.safe_load((capture / "capture.yaml").read_text())["kind"] == "head"
+    index_capture.run(capture=capture, out=tmp_path / "index")
+    assert read_json(tmp_path / "index/capture.json")["kind"] == "head"
+
+
+def test_template_has_no_joints_and_its_keypoints_are_vertices(capture, truth):
+    template = read_template(capture / "template/template.glb", SETTINGS.scale_to_m)
+    assert not template.rigged
+    _, tracking = truth
+    assert tracking["vertices"].shape == (2, *template.vertices_rest.shape)
+    keypoints = pd.read_csv(capture / "template/keypoints.csv")
+    assert list(keypoints.columns) == ["keypoint", "vertex"] and len(keypoints) == 36
+    np.testing.assert_array_equal(tracking["vertices"][:, keypoints.vertex], tracking["keypoints"])
+
+
+def test_truth_projects_into_the_masks(capture, truth):
+    cameras, tracking = truth
+    for name, camera in cameras.items():
+        for frame in range(2):
+            mask = cv2.imread(str(capture / f"masks/{name}/{frame:06d}.png"), cv2.IMREAD_UNCHANGED)
+            pixels, _ = camera.project(tracking["vertices"][frame].astype(np.float64))
+            rows, columns = np.nonzero(mask)
+            # Coverage of half a pixel decides, so the mask's box and the vertices' box agree within a pixel.
+            np.testing.assert_allclose([columns.min(), rows.min()], pixels.min(axis=0), atol=1.3)
+            np.testing.assert_allclose([columns.max() + 1, rows.max() + 1], pixels.max(axis=0), atol=1.3)
+
+
+def test_detector_sees_one_side_of_the_head(capture, truth):
+    cameras, tracking = truth
+    table = pd.read_parquet(capture / "keypoints_2d.parquet")
+    names = pd.read_csv(capture / "template/keypoints.csv").keypoint.tolist()
+    errors = []
+    for (frame, name), rows in table.groupby(["frame", "camera"]):
+        pixels, depth = cameras[name].project(tracking["keypoints"][frame].astype(np.float64))
+        seen = [names.index(keypoint) for keypoint in rows.keypoint]
+        errors.append(np.linalg.norm(rows[["x", "y"]].to_numpy() - pixels[seen], axis=1))
+        assert depth[seen].mean() < np.delete(depth, seen).mean()
+    assert 0.05 < len(table) / (2 * 2 * 36) < 0.8
+    assert np.median(np.concatenate(errors)) < 1.18 * 2 * SETTINGS.keypoint_noise_px
+
+
+def test_atlas_takes_the_template_with_its_eyes(capture, tmp_path):
+    index_capture.run(capture=capture, out=tmp_path / "index")
+    unwrap_atlas.run(capture=capture, index=tmp_path / "index", out=tmp_path, settings=UnwrapAtlas(size=64))
+    faces = read_arrays(tmp_path / "atlas.safetensors")["face"]
+    count = len(read_template(capture / "template/template.glb", 1.0).faces)
+    # Two icospheres of 320 faces each close the list.
+    assert (faces >= count - 640).sum() > 20
