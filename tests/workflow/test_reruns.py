@@ -24,9 +24,9 @@ OUTPUTS = {
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
-    "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "images/worst.png"],
+    "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
 }
-ON_REQUEST = {"review_calibration", "review_tracking", "measure_cost"}
+ON_REQUEST = {"review_calibration", "review_tracking", "measure_cost", "relight_avatar"}
 """Stages that nothing else waits for."""
 
 STAND_IN = """
