@@ -107,3 +107,17 @@ def avatars_of(*files):
         variant=project.subject(wildcards.subject).variants,
         file=files,
     )
+
+
+LIGHT_KINDS = {".hdr": "environment", ".exr": "environment", ".csv": "lights", ".json": "lights"}
+
+
+def light_file(wildcards):
+    """The panorama or list of lights of that name in config/lights."""
+    found = [path for kind in LIGHT_KINDS if (path := Path(f"config/lights/{wildcards.light}{kind}")).is_file()]
+    if len(found) != 1:
+        raise WorkflowError(
+            f"config/lights: expected one file named {wildcards.light} with the suffix {', '.join(LIGHT_KINDS)}; "
+            f"found {len(found)}"
+        )
+    return str(found[0])

@@ -1,17 +1,3 @@
-LIGHT_KINDS = {".hdr": "environment", ".exr": "environment", ".csv": "lights", ".json": "lights"}
-
-
-def light_file(wildcards):
-    """The panorama or list of lights of that name in config/lights."""
-    found = [path for kind in LIGHT_KINDS if (path := Path(f"config/lights/{wildcards.light}{kind}")).is_file()]
-    if len(found) != 1:
-        raise WorkflowError(
-            f"config/lights: expected one file named {wildcards.light} with the suffix {', '.join(LIGHT_KINDS)}; "
-            f"found {len(found)}"
-        )
-    return str(found[0])
-
-
 # Nothing needs it; ask for it by the names of an avatar and a light.
 rule relight_avatar:
     input:
