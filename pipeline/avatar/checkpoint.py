@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 
 import safetensors
@@ -49,12 +50,18 @@ def camera_tensors(image: ImageRecord) -> tuple[Tensor, Tensor, Tensor]:
 
 def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
     """Raises:
-    InputError: if the folder holds no avatar, or one trained on another atlas.
+    InputError: if the folder holds no avatar, one of another version, or one trained on another atlas.
     """
     atlas = read_atlas(atlas_path)
-    spec = AvatarSpec(**read_json(folder / "config.json")["spec"])
-    avatar = Avatar(atlas, texel_spacing(atlas), spec)
+    stored = read_json(folder / "config.json")["spec"]
+    if stored.keys() != {field.name for field in fields(AvatarSpec)}:
+        raise InputError(f"{folder}/config.json: spec: expected the keys of this version, found others; train again")
+    avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec(**stored))
     state = load_tensors(folder / "avatar.safetensors")[0]
+    if state.keys() != avatar.state_dict().keys():
+        raise InputError(
+            f"{folder}/avatar.safetensors: expected the tensors of this version, found others; train again"
+        )
     if state["albedo"].shape != avatar.albedo.shape:
         found, expected = len(state["albedo"]), len(avatar.albedo)
         raise InputError(f"{folder}: expected {expected} texels as in {atlas_path}, found {found}; train again")

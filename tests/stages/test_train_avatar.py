@@ -8,7 +8,7 @@ import pytest
 import pipeline.train_avatar as stage
 from pipeline.avatar.checkpoint import load_avatar
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays
+from pipeline.base.files import read_arrays, write_arrays
 from pipeline.capture.shards import write_frame_shard, write_image_shard
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
@@ -62,6 +62,19 @@ def test_a_stopped_run_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):
     whole, stopped = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("whole", "stopped"))
     for name in whole:
         np.testing.assert_array_equal(whole[name], stopped[name], err_msg=name)
+
+
+def test_an_avatar_of_another_version_is_told(inputs, tmp_path):
+    stage.run(**inputs, out=tmp_path / "avatar")
+    arrays = read_arrays(tmp_path / "avatar/avatar.safetensors")
+    write_arrays(tmp_path / "avatar/avatar.safetensors", {**arrays, "lambert": np.zeros(9, np.float32)})
+    with pytest.raises(InputError, match=r"avatar\.safetensors: expected the tensors of this version"):
+        load_avatar(tmp_path / "avatar", inputs["atlas"])
+    config = json.loads((tmp_path / "avatar/config.json").read_text())
+    del config["spec"]["deferred"]
+    (tmp_path / "avatar/config.json").write_text(json.dumps(config))
+    with pytest.raises(InputError, match="keys of this version"):
+        load_avatar(tmp_path / "avatar", inputs["atlas"])
 
 
 def test_no_training_image_is_told(inputs, tmp_path):
