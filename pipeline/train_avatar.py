@@ -1,36 +1,48 @@
 """Training: shards in, an avatar out.
 
 Adam on the per-texel parameters and the shadow network of `pipeline.avatar.model`, against the training images of the
-shards (losses: RFGCA 17, 18, Appendix B). A checkpoint is written as it goes; a run that is stopped continues from it
-to the same result, provided that settings, shards, atlas and plan are what they were.
+shards (losses: RFGCA 17, 18, Appendix B). A checkpoint is written as it goes, and when a signal asks to stop; a run
+that was stopped continues from it to the same result, provided that settings, shards, atlas and plan are what they
+were. `torchrun --nproc_per_node N -m pipeline.train_avatar ...` spreads the images of a step over N processes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
+import signal
 import time
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import torch
-from torch.utils.tensorboard import SummaryWriter
 
 from pipeline.avatar.checkpoint import save_avatar
 from pipeline.avatar.model import Avatar
+from pipeline.avatar.monitor import Monitor
 from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.processes import Processes, joined_processes
 from pipeline.avatar.spec import AvatarSpec, spec_of
-from pipeline.avatar.training import Schedule, make_optimizer, restore_state, save_state, take_step
+from pipeline.avatar.training import BrokenStep, Position, Schedule, Training
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, read_json, write_table
 from pipeline.base.progress import progress
 from pipeline.base.seeds import seed_for
-from pipeline.capture.shards import read_frame_shards, read_image_shards
+from pipeline.base.stopping import Stopped, StopRequests
+from pipeline.capture.shards import ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import read_atlas
 
 log = logging.getLogger("train_avatar")
+
+CHECKPOINT, BROKEN = "checkpoint.safetensors", "broken.safetensors"
+"""States in the avatar's folder: from which a stopped training goes on; before a step that came to nothing."""
+
+WATCHED_BY = {"checkpoint_every", "log_every", "preview_every", "device"}
+"""Settings that change how a training is run and watched, but not where it goes: checkpoints stay valid."""
 
 
 def run(
@@ -49,53 +61,107 @@ def run(
         atlas: atlas.safetensors of unwrap_atlas.
         shards: folder with train/*.arrow and frames/*.arrow of pack_shards.
         effects: effects.json of plan_effects: what is off there is not built.
-        out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, and
-            checkpoint.safetensors while training is under way.
+        out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, previews/, and
+            checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
         settings: see the flags below.
     """
-    started = time.monotonic()
-    images = read_image_shards([shards / "train"])
-    if not len(images):
-        raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
-    texels = read_atlas(atlas)
-    frames = {number: FrameInputs(texels, record) for number, record in read_frame_shards([shards / "frames"]).items()}
-    planned = {name for name, effect in read_json(effects).items() if effect["on"]}
+    with joined_processes(settings.device) as processes:
+        images = read_image_shards([shards / "train"])
+        if not len(images):
+            raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
+        texels = read_atlas(atlas)
+        records = read_frame_shards([shards / "frames"]).items()
+        frames = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
+        planned = {name for name, effect in read_json(effects).items() if effect["on"]}
+        spec = spec_of(settings, planned)
+        fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(shards.glob("*/*.arrow"))])
 
-    torch.manual_seed(seed_for(subject, "train_avatar"))
-    spec = spec_of(settings, planned)
-    avatar = Avatar(texels, texel_spacing(texels), spec)
-    optimizer = make_optimizer(avatar, settings)
+        torch.manual_seed(seed_for(subject, "train_avatar"))
+        avatar = Avatar(texels, texel_spacing(texels), spec).to(processes.device)
+        work = f"{len(images)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
+        log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
+        done = train(subject, Training(avatar, settings, processes), images, frames, out, fingerprint)
+        if processes.leads:
+            write_table(out / "log.parquet", pd.DataFrame(done.rows))
+            parameters = sum(parameter.numel() for parameter in avatar.parameters())
+            facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
+            facts |= {"seconds": round(done.seconds, 1), "texels": len(texels.face), "parameters": parameters}
+            save_avatar(out, avatar, facts)
+            for name in (CHECKPOINT, BROKEN):
+                (out / name).unlink(missing_ok=True)
+            log.info("%d steps in %.0f s, photometric %.4f", done.step, done.seconds, done.rows[-1]["photometric"])
+
+
+def train(
+    subject: str, training: Training, images: ImageShards, frames: dict[int, FrameInputs], out: Path, fingerprint: str
+) -> Position:
+    """All steps that are left after the checkpoint, if there is one.
+
+    Raises:
+        InputError: if a number is not finite, with the step, its images, what is not, and a state to look at.
+        Stopped: after a signal, once the step under way is finished and the checkpoint written.
+    """
+    settings, processes = training.settings, training.processes
+    at = training.restore(out / CHECKPOINT, fingerprint)
+    require_same_start(at.step, processes)
+    if (out / CHECKPOINT).exists():
+        log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
     schedule = Schedule(subject, images.table.frame.tolist(), settings.cameras_per_step)
-    fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(shards.glob("*/*.arrow"))])
-    checkpoint = out / "checkpoint.safetensors"
-    first, rows = restore_state(checkpoint, fingerprint, avatar, optimizer)
-    if checkpoint.exists():
-        log.info("continuing after %d steps", first) if first else log.info("checkpoint of another training: not used")
+    steps, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
+    with StopRequests() as stop, monitor_of(out, images, frames, training, at) as monitor:
+        for step in progress(steps, "train_avatar") if processes.leads else steps:
+            batch = schedule[step]
+            mine, frame = [images[i] for i in processes.share(batch)], frames[int(images.table.frame[batch[0]])]
+            try:
+                values, stopping = training.take_step(step, frame, mine, len(batch), bool(stop.received))
+            except BrokenStep as error:
+                write_state(training, out / BROKEN, at, fingerprint)
+                names = ", ".join(f"{row.camera}/{row.frame}" for row in images.table.iloc[batch].itertuples())
+                raise InputError(f"step {step}, {names}: {error}; before it: {out / BROKEN}") from error
+            at.step, at.seconds = step + 1, before + time.monotonic() - started
+            if monitor:
+                monitor.see(step, at, values, training.avatar)
+            if at.step < settings.steps and (stopping or at.step % settings.checkpoint_every == 0):
+                write_state(training, out / CHECKPOINT, at, fingerprint)
+                if stopping:
+                    done = f"stopped after {at.step} of {settings.steps} steps; the same command goes on from there"
+                    raise Stopped(done, stop.received or signal.SIGTERM)
+    return at
 
-    log.info("%d images, %d texels, effects: %s", len(images), len(texels.face), ", ".join(sorted(planned)) or "none")
-    events = SummaryWriter(str(out / "events"), purge_step=first)
-    for step in progress(range(first, settings.steps), "train_avatar"):
-        batch = [images[index] for index in schedule[step]]
-        values = take_step(step, avatar, optimizer, frames[batch[0].frame], batch, settings)
-        if step % settings.log_every == 0 or step == settings.steps - 1:
-            rows.append({"step": step, "seconds": time.monotonic() - started, "loss": sum(values.values()), **values})
-            for name, value in rows[-1].items():
-                events.add_scalar(name, value, step)
-        if (step + 1) % settings.checkpoint_every == 0 and step + 1 < settings.steps:
-            save_state(checkpoint, step + 1, rows, fingerprint, avatar, optimizer)
-    events.close()
-    write_table(out / "log.parquet", pd.DataFrame(rows))
-    parameters = sum(parameter.numel() for parameter in avatar.parameters())
-    seconds = round(time.monotonic() - started, 1)
-    facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned), "seconds": seconds}
-    save_avatar(out, avatar, {**facts, "texels": len(texels.face), "parameters": parameters})
-    checkpoint.unlink(missing_ok=True)
-    log.info("%d steps in %.0f s, photometric %.4f", settings.steps, seconds, rows[-1]["photometric"])
+
+def require_same_start(step: int, processes: Processes) -> None:
+    """Raises:
+    InputError: if the processes do not all go on from the same step, for want of a common folder.
+    """
+    steps = torch.tensor([step * (rank == processes.rank) for rank in range(processes.count)], device=processes.device)
+    processes.sum_in_place(steps)
+    if len(set(steps.tolist())) > 1:
+        raise InputError(
+            f"{CHECKPOINT}: expected the same for all processes, found steps {steps.tolist()}; share --out"
+        )
+
+
+def monitor_of(
+    out: Path, images: ImageShards, frames: dict[int, FrameInputs], training: Training, at: Position
+) -> AbstractContextManager[Monitor | None]:
+    """The leader's view of the training: of the middle one of the images, a fully lit one if there is any."""
+    if not training.processes.leads:
+        return nullcontext()
+    chosen = np.flatnonzero(images.table.fully_lit) if images.table.fully_lit.any() else np.arange(len(images))
+    image = images[int(chosen[len(chosen) // 2])]
+    return Monitor(out, image, frames[image.frame], training.settings, at.step)
+
+
+def write_state(training: Training, path: Path, at: Position, fingerprint: str) -> None:
+    """The leader writes; all go on once it has, so that none ends, and has the others ended, before."""
+    if training.processes.leads:
+        training.save(path, at, fingerprint)
+    training.processes.wait()
 
 
 def fingerprint_of(settings: TrainAvatar, spec: AvatarSpec, inputs: list[Path]) -> str:
-    """What a checkpoint belongs to: settings, what is built, and the content of all inputs."""
-    parts = [settings.model_dump_json(), str(spec), *(digest_file(path) for path in inputs)]
+    """What a checkpoint belongs to: what settings make of the result, what is built, and the content of all inputs."""
+    parts = [settings.model_dump_json(exclude=WATCHED_BY), str(spec), *(digest_file(path) for path in inputs)]
     return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
 
 

@@ -43,9 +43,9 @@ class LoadedAvatar:
         return picture["rgb"], picture["alpha"]
 
 
-def camera_tensors(image: ImageRecord) -> tuple[Tensor, Tensor, Tensor]:
+def camera_tensors(image: ImageRecord, device: torch.device | str = "cpu") -> tuple[Tensor, Tensor, Tensor]:
     """R, t, K of a crop as float32 tensors."""
-    return tuple(torch.tensor(array, dtype=torch.float32) for array in (image.R, image.t, image.K))
+    return tuple(torch.tensor(array, dtype=torch.float32, device=device) for array in (image.R, image.t, image.K))
 
 
 def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:

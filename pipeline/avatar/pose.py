@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -36,11 +36,11 @@ class PosedTexels:
     quaternions: Float[Tensor, "texels 4"]
 
 
-def pose_texels(atlas: Atlas, vertices: np.ndarray) -> PosedTexels:
+def pose_texels(atlas: Atlas, vertices: np.ndarray, device: torch.device | str = "cpu") -> PosedTexels:
     """Anchors for posed vertices [V, 3] in metres; constants of the optimisation."""
     points, frames = texel_frames(atlas, vertices.astype(np.float64))
     arrays = (points, frames, quaternion_from_matrix(frames))
-    return PosedTexels(*(torch.as_tensor(array.astype(np.float32)) for array in arrays))
+    return PosedTexels(*(torch.as_tensor(array.astype(np.float32), device=device) for array in arrays))
 
 
 BOUNCE_RAYS = 32
@@ -57,16 +57,17 @@ class FrameInputs:
 
     atlas: Atlas
     record: FrameRecord
+    device: torch.device | str = field(default="cpu", kw_only=True)
 
     @cached_property
     def posed(self) -> PosedTexels:
         """The anchors."""
-        return pose_texels(self.atlas, self.record.vertices)
+        return pose_texels(self.atlas, self.record.vertices, self.device)
 
     @cached_property
     def irradiance(self) -> tuple[Float[Tensor, " texels"], Float[Tensor, " texels"]]:
         """Normalised irradiance, plain and weighted by the cosine."""
-        return torch.tensor(self.record.irradiance), torch.tensor(self.record.falling)
+        return self._tensor(self.record.irradiance), self._tensor(self.record.falling)
 
     @cached_property
     def seen(self) -> UInt8[np.ndarray, "lights bytes"]:
@@ -80,14 +81,17 @@ class FrameInputs:
     def bounces(self) -> Int[Tensor, "texels rays"]:
         """The texel that each ray from each texel hits, see `pipeline.lighting.bounces`."""
         points, frames, face_normals, occluders = self._surface()
-        return torch.as_tensor(trace_bounces(self.atlas, occluders, points, frames, face_normals, BOUNCE_RAYS))
+        return self._tensor(trace_bounces(self.atlas, occluders, points, frames, face_normals, BOUNCE_RAYS))
 
     @cached_property
     def harmonics(self) -> Float[Tensor, "texels 81 channels"]:
         """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`."""
         positions, intensities = self.lights
-        body = body_rotation(self.atlas, self.record.vertices)
+        body = body_rotation(self.atlas, self.record.vertices).to(self.device)
         return gather_harmonics(self.posed.points, body, positions, white_once(intensities))
+
+    def _tensor(self, array: np.ndarray) -> Tensor:
+        return torch.tensor(array, device=self.device)
 
     def _surface(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Occluders]:
         vertices = self.record.vertices.astype(np.float64)
@@ -97,7 +101,7 @@ class FrameInputs:
     @cached_property
     def lights(self) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights 3"]]:
         """Positions in metres and linear RGB radiant intensities."""
-        return torch.tensor(self.record.light_positions), torch.tensor(self.record.light_intensities)
+        return self._tensor(self.record.light_positions), self._tensor(self.record.light_intensities)
 
 
 def white_once(intensities: Float[Tensor, "lights 3"]) -> Float[Tensor, "lights channels"]:

@@ -1,14 +1,16 @@
 """The training loop: what is drawn at each step, the step itself, and states that continue bit for bit.
 
 What step s draws depends on (subject, epoch) alone and Adam's state is stored whole, so a run that was stopped and
-continued gives the same avatar as one that was not, to the bit on the CPU.
+continued gives the same avatar as one that was not, to the bit on the CPU with as many processes.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,11 +22,13 @@ from pipeline.avatar.checkpoint import camera_tensors, load_tensors
 from pipeline.avatar.losses import photometric, regularization, silhouette
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.processes import FlatGradients, Processes
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.base.seeds import generator_for
 from pipeline.capture.records import ImageRecord
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.rendering.splat_conventions import NotFinite
 
 RATE_OF = {
     "albedo": "texture", "log_roughness": "texture", "visibility": "texture", "opacity": "texture",
@@ -33,6 +37,10 @@ RATE_OF = {
     "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
 }  # fmt: skip
 """Which learning rate drives which texel parameter; everything else is a network."""
+
+
+MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+"""What Adam keeps of each parameter."""
 
 
 class Schedule:
@@ -72,69 +80,149 @@ def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
 
 
 def compute_loss(
-    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar
-) -> dict[str, Tensor]:
-    """Weighted terms of one step; their sum is what is minimised."""
+    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int,
+    processes: Processes = Processes(),
+) -> dict[str, Tensor]:  # fmt: skip
+    """This process's part of the weighted terms of one step; the sum of all parts and terms is what is minimised.
+
+    Args:
+        avatar: what is trained.
+        inputs: the frame of the step.
+        images: those that fall to this process; may be none.
+        settings: weights.
+        batch: number of images of the step, in all processes.
+        processes: share the terms that look at no image.
+    """
     frame = avatar.prepare(inputs)
-    terms = regularization(avatar, frame["diffuse"], settings)
-    terms["photometric"] = terms["silhouette"] = torch.zeros(())
-    share = 1 / len(images)
+    terms = {name: term / processes.count for name, term in regularization(avatar, frame["diffuse"], settings).items()}
+    device = avatar.albedo.device
+    terms["photometric"] = terms["silhouette"] = torch.zeros((), device=device)
+    share = 1 / batch
     for image in images:
-        picture = avatar.view(frame, *camera_tensors(image), image.width, image.height)
-        captured, mask = torch.tensor(image.image), torch.tensor(image.mask)
+        picture = avatar.view(frame, *camera_tensors(image, device), image.width, image.height)
+        captured, mask = (torch.tensor(array, device=device) for array in (image.image, image.mask))
         difference = photometric(picture["rgb"], captured, mask, settings.edges)
         terms["photometric"] = terms["photometric"] + share * difference
         terms["silhouette"] = terms["silhouette"] + share * settings.weight_mask * silhouette(picture["alpha"], mask)
     return terms
 
 
-def take_step(
-    step: int, avatar: Avatar, optimizer: torch.optim.Adam, inputs: FrameInputs, images: Sequence[ImageRecord],
-    settings: TrainAvatar,
-) -> dict[str, float]:  # fmt: skip
-    """One optimisation step; returns the weighted terms.
+class BrokenStep(InputError):
+    """A loss or gradient is not finite; the message names the terms and parameters. The step changed nothing."""
 
-    Raises:
-        InputError: if a term is not finite, naming it with the images of the step.
+
+@dataclass
+class Position:
+    """How far a training has come.
+
+    Attributes:
+        step: steps that are done.
+        seconds: what they took, in all runs.
+        rows: of the log.
     """
-    decay = settings.final_rate ** (step / settings.steps)
-    for group in optimizer.param_groups:
-        group["lr"] = group["start_rate"] * decay
-    terms = compute_loss(avatar, inputs, images, settings)
-    values = {name: term.item() for name, term in terms.items()}
-    broken = [name for name, value in values.items() if not torch.isfinite(torch.tensor(value))]
-    if broken:
-        seen = ", ".join(f"{image.camera}/{image.frame}" for image in images)
-        raise InputError(f"step {step}: loss terms {', '.join(broken)} are not finite on images {seen}")
-    optimizer.zero_grad(set_to_none=True)
-    sum(terms.values()).backward()
-    optimizer.step()
-    return values
+
+    step: int = 0
+    seconds: float = 0.0
+    rows: list[dict] = field(default_factory=list)
 
 
-def save_state(
-    path: Path, step: int, rows: list[dict], fingerprint: str, avatar: Avatar, optimizer: torch.optim.Adam
-) -> None:
-    """Write parameters and Adam's moments after `step` steps, and the rows of the log so far."""
-    tensors = {f"avatar.{name}": tensor for name, tensor in avatar.state_dict().items()}
-    for name, parameter in avatar.named_parameters():
-        tensors |= {f"adam.{key}.{name}": value for key, value in optimizer.state[parameter].items()}
-    metadata = {"step": str(step), "rows": json.dumps(rows), "fingerprint": fingerprint}
-    with written_whole(path) as temporary:
-        temporary.write_bytes(safetensors.torch.save(tensors, metadata=metadata))
+@dataclass(frozen=True)
+class Part:
+    """What a process tells the others of its part of a step.
+
+    Attributes:
+        values: its parts of the weighted terms; terms of pictures are missing where there was none to render.
+        stopping: whether it was asked to stop.
+        refused: what the splatting found that was not finite.
+    """
+
+    values: dict[str, float]
+    stopping: bool
+    refused: str = ""
 
 
-def restore_state(path: Path, fingerprint: str, avatar: Avatar, optimizer: torch.optim.Adam) -> tuple[int, list[dict]]:
-    """Put back what `save_state` wrote and return its step and rows; 0 and none, changing nothing, if the state is
-    missing or another training's."""
-    if not path.exists():
-        return 0, []
-    tensors, metadata = load_tensors(path)
-    if metadata.get("fingerprint") != fingerprint:
-        return 0, []
-    prefix = "avatar."
-    avatar.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
-    for name, parameter in avatar.named_parameters():
-        keys = ("step", "exp_avg", "exp_avg_sq")
-        optimizer.state[parameter] = {key: tensors[f"adam.{key}.{name}"] for key in keys}
-    return int(metadata["step"]), json.loads(metadata["rows"])
+class Training:
+    """An avatar, its optimiser and its gradients, in one or several processes."""
+
+    def __init__(self, avatar: Avatar, settings: TrainAvatar, processes: Processes = Processes()) -> None:
+        self.avatar, self.settings, self.processes = avatar, settings, processes
+        self.optimizer = make_optimizer(avatar, settings)
+        self.gradients = FlatGradients(avatar)
+
+    def take_step(
+        self, step: int, inputs: FrameInputs, images: Sequence[ImageRecord], batch: int | None = None,
+        stopping: bool = False,
+    ) -> tuple[dict[str, float], bool]:  # fmt: skip
+        """One optimisation step.
+
+        Args:
+            step: number of the step, which decides the rates.
+            inputs: the frame of the step.
+            images: those that fall to this process.
+            batch: number of images of the step, in all processes; not given: those are all.
+            stopping: whether this process was asked to stop.
+
+        Returns:
+            The weighted terms, and whether any process was asked to stop: the same in all of them.
+
+        Raises:
+            BrokenStep: in all processes, if a term or a gradient is not finite; parameters and moments stay as they
+                were.
+        """
+        decay = self.settings.final_rate ** (step / self.settings.steps)
+        for group in self.optimizer.param_groups:
+            group["lr"] = group["start_rate"] * decay
+        self.gradients.clear()
+        part = self._add_gradients(inputs, images, batch or len(images), stopping)
+        self.processes.sum_in_place(self.gradients.flat)
+        parts = self.processes.gather(part)
+        values: dict[str, float] = defaultdict(float)
+        for name, value in (item for part in parts for item in part.values.items()):
+            values[name] += value
+        self._require_finite(values, [part.refused for part in parts if part.refused])
+        self.optimizer.step()
+        return dict(values), any(part.stopping for part in parts)
+
+    def _add_gradients(self, inputs: FrameInputs, images: Sequence[ImageRecord], batch: int, stopping: bool) -> Part:
+        try:
+            terms = compute_loss(self.avatar, inputs, images, self.settings, batch, self.processes)
+        except NotFinite as error:  # Told to all processes: they wait for this one's gradients.
+            return Part({}, stopping, str(error))
+        sum(terms.values()).backward()
+        return Part(dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True)), stopping)
+
+    def _require_finite(self, values: dict[str, float], refused: list[str]) -> None:
+        terms = [f"{name} ({value})" for name, value in values.items() if not math.isfinite(value)]
+        parameters = self.gradients.not_finite()
+        found = [f"loss terms: {', '.join(terms)}"] * bool(terms)
+        found += [f"gradients of: {', '.join(parameters)}"] * bool(parameters)
+        found += [f"Gaussians: {reason}" for reason in refused[:1]]
+        if found:
+            raise BrokenStep(f"expected finite numbers, found others in {'; in '.join(found)}")
+
+    def save(self, path: Path, position: Position, fingerprint: str) -> None:
+        """Write parameters, Adam's moments and the position."""
+        tensors = {f"avatar.{name}": tensor for name, tensor in self.avatar.state_dict().items()}
+        for name, parameter in self.avatar.named_parameters():
+            tensors |= {f"adam.{key}.{name}": value for key, value in self.optimizer.state[parameter].items()}
+        metadata = {"position": json.dumps(asdict(position)), "fingerprint": fingerprint}
+        with written_whole(path) as temporary:
+            temporary.write_bytes(safetensors.torch.save(tensors, metadata=metadata))
+
+    def restore(self, path: Path, fingerprint: str) -> Position:
+        """Put back what `save` wrote and return where it was; the start, changing nothing, if the state is missing or
+        another training's.
+        """
+        if not path.exists():
+            return Position()
+        tensors, metadata = load_tensors(path)
+        if metadata.get("fingerprint") != fingerprint:
+            return Position()
+        prefix = "avatar."
+        self.avatar.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+        position = Position(**json.loads(metadata["position"]))
+        if position.step:  # Before the first step Adam has no moments.
+            for name, parameter in self.avatar.named_parameters():
+                state = {key: tensors[f"adam.{key}.{name}"].to(parameter.device) for key in MOMENTS}
+                self.optimizer.state[parameter] = state
+        return position

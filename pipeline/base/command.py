@@ -9,12 +9,14 @@ from collections.abc import Callable
 import tyro
 
 from pipeline.base.errors import InputError
+from pipeline.base.stopping import Stopped
 
 
 def run_as_command(run: Callable[..., None]) -> None:
     """Turn a stage's `run` into its command line: flags, help and defaults come from its signature and docstring.
 
-    Prints an `InputError` as it stands and exits with 1; anything else is a defect and keeps its traceback.
+    Prints an `InputError` as it stands and exits with 1, likewise `Stopped` with 128 + the signal; anything else is a
+    defect and keeps its traceback.
     """
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:
@@ -22,3 +24,6 @@ def run_as_command(run: Callable[..., None]) -> None:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)
+    except Stopped as stopped:
+        print(stopped, file=sys.stderr)
+        sys.exit(128 + stopped.number)

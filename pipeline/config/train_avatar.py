@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from pipeline.config.settings import Settings
 
 Edges = Literal["captured", "ignored"]
+Device = Literal["auto", "cpu", "cuda"]
 
 
 class TrainAvatar(Settings):
@@ -18,6 +19,12 @@ class TrainAvatar(Settings):
     cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
     checkpoint_every: int = Field(250, ge=1, description="Steps between two checkpoints [steps]")
     log_every: int = Field(50, ge=1, description="Steps between two rows of the log [steps]")
+    preview_every: int = Field(
+        500,
+        ge=0,
+        description="Steps between two preview images, or more, so that they stay few; 0: none [steps]",
+    )
+    device: Device = Field("auto", description="Where to train; auto: on a GPU if there is one for each process")
 
     shading: Literal["transfer", "harmonics", "microfacet"] = Field(
         "transfer",

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from pipeline.base.color import srgb_from_linear
+
 ERROR_AT_TOP = 0.2
 """Mean absolute sRGB error that the error picture shows as its brightest colour: 14 dB, a mistake no one overlooks."""
 
@@ -15,6 +17,11 @@ SMALL_SIDE = 512
 ENLARGE = 3
 LABEL_HEIGHT, BAR_WIDTH, GAP = 22, 64, 6
 WHITE = (255, 255, 255)
+
+
+def displayed(rgb_linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    """sRGB of what a display can show: clipped to [0, 1] first, which is the same as clipping after."""
+    return srgb_from_linear(np.clip(rgb_linear, 0, 1)).clip(0, 1)
 
 
 def side_by_side(

@@ -17,8 +17,8 @@ import pandas as pd
 import torch
 from jaxtyping import Bool, Float
 
-from pipeline.base.color import srgb_from_linear
 from pipeline.base.progress import progress
+from pipeline.metrics.comparison import displayed
 from pipeline.metrics.images import SSIM_WINDOW, flip, foreground_box, psnr_db, ssim
 from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips
 
@@ -110,12 +110,7 @@ def display_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.nda
         raise ValueError(f"{name}: expected shape {image.image.shape}, found {rgb.shape}")
     if not np.isfinite(rgb).all():
         raise ValueError(f"{name}: expected finite pixels, found {(~np.isfinite(rgb)).sum()} that are not")
-    return _displayed(image.image * image.mask[..., None]), _displayed(rgb)
-
-
-def _displayed(rgb_linear: np.ndarray) -> np.ndarray:
-    """sRGB of what a display can show: clipped to [0, 1] first, which is the same as clipping after."""
-    return srgb_from_linear(np.clip(rgb_linear, 0, 1)).clip(0, 1)
+    return displayed(image.image * image.mask[..., None]), displayed(rgb)
 
 
 def score_pair(

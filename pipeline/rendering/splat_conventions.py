@@ -63,6 +63,10 @@ class Splatted(NamedTuple):
     depth: Float[Tensor, "h w"]
 
 
+class NotFinite(ValueError):
+    """An argument holds NaN or infinity."""
+
+
 def check_splat_inputs(
     tensors: dict[str, Tensor], K: Tensor, width: int, height: int, dilation_px2: float, near_m: float
 ) -> None:
@@ -82,7 +86,7 @@ def check_splat_inputs(
         # The sum is ten times cheaper; it may overflow without a bad number, so only it asks for the careful look.
         if not bool(torch.isfinite(tensor.detach().sum())) and not bool(torch.isfinite(tensor).all()):
             bad = torch.nonzero(~torch.isfinite(tensor))
-            raise ValueError(f"{name}: expected finite numbers, found {len(bad)} others, first at {bad[0].tolist()}")
+            raise NotFinite(f"{name}: expected finite numbers, found {len(bad)} others, first at {bad[0].tolist()}")
     if K[0, 1] != 0 or K[0, 0] <= 0 or K[1, 1] <= 0:
         raise ValueError(f"K: expected positive focal lengths and no skew, found {K[:2, :2].tolist()}")
     if width < 1 or height < 1:

@@ -11,8 +11,8 @@ from pipeline.avatar.losses import outside, photometric, silhouette
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.spec import AvatarSpec, spec_of
-from pipeline.avatar.training import Schedule, make_optimizer, restore_state, save_state, take_step
-from pipeline.base.errors import InputError
+from pipeline.avatar.training import BrokenStep, Position, Schedule, Training
+from pipeline.base.files import read_arrays
 from pipeline.config.train_avatar import TrainAvatar
 from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
 
@@ -37,14 +37,14 @@ def train(scene, settings, steps, start=None, folder=None, spec=SPEC):
     atlas, frames, images = scene
     torch.manual_seed(0)
     avatar = Avatar(atlas, texel_spacing(atlas), spec)
-    optimizer = make_optimizer(avatar, settings)
+    training = Training(avatar, settings)
     schedule = Schedule("sheet", [image.frame for image in images], settings.cameras_per_step)
-    first, _ = restore_state(start, "same", avatar, optimizer) if start else (0, [])
-    for step in range(first, steps):
+    at = training.restore(start, "same") if start else Position()
+    for step in range(at.step, steps):
         batch = [images[i] for i in schedule[step]]
-        take_step(step, avatar, optimizer, frames[batch[0].frame], batch, settings)
+        training.take_step(step, frames[batch[0].frame], batch)
     if folder:
-        save_state(folder, steps, [], "same", avatar, optimizer)
+        training.save(folder, Position(steps), "same")
     return avatar
 
 
@@ -131,7 +131,7 @@ def test_a_state_of_another_training_is_not_used(scene, tmp_path):
     train(scene, settings, 1, folder=tmp_path / "state.safetensors")
     avatar = Avatar(scene[0], texel_spacing(scene[0]), SPEC)
     before = avatar.albedo.clone()
-    assert restore_state(tmp_path / "state.safetensors", "other", avatar, make_optimizer(avatar, settings)) == (0, [])
+    assert Training(avatar, settings).restore(tmp_path / "state.safetensors", "other") == Position()
     assert torch.equal(before, avatar.albedo)
 
 
@@ -148,13 +148,55 @@ def test_rendering_is_linear_in_the_light(scene):
     assert torch.allclose(pictures[0] + pictures[1], pictures[2], rtol=1e-4, atol=1e-6)
 
 
-def test_non_finite_loss_names_its_images(scene):
-    atlas, frames, images = scene
-    settings = TrainAvatar(steps=1)
-    avatar = Avatar(atlas, texel_spacing(atlas), SPEC)
-    black = dataclasses.replace(images[0], image=np.full_like(images[0].image, np.nan))
-    with pytest.raises(InputError, match=r"photometric.*x-0\.2/0"):
-        take_step(0, avatar, make_optimizer(avatar, settings), frames[0], [black], settings)
+@pytest.mark.parametrize("planted", [np.nan, np.inf])
+def test_a_loss_that_is_not_finite_stops_the_step_and_changes_nothing(scene, tmp_path, planted):
+    _, frames, images = scene
+    training = training_of(scene)
+    training.take_step(0, frames[0], images[:2])
+    training.save(tmp_path / "before.safetensors", Position(1), "same")
+    image = images[0].image.copy()
+    image[12, 12, 1] = planted
+    with pytest.raises(BrokenStep, match=r"terms: photometric \((nan|inf)\)"):
+        training.take_step(1, frames[0], [dataclasses.replace(images[0], image=image), images[1]])
+    training.save(tmp_path / "after.safetensors", Position(1), "same")
+    after, before = (read_arrays(tmp_path / f"{name}.safetensors") for name in ("after", "before"))
+    for key in before:
+        np.testing.assert_array_equal(after[key], before[key], err_msg=key)
+
+
+@pytest.mark.parametrize("planted", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["offset", "albedo", "shadow_net.last.bias"])
+def test_a_gradient_that_is_not_finite_is_named_and_no_other(scene, name, planted):
+    _, frames, images = scene
+    training = training_of(scene)
+    training.avatar.get_parameter(name).register_hook(
+        lambda gradient: gradient.index_fill(0, torch.tensor([0]), planted)
+    )
+    with pytest.raises(BrokenStep, match=rf"others in gradients of: {name}$"):
+        training.take_step(0, frames[0], images[:2])
+
+
+def test_gradients_whose_sum_overflows_are_finite(scene):
+    training = training_of(scene)
+    training.gradients.flat.fill_(1e38)
+    assert not torch.isfinite(training.gradients.flat.sum())
+    assert training.gradients.not_finite() == []
+
+
+def test_gaussians_that_are_not_finite_stop_the_step(scene):
+    """The splatting refuses them; what it says is told."""
+    _, frames, images = scene
+    training = training_of(scene)
+    with torch.no_grad():
+        training.avatar.log_scale[3] = 200.0
+    with pytest.raises(BrokenStep, match="in Gaussians: scales: expected finite numbers"):
+        training.take_step(0, frames[0], images[:2])
+
+
+def training_of(scene, **choices):
+    settings = TrainAvatar(steps=4, **choices)
+    torch.manual_seed(0)
+    return Training(Avatar(scene[0], texel_spacing(scene[0]), SPEC), settings)
 
 
 def test_schedule_shows_every_image_once_an_epoch_and_one_frame_a_step(scene):
