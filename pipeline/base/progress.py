@@ -27,5 +27,6 @@ def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iter
         yield item
         if time.monotonic() - last > LOG_EVERY_S:
             last = time.monotonic()
-            left = f", {(last - start) / (done + 1) * (total - done - 1):.0f} s left" if total else ""
+            remaining = (last - start) / (done + 1) * (total - done - 1) if total else 0.0
+            left = f", {tqdm.format_interval(remaining)} left" if total else ""
             log.info("%d of %s%s", done + 1, total if total is not None else "?", left)

@@ -1,36 +1,39 @@
 """The stage from shards to an avatar, without Snakemake: what is off is not built, and a stop changes nothing."""
 
+import dataclasses
 import json
+import os
+import re
+import signal
+from pathlib import Path
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
+import pandas as pd
 import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import pipeline.train_avatar as stage
 from pipeline.avatar.checkpoint import load_avatar
+from pipeline.avatar.monitor import MOST_PREVIEWS, preview_spacing
+from pipeline.avatar.spec import spec_of
+from pipeline.avatar.training import Training
+from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
-from pipeline.capture.shards import write_frame_shard, write_image_shard
+from pipeline.base.stopping import Stopped
+from pipeline.capture.shards import write_image_shard
 from pipeline.config.train_avatar import TrainAvatar
-from pipeline.geometry.texels import write_atlas
-from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
+from tests.stages.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
 
 SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1)
 
 
 @pytest.fixture
 def inputs(tmp_path):
-    atlas = make_sheet(8)
-    lights = [[0.5, 0.3, 1.5], [-0.6, 0.0, 1.2]]
-    frames = [make_frame(atlas, np.array([light]), np.full((1, 3), 3.0), i) for i, light in enumerate(lights)]
-    images = [make_image(frame, np.array([0.7, 0.4, 0.2]), shift) for frame in frames for shift in (-0.2, 0.2)]
-    write_atlas(tmp_path / "atlas.safetensors", atlas)
-    write_frame_shard(tmp_path / "shards/frames/0000.arrow", frames)
-    write_image_shard(tmp_path / "shards/train/0000.arrow", images)
-    (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": False}}))
-    return {
-        "subject": "sheet", "atlas": tmp_path / "atlas.safetensors", "shards": tmp_path / "shards",
-        "effects": tmp_path / "effects.json", "settings": SETTINGS,
-    }  # fmt: skip
+    write_subject(tmp_path)
+    return {**arguments_of(tmp_path), "settings": SETTINGS}
 
 
 def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
@@ -43,25 +46,142 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     assert any("shadow" in name for name in read_arrays(tmp_path / "on/avatar.safetensors"))
 
 
-def test_a_stopped_run_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):
+class Death(Exception):
+    """Ends a run where it stands, as SIGKILL does."""
+
+
+def step_and(monkeypatch, number, action):
+    """Do `action` once when the step `number` is over; returns the list of steps taken."""
+    taken, take_step = [], Training.take_step
+
+    def step(self, step, *rest):
+        done = take_step(self, step, *rest)
+        taken.append(step)
+        if len(taken) == number + 1:
+            action()
+        return done
+
+    monkeypatch.setattr(Training, "take_step", step)
+    return taken
+
+
+def die():
+    raise Death
+
+
+def same_avatars(*folders):
+    first, second = (read_arrays(folder / "avatar.safetensors") for folder in folders)
+    assert first.keys() == second.keys()
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+def test_a_killed_run_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):
     stage.run(**inputs, out=tmp_path / "whole")
-    seen = []
-
-    def stop_at_five(step, *rest):
-        seen.append(step)
-        if len(seen) == 5:
-            raise KeyboardInterrupt
-        return stage_step(step, *rest)
-
-    stage_step = stage.take_step
-    monkeypatch.setattr(stage, "take_step", stop_at_five)
-    with pytest.raises(KeyboardInterrupt):
+    taken = step_and(monkeypatch, 4, die)
+    with pytest.raises(Death):
         stage.run(**inputs, out=tmp_path / "stopped")
     stage.run(**inputs, out=tmp_path / "stopped")
-    assert seen == [0, 1, 2, 3, 4, 4, 5]
-    whole, stopped = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("whole", "stopped"))
-    for name in whole:
-        np.testing.assert_array_equal(whole[name], stopped[name], err_msg=name)
+    assert taken == [0, 1, 2, 3, 4, 4, 5]
+    same_avatars(tmp_path / "whole", tmp_path / "stopped")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_run_after_its_step(inputs, tmp_path, monkeypatch, number):
+    """Without waiting for a checkpoint's turn; a second signal hurries nothing, and the old handlers come back."""
+    stage.run(**inputs, out=tmp_path / "whole")
+    handlers = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+
+    def signal_twice():
+        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    taken = step_and(monkeypatch, 2, signal_twice)
+    with pytest.raises(Stopped, match="stopped after 4 of 6 steps") as stopped:
+        stage.run(**inputs, out=tmp_path / "stopped")
+    assert stopped.value.number == number
+    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == handlers
+    assert not (tmp_path / "stopped/avatar.safetensors").exists()
+    stage.run(**inputs, out=tmp_path / "stopped")
+    assert taken == [0, 1, 2, 3, 4, 5]
+    same_avatars(tmp_path / "whole", tmp_path / "stopped")
+    tables = [pd.read_parquet(tmp_path / name / "log.parquet").drop(columns="seconds") for name in ("whole", "stopped")]
+    pd.testing.assert_frame_equal(*tables)
+
+
+def test_seconds_add_up_over_runs(inputs, tmp_path, monkeypatch):
+    step_and(monkeypatch, 3, die)
+    monkeypatch.setattr(stage, "time", SimpleNamespace(monotonic=iter(range(0, 10_000, 100)).__next__))
+    with pytest.raises(Death):
+        stage.run(**inputs, out=tmp_path / "out")
+    stage.run(**inputs, out=tmp_path / "out")
+    # The clock moves by 100 s whenever it is read, which is once at the start of a run and once after each step.
+    assert pd.read_parquet(tmp_path / "out/log.parquet").seconds.tolist() == [100, 200, 300, 400, 500, 600]
+    assert json.loads((tmp_path / "out/config.json").read_text())["seconds"] == 600
+
+
+def test_how_it_is_watched_does_not_void_a_checkpoint(inputs, tmp_path, monkeypatch):
+    taken = step_and(monkeypatch, 4, die)
+    with pytest.raises(Death):
+        stage.run(**inputs, out=tmp_path / "out")
+    watched = SETTINGS.model_copy(update={"preview_every": 0, "device": "cpu", "checkpoint_every": 5})
+    stage.run(**{**inputs, "settings": watched}, out=tmp_path / "out")
+    assert taken == [0, 1, 2, 3, 4, 4, 5]
+    spec = spec_of(SETTINGS, set())
+    other = SETTINGS.model_copy(update={"weight_mask": 0.2})
+    assert stage.fingerprint_of(other, spec, []) != stage.fingerprint_of(SETTINGS, spec, [])
+
+
+def test_a_pixel_that_is_not_finite_is_traced_to_its_step(tmp_path, monkeypatch):
+    """The message has the step, its images, the term, and a state: that of a clean capture before that step."""
+    settings = SETTINGS.model_copy(update={"checkpoint_every": 1})
+    images = sheet_images(sheet_frames())
+    spoiled = images[0].image.copy()
+    spoiled[12, 12] = np.nan
+    for name, content in (("clean", images), ("spoiled", [dataclasses.replace(images[0], image=spoiled), *images[1:]])):
+        (tmp_path / name).mkdir()
+        write_subject(tmp_path / name, content)
+    with pytest.raises(InputError) as told:
+        stage.run(**arguments_of(tmp_path / "spoiled"), settings=settings, out=tmp_path / "out")
+    found = re.fullmatch(
+        r"step (\d), (.*): expected finite numbers, found others in loss terms: photometric \(nan\).*; before it: (.*)",
+        str(told.value),
+    )
+    assert found, told.value
+    assert set(found[2].split(", ")) == {"x-0.2/0", "x0.2/0"}
+    number = int(found[1])
+    assert number > 0
+    step_and(monkeypatch, number, die)
+    with pytest.raises(Death):
+        stage.run(**arguments_of(tmp_path / "clean"), settings=settings, out=tmp_path / "clean/out")
+    before, expected = read_arrays(Path(found[3])), read_arrays(tmp_path / "clean/out/checkpoint.safetensors")
+    assert before["adam.step.albedo"] == number
+    for name in expected:
+        np.testing.assert_array_equal(before[name], expected[name], err_msg=name)
+
+
+def test_previews_are_few_and_show_the_capture(inputs, tmp_path):
+    settings = SETTINGS.model_copy(update={"steps": 7, "log_every": 2, "preview_every": 3})
+    (tmp_path / "out/previews").mkdir(parents=True)
+    (tmp_path / "out/previews/step_000500.png").write_text("of an earlier training")
+    stage.run(**{**inputs, "settings": settings}, out=tmp_path / "out")
+    found = sorted(path.name for path in (tmp_path / "out/previews").iterdir())
+    assert found == ["step_000000.png", "step_000004.png", "step_000006.png"]
+    picture = cv2.imread(str(tmp_path / "out/previews/step_000006.png"))[..., ::-1] / 255
+    captured = picture[44 + 36, 36]  # The middle of the sheet: 3 x 3 pixels for one, under two lines of text.
+    image = sheet_images(sheet_frames())[2]
+    np.testing.assert_allclose(captured, srgb_from_linear(image.image[12, 12]), atol=1 / 255)
+    assert preview_spacing(TrainAvatar(steps=100_000)) == 100_000 / MOST_PREVIEWS
+    assert preview_spacing(TrainAvatar(preview_every=0)) == 0
+
+
+def test_tensorboard_has_curves_and_pictures(inputs, tmp_path):
+    stage.run(**inputs, out=tmp_path / "out")
+    events = EventAccumulator(str(tmp_path / "out/events"))
+    events.Reload()
+    assert {"loss", "loss/photometric", "loss/offset"} <= set(events.Tags()["scalars"])
+    assert [event.step for event in events.Scalars("loss")] == list(range(6))
+    assert [event.step for event in events.Images("preview")] == [0, 5]
 
 
 def test_an_avatar_of_another_version_is_told(inputs, tmp_path):

@@ -62,7 +62,7 @@ def test_every_image_falls_to_one_process():
         assert max(map(len, shares)) - min(map(len, shares)) <= 1
 
 
-def test_a_parameter_that_is_not_used_stays_and_has_a_state(scene, tmp_path):
+def test_a_parameter_that_is_not_used_stays_and_has_a_state(scene):
     avatar, inputs, images = scene
     avatar.unused = torch.nn.Parameter(torch.ones(3))
     training = Training(avatar, SETTINGS)
@@ -76,7 +76,7 @@ def test_no_gpu_is_said(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
     assert choose_device("auto", 0, 2) == torch.device("cpu")
-    with pytest.raises(InputError, match="device: cuda: expected a GPU for each process on this machine, found 1 for 2"):
+    with pytest.raises(InputError, match=r"device: cuda: expected a GPU for each process .* found 1 for 2"):
         choose_device("cuda", 0, 2)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert choose_device("auto") == torch.device("cpu")
