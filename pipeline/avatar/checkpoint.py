@@ -37,9 +37,10 @@ class LoadedAvatar:
     @torch.no_grad()
     def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[Tensor, Tensor]:
         """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
+        device = self.avatar.albedo.device
         if self._frame is None or self._frame[0] is not frame:
-            self._frame = (frame, self.avatar.prepare(FrameInputs(self.atlas, frame)))
-        picture = self.avatar.view(self._frame[1], *camera_tensors(image), image.width, image.height)
+            self._frame = (frame, self.avatar.prepare(FrameInputs(self.atlas, frame, device=device)))
+        picture = self.avatar.view(self._frame[1], *camera_tensors(image, device), image.width, image.height)
         return picture["rgb"], picture["alpha"]
 
 

@@ -65,7 +65,7 @@ class EnvironmentAvatar(Avatar):
                 pixels[name][row, column] for name in ("normal", "roughness", "visibility")
             )
             # All of a sky is as far away as its horizon: only the direction of a pixel's ray matters, not its depth.
-            points = points_of_pixels(row, column, torch.ones(len(row)), R, center, K)
+            points = points_of_pixels(row, column, R.new_ones(len(row)), R, center, K)
             mirrored = mirror_direction(unit(normal), unit(center - points)) @ frame["sky"].world_from_map
             width = roughness[:, 0] / picture.alpha[row, column]
             specular = visibility * frame["sky"].ladder.look_up(mirrored, width)

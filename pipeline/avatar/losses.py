@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -59,8 +61,7 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
     The paper's lower branch, 1 / max(v, 1e-7), jumps at the bound and has slopes up to 1e14.
     """
     log = value.clamp_min(torch.finfo(value.dtype).tiny).log()
-    bounds = torch.tensor([low, high]).log()
-    return (torch.relu(bounds[0] - log).square() + torch.relu(log - bounds[1]).square()).mean()
+    return (torch.relu(math.log(low) - log).square() + torch.relu(log - math.log(high)).square()).mean()
 
 
 def regularization(avatar: Avatar, diffuse: Float[Tensor, "texels 3"], weights: TrainAvatar) -> dict[str, Tensor]:

@@ -123,7 +123,7 @@ class Avatar(nn.Module):
         """Unit normals for shading (RFGCA 10); dn is kept in the Gaussian's frame, so that it turns with the pose."""
         if not self.spec.bent_normals:
             return posed.frames[..., 2]
-        return unit((axes @ (self.normal_offset + torch.tensor([0.0, 0.0, 1.0]))[..., None])[..., 0])
+        return unit((axes @ (self.normal_offset + self.normal_offset.new_tensor([0.0, 0.0, 1.0]))[..., None])[..., 0])
 
     def shade_direct(self, frame: dict, axes: Tensor, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
         """Light of the lamps that leaves every texel alike in all directions, before the shadow network."""

@@ -83,7 +83,7 @@ def gather_harmonics(
     intensities: Float[Tensor, "lights channels"],
 ) -> Float[Tensor, "texels 81 channels"]:
     """sum_j I_j / d_j^2 Y_lm(w_j) at every texel, with the directions w_j turned by `body` (body from world)."""
-    out = torch.zeros(len(points), COEFFICIENTS, intensities.shape[1])
+    out = points.new_zeros(len(points), COEFFICIENTS, intensities.shape[1])
     for position, intensity in zip(light_positions, intensities, strict=True):
         offset = position - points
         harmonics = spherical_harmonics(unit(offset) @ body.T) / offset.square().sum(-1, keepdim=True)

@@ -32,6 +32,8 @@ class ShadowNet(nn.Module):
         self, irradiance: Float[Tensor, " texels"], falling: Float[Tensor, " texels"]
     ) -> Float[Tensor, " texels"]:
         """Shadow factors in (0, 1) from the two maps of `pipeline.lighting.irradiance`."""
+        if self.atlas.texel.device != falling.device:
+            self.atlas = self.atlas.to_torch(falling.device)
         start = torch.logit(falling.clamp(SHARE_FLOOR, SHARE_CEILING))
         features = self.atlas.to_map(torch.stack([start, irradiance, torch.ones_like(start)]))[None]
         for layer in self.hidden:

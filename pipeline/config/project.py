@@ -75,6 +75,11 @@ class ProjectSettings(SubjectSettings):
         ge=0,
         description="captures of at most so many files are watched file by file, larger ones by their tables",
     )
+    training_processes: int = Field(
+        1,
+        ge=1,
+        description="processes that train one avatar together, each with a share of a step's images; as many as GPUs",
+    )
 
 
 SECTIONS: dict[str, type[Settings]] = {

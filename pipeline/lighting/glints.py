@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.lighting.device_sums import sum_in_pieces
 from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, angular_gaussian, unit
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
 
@@ -39,7 +40,8 @@ def gather_glints(
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
 ) -> Float[Tensor, "pixels channels"]:
-    """sum_j I_j / d_j^2 G(w_j; q, sigma), differentiable in `lobe_centers` and `sigma` (not in `points`).
+    """sum_j I_j / d_j^2 G(w_j; q, sigma), differentiable in `lobe_centers` and `sigma` (not in `points`); by a kernel
+    on the CPU.
 
     Args:
         points: metres.
@@ -50,7 +52,20 @@ def gather_glints(
     """
     if points.requires_grad:
         raise ValueError("gather_glints: expected points without gradient (detach them), found points that require it")
+    if points.device.type != "cpu":
+        return gather_glints_in_torch(points, lobe_centers, sigma, light_positions, intensities)
     return _GatherGlints.apply(points, lobe_centers, sigma, light_positions, intensities)
+
+
+def gather_glints_in_torch(
+    points: Tensor, lobe_centers: Tensor, sigma: Tensor, light_positions: Tensor, intensities: Tensor
+) -> Tensor:
+    """`gather_glints` on any device, without the kernel."""
+    return sum_in_pieces(
+        lambda *piece: gather_glints_reference(*piece, light_positions, intensities),
+        (points, lobe_centers, sigma),
+        len(light_positions),
+    )
 
 
 class _GatherGlints(torch.autograd.Function):

@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from pipeline.lighting.device_sums import sum_in_pieces, unpacked
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
 
 DIELECTRIC_F0 = 0.04
@@ -39,9 +40,26 @@ def arriving_vectors(
     derivative with respect to n. No gradient flows through it.
     """
     tensors = [tensor.detach().contiguous() for tensor in (points, normals, light_positions, intensities)]
+    if points.device.type != "cpu":
+        return arriving_vectors_in_torch(*tensors, seen)
     out = torch.empty(len(points), intensities.shape[1], 3)
     _arriving_vectors(*(tensor.numpy() for tensor in tensors), seen, out.numpy())
     return out
+
+
+def arriving_vectors_in_torch(
+    points: Tensor, normals: Tensor, light_positions: Tensor, intensities: Tensor, seen: np.ndarray
+) -> Tensor:
+    """`arriving_vectors` on any device, without the kernel."""
+
+    def vectors(points: Tensor, normals: Tensor, seen: Tensor | None) -> Tensor:
+        offset = light_positions - points[:, None]
+        distance2 = offset.square().sum(-1).clamp_min(float(SMALLEST_DISTANCE2_M2))
+        lit = (offset * normals[:, None]).sum(-1) > 0
+        weight = 1 / (distance2 * distance2.sqrt()) * (lit if seen is None else lit & seen)
+        return torch.einsum("pn,nc,pnd->pcd", weight, intensities, offset)
+
+    return sum_in_pieces(vectors, (points, normals, unpacked(seen, len(points), points.device)), len(seen))
 
 
 def gather_reflections(
@@ -66,6 +84,8 @@ def gather_reflections(
         intensities: radiant intensity, linear.
         seen: row j has the points that see light j.
     """
+    if points.device.type != "cpu":
+        return gather_reflections_in_torch(points, normals, to_camera, alpha, light_positions, intensities, seen)
     inputs = (points, normals, to_camera, alpha, light_positions, intensities)
     arrays = [tensor.detach().contiguous().numpy() for tensor in inputs]
     channels = intensities.shape[1]
@@ -78,7 +98,7 @@ def gather_reflections(
 
 def gather_reflections_reference(
     points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
-    seen: Tensor,
+    seen: Tensor | None = None,
 ) -> Tensor:  # fmt: skip
     """Slow twin of `gather_reflections` in plain torch, `seen` as a mask [lights, points]: its oracle."""
     offset = light_positions - points[:, None]
@@ -91,11 +111,28 @@ def gather_reflections_reference(
     cos_d = (to_camera[:, None] * half).sum(-1)
     a2 = alpha.square()[:, None]
     d = a2 / (math.pi * (cos_h.square() * (a2 - 1) + 1).square())
-    lit = (cos_i > SMALLEST_COSINE) & (cos_o > SMALLEST_COSINE) & seen.T
+    lit = (cos_i > SMALLEST_COSINE) & (cos_o > SMALLEST_COSINE)
+    lit = lit if seen is None else lit & seen.T
     ci, co = (torch.where(lit, cosine, torch.ones_like(cosine)) for cosine in (cos_i, cos_o))
     masked = 0.5 / (ci * (a2 + (1 - a2) * co.square()).sqrt() + co * (a2 + (1 - a2) * ci.square()).sqrt())
     fresnel = DIELECTRIC_F0 + (1 - DIELECTRIC_F0) * (1 - cos_d) ** 5
     return (torch.where(lit, d * masked * fresnel * ci, torch.zeros_like(ci)) / distance2[..., 0]) @ intensities
+
+
+def gather_reflections_in_torch(
+    points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
+    seen: np.ndarray,
+) -> Tensor:  # fmt: skip
+    """`gather_reflections` on any device, without the kernel."""
+
+    def reflections(points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, seen: Tensor | None) -> Tensor:
+        lights = (light_positions, intensities)
+        return gather_reflections_reference(
+            points, normals, to_camera, alpha, *lights, None if seen is None else seen.T
+        )
+
+    mask = unpacked(seen, len(points), points.device)
+    return sum_in_pieces(reflections, (points.detach(), normals, to_camera.detach(), alpha, mask), len(seen))
 
 
 F0, ONE, PI = np.float32(DIELECTRIC_F0), np.float32(1.0), np.float32(math.pi)

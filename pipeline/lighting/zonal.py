@@ -20,6 +20,8 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from pipeline.lighting.device_sums import sum_in_pieces, unpacked
+
 DEGREES = 9
 """Degrees 0..8 (RFGCA section 3.2.1)."""
 
@@ -37,16 +39,20 @@ def clamped_cosine_coefficients() -> Float[np.ndarray, "degrees"]:
     return 2 * np.stack([np.sum(weight * t * np.polynomial.Legendre.basis(n)(t)) for n in range(DEGREES)])
 
 
-def gather_light_reference(points: Tensor, axes: Tensor, light_positions: Tensor, intensities: Tensor) -> Tensor:
-    """Slow twin of `gather_light` in plain torch, any float type: its oracle, forward and backward."""
+def gather_light_reference(
+    points: Tensor, axes: Tensor, light_positions: Tensor, intensities: Tensor, seen: Tensor | None = None
+) -> Tensor:
+    """Slow twin of `gather_light` in plain torch, any float type, `seen` as a mask [points, lights]: its oracle,
+    forward and backward."""
     to_light = light_positions - points[:, None]
     distance2 = to_light.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
     cosine = torch.einsum("pda,pnd->pna", axes, to_light / distance2.sqrt())
     legendre = [torch.ones_like(cosine), cosine]
     for degree in range(2, DEGREES):
         legendre.append(((2 * degree - 1) * cosine * legendre[-1] - (degree - 1) * legendre[-2]) / degree)
-    weighted = torch.stack(legendre, -1) * torch.as_tensor(NORMALISATION, dtype=points.dtype)
-    return torch.einsum("pnal,pnc->palc", weighted, intensities / distance2)
+    weighted = torch.stack(legendre, -1) * torch.as_tensor(NORMALISATION, dtype=points.dtype, device=points.device)
+    arriving = intensities / distance2
+    return torch.einsum("pnal,pnc->palc", weighted, arriving if seen is None else arriving * seen[..., None])
 
 
 def gather_light(
@@ -56,7 +62,7 @@ def gather_light(
     intensities: Float[Tensor, "lights channels"],
     seen: UInt8[np.ndarray, "lights bytes"] | None = None,
 ) -> Float[Tensor, "points 3 9 channels"]:
-    """Incident light per axis and degree, differentiable in `points` and `axes`.
+    """Incident light per axis and degree, differentiable in `points` and `axes`; by a kernel on the CPU.
 
     Args:
         points: positions in the world, metres.
@@ -67,7 +73,20 @@ def gather_light(
     """
     if seen is None:
         seen = np.full((len(light_positions), (len(points) + 7) // 8), 255, np.uint8)
+    if points.device.type != "cpu":
+        return gather_light_in_torch(points, axes, light_positions, intensities, seen)
     return _GatherLight.apply(points, axes, light_positions, intensities, seen)
+
+
+def gather_light_in_torch(
+    points: Tensor, axes: Tensor, light_positions: Tensor, intensities: Tensor, seen: np.ndarray
+) -> Tensor:
+    """`gather_light` on any device, without the kernel."""
+    return sum_in_pieces(
+        lambda *piece: gather_light_reference(*piece[:2], light_positions, intensities, piece[2]),
+        (points, axes, unpacked(seen, len(points), points.device)),
+        len(light_positions),
+    )
 
 
 class _GatherLight(torch.autograd.Function):

@@ -108,6 +108,14 @@ def test_changed_setting_reruns_its_stage_and_what_follows(workflow, setting, ex
     assert planned == expected
 
 
+def test_number_of_training_processes_reruns_nothing_and_starts_so_many(workflow):
+    assert workflow.planned(TARGET, "--config", "training_processes=2") == {}
+    shown = ("--dry-run", "--printshellcmds", "--forcerun", "train_avatar", "--config")
+    together = workflow.snakemake(*shown, "training_processes=2", "--", TARGET).stdout
+    assert "torchrun --standalone --nproc_per_node 2 -m pipeline.train_avatar --subject subjectA" in together
+    assert "python -m pipeline.train_avatar" in workflow.snakemake(*shown, "training_processes=1", "--", TARGET).stdout
+
+
 def test_edited_code_reruns_the_stages_that_import_it(workflow):
     workflow.append("pipeline/config/pack_shards.py", "EDITED = 1\n")
     assert workflow.planned(TARGET) == AFTER_PACKING

@@ -67,7 +67,8 @@ rule train_avatar:
         "../../envs/cpu.yaml"
     threads: 16
     resources:
-        mem_mb=8000,
+        mem_mb=8000 * project.settings.training_processes,
+        launcher=launcher(project.settings.training_processes),
     params:
         code=code_of("train_avatar"),
         shards=lambda wildcards: f"results/{wildcards.subject}/shards",
@@ -76,6 +77,6 @@ rule train_avatar:
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
-        "python -m pipeline.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
+        "{resources.launcher} -m pipeline.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
         "--shards {params.shards:q} --effects {input.effects:q} --out {params.out:q} "
         "{params.settings:q} > {log:q} 2>&1"

@@ -49,6 +49,12 @@ def stage_flags(stage, subject, variant=None):
     return flags(section_of(project.subject(subject), stage, variant))
 
 
+def launcher(processes):
+    """How a module is started in so many processes. It stands among the resources, which rerun nothing: their number
+    changes nothing but the order of sums."""
+    return "python" if processes == 1 else f"torchrun --standalone --nproc_per_node {processes}"
+
+
 def capture_folder(wildcards):
     return os.path.join(captures, wildcards.subject)
 

@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from pipeline.lighting.glints import gather_glints, gather_glints_reference
+from pipeline.lighting import device_sums
+from pipeline.lighting.glints import gather_glints, gather_glints_in_torch, gather_glints_reference
 from pipeline.lighting.lobes import unit
 
 ANGLE_ERROR_RAD = 3e-7
@@ -37,6 +38,18 @@ def test_kernel_equals_float64_twin_forward_and_backward(channels, roughness):
     for tensor, twin in zip(inputs, twins, strict=True):
         assert torch.isfinite(tensor.grad).all()
         assert (tensor.grad - twin.grad).norm() / twin.grad.norm() < ANGLE_ERROR_RAD * 6 * 6 * 2 / roughness
+
+
+def test_without_the_kernel_it_is_the_same(monkeypatch):
+    monkeypatch.setattr(device_sums, "PAIRS_AT_ONCE", 7 * 64)
+    points, centers, sigma, light, intensity = random_inputs(40, 64, 3, 0.15)
+    inputs = [centers.requires_grad_(), sigma.requires_grad_()]
+    found = []
+    for gather in (gather_glints, gather_glints_in_torch):
+        out = gather(points, *inputs, light, intensity)
+        found.append((out, *torch.autograd.grad(out.square().sum(), inputs)))
+    for single, plain in zip(*found, strict=True):
+        assert torch.allclose(single, plain, rtol=1e-4, atol=1e-4 * plain.abs().max().item())
 
 
 def test_points_that_require_gradient_are_refused():

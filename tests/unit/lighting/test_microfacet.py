@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.lighting import device_sums
 from pipeline.lighting.lobes import unit
-from pipeline.lighting.microfacet import arriving_vectors, gather_reflections, gather_reflections_reference
+from pipeline.lighting.microfacet import (
+    arriving_vectors,
+    arriving_vectors_in_torch,
+    gather_reflections,
+    gather_reflections_in_torch,
+    gather_reflections_reference,
+)
 
 COUNT, LIGHTS = 40, 9
 
@@ -46,6 +53,22 @@ def test_value_and_gradients_are_those_of_the_twin(scene):
     (expected * weight).sum().backward()
     for single, double in ((inputs[1], doubles[1]), (inputs[3], doubles[3])):
         assert torch.allclose(single.grad.double(), double.grad, rtol=1e-3, atol=1e-4 * double.grad.abs().max().item())
+
+
+def test_without_the_kernel_it_is_the_same(scene, monkeypatch):
+    """In pieces of five points; what every light reaches needs no mask."""
+    monkeypatch.setattr(device_sums, "PAIRS_AT_ONCE", 5 * LIGHTS)
+    points, normals, to_camera, alpha, lights, intensities, seen = scene
+    inputs = (points, normals.requires_grad_(), to_camera, alpha.requires_grad_(), lights, intensities)
+    for bits in (packed(seen), np.full((LIGHTS, COUNT // 8), 255, np.uint8)):
+        gradients = []
+        for gather in (gather_reflections, gather_reflections_in_torch):
+            found = gather(*inputs, bits)
+            gradients.append((found, *torch.autograd.grad(found.square().sum(), (normals, alpha))))
+        for single, plain in zip(*gradients, strict=True):
+            assert torch.allclose(single, plain, rtol=1e-3, atol=1e-4 * plain.abs().max().item())
+        few = (points, normals.detach(), lights, intensities, bits)
+        assert torch.allclose(arriving_vectors(*few), arriving_vectors_in_torch(*few), rtol=1e-5, atol=1e-6)
 
 
 def test_irradiance_is_the_cosine_law_over_seen_lights(scene):

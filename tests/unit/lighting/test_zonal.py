@@ -7,11 +7,13 @@ import pytest
 import torch
 from scipy.special import sph_harm_y
 
+from pipeline.lighting import device_sums
 from pipeline.lighting.zonal import (
     DEGREES,
     SMALLEST_DISTANCE2_M2,
     clamped_cosine_coefficients,
     gather_light,
+    gather_light_in_torch,
     gather_light_reference,
 )
 
@@ -40,6 +42,22 @@ def test_kernel_equals_float64_twin_forward_and_backward(channels):
     expected.backward(cotangent.double())
     for tensor, twin in zip(inputs, twins, strict=True):
         assert (tensor.grad - twin.grad).norm() / twin.grad.norm() < 1e-5
+
+
+def test_without_the_kernel_it_is_the_same(monkeypatch):
+    """In pieces of seven points, with a mask and without."""
+    monkeypatch.setattr(device_sums, "PAIRS_AT_ONCE", 7 * 64)
+    place, axes, light, intensity = random_scene(40, 64, 3)
+    inputs = [place.requires_grad_(), axes.requires_grad_()]
+    some = np.packbits(np.random.default_rng(0).random((64, 40)) < 0.5, axis=1)
+    for seen in (some, np.full_like(some, 255)):
+        found = []
+        for gather in (gather_light, gather_light_in_torch):
+            out = gather(*inputs, light, intensity, seen)
+            found.append((out, *torch.autograd.grad(out.square().sum(), inputs)))
+        assert (found[0][0] - found[1][0]).abs().max() < FLOAT32_SUM
+        for gradient, plain in zip(found[0][1:], found[1][1:], strict=True):
+            assert (gradient - plain).norm() / plain.norm() < 1e-5
 
 
 def test_addition_theorem_against_spherical_harmonics():
