@@ -7,8 +7,10 @@ FLAGS ?=
 
 BIN := .venv/bin
 READY := .venv/.ready
-# Waiting threads sleep, and small matrices stay on one thread: spinning slows everything else many times.
-QUIET := OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1
+# Waiting threads sleep, and small matrices stay on one thread: spinning slows everything else many times. Memory that
+# was given back is kept for the next array: fetching it from the system anew costs as much as filling it.
+QUIET := OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1 \
+    MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824
 
 MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
