@@ -23,7 +23,7 @@ help:
 	@echo 'make test                          run all tests'
 	@echo 'make hard-cases                    run the table of hard cases'
 	@echo 'make lint                          check style of code and workflow'
-	@echo 'make schema                        write config/config.yaml and its schema from the models'
+	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
 test: $(READY)
@@ -40,6 +40,7 @@ lint: $(READY)
 
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema
+	$(BIN)/python -m pipeline.capture.format_page
 
 $(READY): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
