@@ -20,26 +20,30 @@ HEAD = """\
 
 <!-- Written by `make schema` from the models in pipeline/capture: change them there. -->
 
-A capture is one folder. `capture.yaml` at its root names everything else; every path in it is relative to the folder and
-may not leave it. Nothing is guessed: a key that is missing, unknown or of the wrong type is an error that names the file,
-the key, what was expected and what was found. `make captures/tiny/capture.yaml` writes a small complete example.
+A capture is one folder. `capture.yaml` at its root names everything else; every path in it is relative to the
+folder and may not leave it. Nothing is guessed: a key that is missing, unknown or of the wrong type is an error
+that names the file, the key, what was expected and what was found. `make captures/tiny/capture.yaml` writes a small
+complete example.
 
-- **Space**: right-handed, metres, y up. The surveyed positions in the table of lights define the stage's frame; they need to
-  be good to centimetres only. Cameras follow OpenCV: x right, y down, z forward, `X_camera = R X_world + t`; `dist` is k1 k2 p1
-  p2 k3.
-- **Pixels**: the top-left corner of an image is (0, 0), so the centre of the first pixel is (0.5, 0.5), for keypoints and corners
-  as well. An image that is d times smaller than the sensor has the sensor's intrinsics divided by d.
-- **Light**: images are linear in light once the black level is subtracted (or srgb, if they say so); each camera has a 3 x 3
-  colour response of its own, which the chart measures. A light of radiant intensity I gives I / d^2 at the distance d.
-- **Patterns**: one row per lit light and frame; what is not listed is off, and a frame without a row is dark. A frame that
-  lists every light is fully lit. Any order will do: every n-th frame fully lit, one light at a time, groups, dark frames
-  between. Lights that can change colour have `intensity_r`, `intensity_g` and `intensity_b` in place of `intensity`.
-- **Held out**: `splits` names cameras, frames, segments and patterns that no avatar is trained on. A pattern is named by any
-  frame that shows it and is held out wherever it returns. Training frames under the same light as a partially lit test frame are
-  found, too: `book_patterns.on_leak` says what then, error or warn.
+- **Space**: right-handed, metres, y up. The surveyed positions in the table of lights define the stage's frame;
+  they need to be good to centimetres only. Cameras follow OpenCV: x right, y down, z forward, `X_camera = R X_world
+  + t`; `dist` is k1 k2 p1 p2 k3.
+- **Pixels**: the top-left corner of an image is (0, 0), so the centre of the first pixel is (0.5, 0.5), for
+  keypoints and corners as well. An image that is d times smaller than the sensor has the sensor's intrinsics
+  divided by d.
+- **Light**: images are linear in light once the black level is subtracted (or srgb, if they say so); each camera
+  has a 3 x 3 colour response of its own, which the chart measures. A light of radiant intensity I gives I / d^2 at
+  the distance d.
+- **Patterns**: one row per lit light and frame; what is not listed is off, and a frame without a row is dark. A
+  frame that lists every light is fully lit. Any order will do: every n-th frame fully lit, one light at a time,
+  groups, dark frames between. Lights that can change colour have `intensity_r`, `intensity_g` and `intensity_b` in
+  place of `intensity`.
+- **Held out**: `splits` names cameras, frames, segments and patterns that no avatar is trained on. A pattern is
+  named by any frame that shows it and is held out wherever it returns. Training frames under the same light as a
+  partially lit test frame are found, too: `book_patterns.on_leak` says what then, error or warn.
 
-Whether log and images agree is checked from the images: an offset of a few frames, frames missing or twice, dead or stuck
-lights, a wrong pattern in a single frame. `book_patterns.on_desync` says what then: error, fix or ignore.
+Whether log and images agree is checked from the images: an offset of a few frames, frames missing or twice, dead or
+stuck lights, a wrong pattern in a single frame. `book_patterns.on_desync` says what then: error, fix or ignore.
 """
 
 
