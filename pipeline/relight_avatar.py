@@ -80,7 +80,7 @@ def run(
                 lit = (poses[picture], light.frame(vertices[poses[picture]], picture))
             if settings.splats == "all" or (settings.splats == "first" and picture == 0):
                 write_splats(folder / f"splats/{picture:06d}.ply", splats_of(lit[1], settings.exposure))
-            rgb, alpha = (tensor.numpy() for tensor in relighter.view(lit[1], path[picture]))
+            rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(lit[1], path[picture]))
             yield write_stills(folder / "stills", picture, rgb, alpha, light.behind(path[picture], picture), settings)
 
     with written_whole(out) as folder:

@@ -44,6 +44,11 @@ class Relighter:
         self._under_sky: EnvironmentAvatar | None = None
 
     @property
+    def device(self) -> torch.device:
+        """Where the avatar is."""
+        return self.avatar.albedo.device
+
+    @property
     def prefilters(self) -> bool:
         """Whether maps can go in by harmonics and panoramas: the transfer is learned and turns with each Gaussian, the
         lobe is deferred, and nothing is asked of lights one by one."""
@@ -55,7 +60,7 @@ class Relighter:
     def under_lights(self, vertices: Float[np.ndarray, "vertices 3"], lights: FrameLights) -> dict:
         """A frame under point lights: positions in metres, radiant intensities."""
         maps = self._irradiance(vertices, lights.positions, lights.intensities, distant=False)
-        return self.avatar.prepare(FrameInputs(self.atlas, self._record(vertices, lights, maps)))
+        return self.avatar.prepare(FrameInputs(self.atlas, self._record(vertices, lights, maps), device=self.device))
 
     @torch.no_grad()
     def under_pixels(
@@ -65,7 +70,7 @@ class Relighter:
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
         maps = self._irradiance(vertices, directions, irradiances, distant=True)
         far = FrameLights(FAR_M * directions, FAR_M**2 * irradiances)
-        return self.avatar.prepare(FrameInputs(self.atlas, self._record(vertices, far, maps)))
+        return self.avatar.prepare(FrameInputs(self.atlas, self._record(vertices, far, maps), device=self.device))
 
     @torch.no_grad()
     def under_sky(
@@ -77,12 +82,14 @@ class Relighter:
     ) -> dict:
         """As `under_pixels`, shaded by the harmonics and panoramas in `sky`; `environment` only casts shadows."""
         if self._under_sky is None:
-            self._under_sky = EnvironmentAvatar(self.atlas, texel_spacing(self.atlas), self.avatar.spec).eval()
-            self._under_sky.load_state_dict(self.avatar.state_dict())
+            under_sky = EnvironmentAvatar(self.atlas, texel_spacing(self.atlas), self.avatar.spec).to(self.device)
+            under_sky.load_state_dict(self.avatar.state_dict())
+            self._under_sky = under_sky.eval()
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
         maps = self._irradiance(vertices, directions, irradiances, distant=True)
-        turned = replace(sky, world_from_map=torch.tensor(turn, dtype=torch.float32))
-        return self._under_sky.prepare(SkyInputs(self.atlas, self._record(vertices, NO_LIGHTS, maps), turned))
+        turned = replace(sky, world_from_map=self._tensor(turn))
+        record = self._record(vertices, NO_LIGHTS, maps)
+        return self._under_sky.prepare(SkyInputs(self.atlas, record, turned, device=self.device))
 
     @torch.no_grad()
     def prepare_sky(self, environment: Environment) -> PreparedSky:
@@ -90,17 +97,20 @@ class Relighter:
         ladder = None
         if self.avatar.spec.lobe:
             roughness = self.avatar.log_roughness.exp()
-            ladder = prefilter(environment, float(roughness.min()), float(roughness.max()))
-        harmonics = torch.tensor(project_environment(environment), dtype=torch.float32)
-        return PreparedSky(harmonics, ladder, torch.eye(3))
+            ladder = prefilter(environment, float(roughness.min()), float(roughness.max())).to(self.device)
+        harmonics = self._tensor(project_environment(environment))
+        return PreparedSky(harmonics, ladder, torch.eye(3, device=self.device))
 
     @torch.no_grad()
     def view(self, frame: dict, camera: Camera) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
         """Linear RGB over black and alpha; the camera's distortion is left out."""
         avatar = self._under_sky if "sky" in frame else self.avatar
-        R, t, K = (torch.tensor(array, dtype=torch.float32) for array in (camera.R, camera.t, camera.K))
+        R, t, K = (self._tensor(array) for array in (camera.R, camera.t, camera.K))
         picture = avatar.view(frame, R, t, K, camera.width, camera.height)
         return picture["rgb"], picture["alpha"]
+
+    def _tensor(self, array: np.ndarray) -> Tensor:
+        return torch.tensor(array, dtype=torch.float32, device=self.device)
 
     def _irradiance(
         self, vertices: np.ndarray, places: np.ndarray, intensities: np.ndarray, distant: bool

@@ -62,9 +62,13 @@ class LobeLadder:
     sigmas: Float64[np.ndarray, " rungs"]
     panoramas: tuple[Float[Tensor, "3 _ _"], ...]
 
+    def to(self, device: torch.device) -> LobeLadder:
+        """The same on another device."""
+        return LobeLadder(self.sigmas, tuple(panorama.to(device) for panorama in self.panoramas))
+
     def look_up(self, centers: Float[Tensor, "n 3"], sigma: Float[Tensor, " n"]) -> Float[Tensor, "n 3"]:
         """sum_j E_j G(w_j; q, sigma) for unit mirror directions q. Beyond the ladder its end is taken, scaled."""
-        steps = torch.as_tensor(self.sigmas, dtype=sigma.dtype) ** -2
+        steps = torch.as_tensor(self.sigmas, dtype=sigma.dtype, device=sigma.device) ** -2
         wanted = sigma.clamp(float(self.sigmas[0]), float(self.sigmas[-1])) ** -2
         upper = torch.searchsorted(-steps, -wanted).clamp(1, len(steps) - 1) if len(steps) > 1 else None
         if upper is None:

@@ -1,5 +1,6 @@
 """Training as processes of their own: two of them through torchrun, and signals from outside."""
 
+import dataclasses
 import os
 import re
 import signal
@@ -94,6 +95,23 @@ def stop_on_the_way(subject, out, processes, number):
     code, printed = finish(process)
     assert not (out / "avatar.safetensors").exists(), "the training was over before it was stopped"
     return code, printed
+
+
+def test_what_breaks_in_one_process_stops_both(tmp_path):
+    """The leader's image is sound, the other process's is not; both say the same and nothing waits for ever."""
+    images = sheet_images(sheet_frames(), (-0.1, 0.1))
+    image = images[0].image.copy()
+    image[12, 12] = np.nan
+    images[0] = dataclasses.replace(images[0], image=image)
+    write_subject(tmp_path, images, shadow=True)
+    code, printed = finish(start(tmp_path, tmp_path / "out", 2))
+    assert code == 1
+    pattern = r"step \d+, \S+, \S+: expected finite numbers, found others in loss terms: photometric \(nan\)"
+    told = re.findall(pattern, printed)
+    assert len(told) == 2 and told[0] == told[1], printed
+    assert "x-0.1/0" in told[0] and "x0.1/0" in told[0]
+    assert f"before it: {tmp_path / 'out/broken.safetensors'}" in printed
+    assert np.isfinite(read_arrays(tmp_path / "out/broken.safetensors")["avatar.albedo"]).all()
 
 
 def test_a_killed_training_goes_on_to_the_same_bits(subject, tmp_path, alone):

@@ -11,12 +11,20 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from pipeline.avatar import model, pose
+from pipeline.avatar.checkpoint import LoadedAvatar
+from pipeline.avatar.environment_avatar import PreparedSky
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.processes import FlatGradients
+from pipeline.avatar.relighting import Relighter
 from pipeline.avatar.spec import spec_of
 from pipeline.avatar.training import compute_loss
+from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.cameras import Camera
+from pipeline.lighting.environment import Environment
+from pipeline.lighting.environment_lobes import prefilter
+from pipeline.lighting.frame_lights import FrameLights
 from pipeline.rendering.splat_conventions import Splatted
 from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
 from tests.unit.avatar.test_training import VARIANTS
@@ -44,17 +52,24 @@ def empty_picture(means, quaternions, scales, opacities, features, R, t, K, widt
     return Splatted(features.new_zeros(height, width, features.shape[1]) + seen, blank, blank)
 
 
-def covered_pixels(mask, as_tuple):
+def covered_pixels(mask, as_tuple=False):
     """How many pixels are covered depends on numbers, of which there are none."""
-    return tuple(torch.zeros(COVERED_PIXELS, dtype=torch.int64, device=mask.device) for _ in mask.shape)
+    places = torch.zeros(COVERED_PIXELS, mask.ndim, dtype=torch.int64, device=mask.device)
+    return places.unbind(1) if as_tuple else places
 
 
-@pytest.mark.parametrize("name", ["full", *VARIANTS])
-def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(name, monkeypatch):
+@pytest.fixture
+def no_numbers(monkeypatch):
+    """Stand-ins for what has to know numbers."""
     monkeypatch.setattr(model, "splat_supersampled", empty_picture)
     monkeypatch.setattr(torch, "nonzero", covered_pixels)
     for module in (model, pose):
         monkeypatch.setattr(module, "white_once", lambda intensities: intensities)
+
+
+@pytest.mark.parametrize("name", ["full", *VARIANTS])
+@pytest.mark.usefixtures("no_numbers")
+def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(name):
     settings = TrainAvatar(**VARIANTS.get(name, {}))
     atlas = make_sheet(8)
     record = make_frame(atlas, np.array([[0.5, 0.3, 1.5], [0.1, 0.2, 1.4]]), np.array([[3.0, 2, 1], [1, 1, 1]]))
@@ -67,6 +82,25 @@ def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(
         assert {term.device for term in terms.values()} == {ELSEWHERE}
         sum(terms.values()).backward()
     assert gradients.flat.device == ELSEWHERE
+
+
+@pytest.mark.usefixtures("no_numbers")
+def test_relit_pictures_are_on_the_device_of_the_parameters():
+    atlas = make_sheet(8)
+    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(), {"shadow"})).to(ELSEWHERE)
+    relighter = Relighter(LoadedAvatar(avatar, atlas), TraceIrradiance())
+    camera = Camera(R=np.diag([1.0, -1, -1]), t=np.array([0, 0, 1.0]), K=np.eye(3), dist=np.zeros(5), width=4, height=4)
+    lights = FrameLights(np.array([[0.5, 0.3, 1.5]]), np.ones((1, 3)))
+    sky = Environment(np.ones((8, 16, 3), np.float32))
+    prepared = PreparedSky(torch.zeros(81, 3, device=ELSEWHERE), prefilter(sky).to(ELSEWHERE), torch.eye(3))
+    with OneDevice():
+        frames = [
+            relighter.under_lights(atlas.rest_vertices, lights),
+            relighter.under_pixels(atlas.rest_vertices, sky, np.eye(3)),
+            relighter.under_sky(atlas.rest_vertices, prepared, sky, np.eye(3)),
+        ]
+        for frame in frames:
+            assert {tensor.device for tensor in relighter.view(frame, camera)} == {ELSEWHERE}
 
 
 def test_a_tensor_that_stayed_behind_is_found():
