@@ -13,6 +13,18 @@ class SynthesizeCapture(Settings):
     """A procedural subject in a procedural light stage; the defaults make `subjectA`."""
 
     figure: Literal["body", "head"] = Field("body", description="what is captured: a skinned body or an unrigged head")
+    material: Literal["opaque", "translucent"] = Field(
+        "opaque", description="opaque: painted, under a coat; translucent: a medium that scatters light, under a coat"
+    )
+    mean_free_path_m: float = Field(
+        0.03, gt=0, description="distance that light goes in a translucent material until it is scattered [m]"
+    )
+    scattering_albedo: tuple[float, ...] = Field(
+        (0.97, 0.92, 0.85),
+        min_length=3,
+        max_length=3,
+        description="share of the light that goes on at each scattering in a translucent material: red, green, blue",
+    )
     framed_height_m: float = Field(
         2.05, gt=0.1, description="height of the scene that fills the image at the stage's centre: subject and room [m]"
     )
@@ -50,7 +62,11 @@ class SynthesizeCapture(Settings):
         256, ge=1, description="light paths per image pixel of fully lit frames, whose paths choose among more lights"
     )
     supersampling: int = Field(2, ge=1, le=8, description="rendered pixels per image pixel along one axis")
-    max_depth: int = Field(4, ge=2, description="path edges from camera to light; 2 is direct light only")
+    max_depth: int = Field(
+        4,
+        ge=2,
+        description="path edges from camera to light; 2 is direct light only, a translucent material takes hundreds",
+    )
     shot_gain: float = Field(1e-4, ge=0, description="noise variance per unit of signal [image value]")
     read_noise: float = Field(0.001, ge=0, description="noise deviation in the dark [image value]")
     saturation: float = Field(1.0, gt=0, description="largest value of an image above its black level [image value]")

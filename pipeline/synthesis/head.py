@@ -102,7 +102,10 @@ def build_head(subject: str, vertex_spacing_m: float, texture_size: int, gloss_a
 
     return Head(
         vertices, faces, len(skin), unwrapped, bake(unwrapped, texture_size, albedo),
-        (Material(slice(0, len(skin_faces)), gloss_alpha), Material(slice(len(skin_faces), None), EYE_GLOSS_ALPHA)),
+        (
+            Material(slice(0, len(skin_faces)), gloss_alpha),
+            Material(slice(len(skin_faces), None), EYE_GLOSS_ALPHA, solid=False),
+        ),
         (*names, "pupil_l", "pupil_r"), np.concatenate([cKDTree(skin).query(near)[1], pupils]),
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ Rendered images are radiance, linear RGB, with coverage in the fourth channel.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
@@ -79,13 +79,16 @@ def triangle_mesh(
     uv: Float64[np.ndarray, "v 2"],
     normals: Float64[np.ndarray, "v 3"] | None = None,
     emitter: dict[str, Any] | None = None,
+    interior: dict[str, Any] | None = None,
 ) -> Any:
-    """A Mitsuba mesh with texture coordinates (v pointing down) and, if given, smooth normals or emission."""
+    """A Mitsuba mesh with texture coordinates (v down) and, if given, smooth normals, emission, a medium inside."""
     mi = mitsuba()
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
     if emitter is not None:
         properties["emitter"] = mi.load_dict(emitter)
+    if interior is not None:
+        properties["interior"] = mi.load_dict(interior)
     mesh = mi.Mesh(
         "mesh", len(vertices), len(faces),
         has_vertex_normals=normals is not None, has_vertex_texcoords=True, props=properties,
@@ -114,12 +117,16 @@ def lit_scene(
     light_positions: Float64[np.ndarray, "n 3"],
     intensities: Float64[np.ndarray, "n"],
     max_depth: int,
+    integrator: Literal["path", "volpath"] = "path",
 ) -> Any:
-    """Meshes under point lights of the given radiant intensities, on black; paths of up to `max_depth` edges."""
+    """Meshes under point lights of the given radiant intensities, on black; paths of up to `max_depth` edges.
+
+    Media need the `volpath` integrator; it counts a scattering as an edge's end, but not the crossing of a surface.
+    """
     mi = mitsuba()
     content: dict[str, Any] = {
         "type": "scene",
-        "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": NO_ROULETTE},
+        "integrator": {"type": integrator, "max_depth": max_depth, "rr_depth": NO_ROULETTE},
         **{f"mesh_{index}": mesh for index, mesh in enumerate(meshes)},
     }
     for index, (position, intensity) in enumerate(zip(light_positions, intensities, strict=True)):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,6 +32,7 @@ from pipeline.synthesis.targets import (
     sees_board,
     sphere_points,
 )  # fmt: skip
+from pipeline.synthesis.translucency import Medium, translucent_mesh
 
 PRINT_SAMPLES = 4
 """Paths per fine pixel of a print: its shading has no noise, so only edges need them."""
@@ -115,33 +117,46 @@ def take(job: Job) -> pd.DataFrame | None:
 
 
 def _photograph_frame(job: FrameJob) -> pd.DataFrame:
-    studio, settings, shown = job.studio, job.studio.settings, job.shown
-    cut, vertices = shown.unwrapped, job.moment.vertices
-    normals = vertex_normals(vertices, shown.faces)
-    meshes = [
-        scenes.coated_mesh(
-            shown.texture, m.gloss_alpha, vertices[cut.source], normals[cut.source], cut.faces[m.faces], cut.uv
-        )
-        for m in shown.materials
-    ]
-    lit = job.intensities > 0
-    scene = scenes.lit_scene(meshes, studio.rig.lights_xyz[lit], job.intensities[lit], settings.max_depth)
-    paths = settings.spp_fully_lit if lit.all() else settings.spp
+    studio, settings = job.studio, job.studio.settings
+    translucent = settings.material == "translucent"
+    scene = _lit_subject(job, translucent)
+    # Light may cross a translucent body as if it were not there, so its coverage comes from the opaque one.
+    opaque = _lit_subject(job, False) if translucent else None
+    paths = settings.spp_fully_lit if (job.intensities > 0).all() else settings.spp
     detections = []
     for name, sensor_camera in studio.rig.cameras.items():
         camera = sensor_camera.downsampled(settings.downsample_from_sensor)
-        view = view_points(camera, vertices, settings.supersampling)
+        view = view_points(camera, job.moment.vertices, settings.supersampling)
         samples = max(1, round(paths / settings.supersampling**2))
         seed = seed_for(studio.subject, "paths", name, job.frame) % 2**31
         developed = view.develop(scenes.render(scene, view, samples, seed))
         random = generator_for(studio.subject, "sensor", name, job.frame)
         raw = studio.sensor_model.expose(developed[..., :3], studio.rig.raw_from_true[name], random)
         write_exr(studio.root / f"images/{name}/{job.frame:06d}.exr", raw)
+        if opaque is not None:
+            developed[..., 3] = view.develop(scenes.render(opaque, view, PRINT_SAMPLES, seed))[..., 3]
         mask = np.where(developed[..., 3] >= COVERED, 255, 0).astype(np.uint8)
         write_8bit(studio.root / f"masks/{name}/{job.frame:06d}.png", mask)
         found = _detect(job, scene, name, camera)
         detections.append(found)
     return pd.concat(detections, ignore_index=True)
+
+
+def _lit_subject(job: FrameJob, translucent: bool) -> Any:
+    """The subject under the lights that are on, as a Mitsuba scene."""
+    shown, settings, vertices = job.shown, job.studio.settings, job.moment.vertices
+    cut, normals = shown.unwrapped, vertex_normals(vertices, shown.faces)
+    medium = Medium(settings.mean_free_path_m, settings.scattering_albedo)
+    meshes = []
+    for material in shown.materials:
+        geometry = (vertices[cut.source], normals[cut.source], cut.faces[material.faces], cut.uv)
+        if translucent and material.solid:
+            meshes.append(translucent_mesh(medium, material.gloss_alpha, *geometry))
+        else:
+            meshes.append(scenes.coated_mesh(shown.texture, material.gloss_alpha, *geometry))
+    lit = job.intensities > 0
+    lights, integrator = job.studio.rig.lights_xyz[lit], "volpath" if translucent else "path"
+    return scenes.lit_scene(meshes, lights, job.intensities[lit], settings.max_depth, integrator)
 
 
 def _detect(job: FrameJob, scene: object, name: str, camera: Camera) -> pd.DataFrame:

@@ -31,10 +31,16 @@ class Moment:
 
 @dataclass(frozen=True)
 class Material:
-    """Some of a subject's faces, and the width of the GGX lobe of their gloss."""
+    """Some of a subject's faces, and what they are made of.
+
+    Attributes:
+        gloss_alpha: width of the GGX lobe of their gloss.
+        solid: what they enclose may be a translucent medium; if not, they are opaque whatever the settings say.
+    """
 
     faces: slice
     gloss_alpha: float
+    solid: bool = True
 
 
 @runtime_checkable
