@@ -52,13 +52,16 @@ def silhouette(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> Float
 
 TRANSFER = ("transfer_color", "transfer_mono")
 
+SMALLEST_VALUE = 1e-30
+"""Values are bounded as if they were no smaller: slopes, 2 log(low / v) / v, then fit into float32."""
+
 
 def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
     """Mean squared excess over bounds, in units of log: zero inside, finite slope everywhere.
 
     The paper's lower branch, 1 / max(v, 1e-7), jumps at the bound and has slopes up to 1e14.
     """
-    log = value.clamp_min(torch.finfo(value.dtype).tiny).log()
+    log = value.clamp_min(SMALLEST_VALUE).log()
     bounds = torch.tensor([low, high]).log()
     return (torch.relu(bounds[0] - log).square() + torch.relu(log - bounds[1]).square()).mean()
 
