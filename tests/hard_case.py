@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -20,9 +21,6 @@ COLUMNS = (
 """`unit` is that of the value's error; empty: relative, or a plain number. Errors are empty where nothing was measured:
 the case is a message, or has no gradient."""
 
-PROPERTY = "hard_case"
-"""Under this name a test's row travels with its report, also from the processes of pytest-xdist."""
-
 NAIVE_FACTOR = 10.0
 """A naive version has failed if its error is this many times the bound that the case keeps: no matter of rounding."""
 
@@ -30,8 +28,16 @@ NAIVE_FACTOR = 10.0
 class HardCase:
     """Takes down the errors of one test, and holds them against their bounds."""
 
-    def __init__(self) -> None:
-        self.row: dict[str, float | str] = {}
+    def __init__(self, record_property: Callable[[str, float | str], None]) -> None:
+        """Args:
+        record_property: pytest's fixture; the table reads what it recorded last under the names of its columns.
+        """
+        self._record_property = record_property
+        self._row: dict[str, float] = {}
+
+    def _record(self, column: str, value: float) -> None:
+        self._row[column] = value
+        self._record_property(column, value)
 
     def check(
         self,
@@ -48,22 +54,22 @@ class HardCase:
         pairs = {"value": (value_error, value_bound), "gradient": (gradient_error, gradient_bound)}
         measured = {what: (float(e), float(b)) for what, (e, b) in pairs.items() if e is not None}
         for what, (error, bound) in measured.items():
-            before = self.row.get(f"{what}_error"), self.row.get(f"{what}_bound")
-            if before[0] is None or not _share(error, bound) <= _share(*before):
-                self.row |= {f"{what}_error": error, f"{what}_bound": bound}
+            before = [self._row.get(f"{what}_{kind}") for kind in ("error", "bound")]
+            if None in before or not _share(error, bound) <= _share(*before):
+                self._record(f"{what}_error", error)
+                self._record(f"{what}_bound", bound)
         if unit:
-            self.row["unit"] = unit
+            self._record_property("unit", unit)
         for what, (error, bound) in measured.items():
             assert math.isfinite(error), f"the {what} is not finite"
             assert error <= bound, f"{what}: error {error:.3g}, bound {bound:.3g}"
 
     def naive_fails(self, error: float, what: Literal["value", "gradient"] = "value") -> None:
         """Assert that the plausible naive version, run on the same case, misses the bound or is not finite."""
-        error = float(error)
-        before = self.row.get("naive_error")
+        error, before = float(error), self._row.get("naive_error")
         if before is None or not error <= before:
-            self.row["naive_error"] = error
-        least = NAIVE_FACTOR * float(self.row[f"{what}_bound"])
+            self._record("naive_error", error)
+        least = NAIVE_FACTOR * self._row[f"{what}_bound"]
         assert not math.isfinite(error) or error > least, f"the naive version is right, too: error {error:.3g}"
 
 
@@ -99,7 +105,7 @@ class HardCaseTable:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Each test reports its set-up, its call and its teardown; one that fails at any of them has failed."""
         row = self.rows.setdefault(report.nodeid, {"verdict": "PASS"})
-        row |= dict(report.user_properties).get(PROPERTY, {})
+        row |= {name: value for name, value in report.user_properties if name in COLUMNS}
         if report.failed:
             row["verdict"] = "FAIL"
         elif report.skipped and row["verdict"] == "PASS":
@@ -140,7 +146,8 @@ def _error(row: dict[str, float | str], what: str) -> str:
     if f"{what}_error" not in row:
         return ""
     unit = f" {row['unit']}" if what == "value" and "unit" in row else ""
-    return f"{row[f'{what}_error']:.1e} ({row[f'{what}_bound']:.0e}){unit}"
+    bound = f"{row[f'{what}_bound']:.0e}" if row[f"{what}_bound"] else "exact"
+    return f"{row[f'{what}_error']:.1e} ({bound}){unit}"
 
 
 def _number(value: float | str) -> str:

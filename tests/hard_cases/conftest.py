@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.hard_case import PROPERTY, HardCase, HardCaseTable
+from tests.hard_case import HardCase, HardCaseTable
 
 OPTION = "--hard-cases"
 
@@ -16,15 +17,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    # Not known where pytest came by these tests from a folder above; processes of pytest-xdist leave it to their parent.
+    # Not known if pytest was given a folder above this one. Processes of pytest-xdist leave the table to their parent.
     path = config.getoption(OPTION, None)
     if path is not None and not hasattr(config, "workerinput"):
         config.pluginmanager.register(HardCaseTable(path))
 
 
 @pytest.fixture
-def case(request: pytest.FixtureRequest) -> HardCase:
+def case(record_property: Callable[[str, float | str], None]) -> HardCase:
     """The row of the table that this test fills."""
-    case = HardCase()
-    request.node.user_properties.append((PROPERTY, case.row))
-    return case
+    return HardCase(record_property)

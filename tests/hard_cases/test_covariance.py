@@ -35,7 +35,10 @@ def exact_alphas(scales_px: tuple[float, float], degrees: float, dilation: float
         V = rotation(degrees)
         s2 = [mpmath.mpf(s) ** 2 for s in scales_px]
         cov = [
-            [sum(V[i][k] * V[j][k] * s2[k] for k in range(2)) + (mpmath.mpf(dilation) if i == j else 0) for j in range(2)]
+            [
+                sum(V[i][k] * V[j][k] * s2[k] for k in range(2)) + (mpmath.mpf(dilation) if i == j else 0)
+                for j in range(2)
+            ]
             for i in range(2)
         ]
         determinant = cov[0][0] * cov[1][1] - cov[0][1] ** 2

@@ -39,7 +39,9 @@ def test_srgb(case: HardCase, at: float) -> None:
     (slope,) = torch.autograd.grad(found, linear)
     exact = mpmath.mpf(linear.item())
     by_linear = mpmath.diff(encoded, exact) if at else mpmath.mpf("12.92")
-    case.check(worst(found, encoded(exact), max(float(encoded(exact)), 0.04)), FLOAT32, worst(slope, by_linear), FLOAT32)
+    case.check(
+        worst(found, encoded(exact), max(float(encoded(exact)), 0.04)), FLOAT32, worst(slope, by_linear), FLOAT32
+    )
     assert float(linear_from_srgb(found)) == pytest.approx(at, rel=1e-6)
     if at <= 0:  # the usual approximation, and what where() leaves of the right one if the power is not kept off zero
         naive = torch.tensor(at, requires_grad=True)

@@ -80,7 +80,7 @@ def test_two_cameras_side_by_side_know_how_little_they_know(case: HardCase) -> N
     """A decimetre apart, 3.5 m away: stated standard deviations against true errors, half of which should exceed 0.67
     of them. Of 2,000 points that share is good to 4 %, and so is the noise; three times both."""
     one = next(iter(ring_of_cameras(6).values()))
-    cameras = [one, replace(one, t=one.t + [0.1, 0, 0])]
+    cameras = [one, replace(one, t=one.t + np.array([0.1, 0, 0]))]
     points = np.random.default_rng(2).uniform([-0.5, 0.2, -0.5], [0.5, 1.7, 0.5], (2000, 3))
     noise = np.random.default_rng(3)
     seen = np.stack([c.undistort(c.project(points)[0] + 0.3 * noise.normal(size=(2000, 2))) for c in cameras])

@@ -90,7 +90,7 @@ def test_rays_that_start_on_doubled_faces(case: HardCase) -> None:
     mesh = trimesh.creation.icosphere(2)
     vertices, faces = np.array(mesh.vertices) + SHIFT, np.repeat(np.array(mesh.faces), 2, 0)
     points, normals = vertices[faces].mean(1), unit_or(area_vectors(vertices, faces), 0.0)
-    light = SHIFT + [2.0, 3, 4]
+    light = SHIFT + np.array([2.0, 3, 4])
     slope = ((light - points) * normals).sum(1)
     sure = np.abs(slope) > 1e-6
     seen, _ = Occluders(vertices, faces).visible(points, normals, light)

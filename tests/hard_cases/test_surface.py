@@ -149,7 +149,7 @@ def test_a_face_without_area_beside_others(case: HardCase) -> None:
 
 
 def test_a_vertex_whose_faces_cancel(case: HardCase) -> None:
-    """A sheet modelled from both sides with shared vertices: no vertex normal, but each side's texels have their own."""
+    """A sheet modelled from both sides with shared vertices: no vertex normal, but each side has its own."""
     both = np.concatenate([FACES, FACES[:, ::-1]])
     uv = np.concatenate([SQUARE_UV[FACES] * [0.5, 1], SQUARE_UV[FACES[:, ::-1]] * [0.5, 1] + [0.5, 0]])
     atlas = atlas_of(SQUARE, both, uv)
@@ -185,7 +185,9 @@ def test_texels_exactly_on_a_seam(case: HardCase, size: int) -> None:
     corners, centers = SQUARE_UV[FACES] * size, np.stack([column + 0.5, row + 0.5], 1)
     inside = 0
     for a, b, c in corners:
-        edges = [(q - p)[0] * (centers - p)[:, 1] - (q - p)[1] * (centers - p)[:, 0] for p, q in ((a, b), (b, c), (c, a))]
+        edges = [
+            (q - p)[0] * (centers - p)[:, 1] - (q - p)[1] * (centers - p)[:, 0] for p, q in ((a, b), (b, c), (c, a))
+        ]
         inside += np.count_nonzero(np.abs(np.sign(edges).sum(0)) == 3)
     case.naive_fails(worst(inside, size * size))
 
@@ -193,7 +195,9 @@ def test_texels_exactly_on_a_seam(case: HardCase, size: int) -> None:
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_normals_across_a_seam_at_any_scale(case: HardCase, scale: float) -> None:
     """A roof whose ridge is a texture seam, its vertices written twice: on the ridge the normal points up."""
-    roof = scale * (np.array([[-1.0, 0, 0], [0, 1, 0], [0, 1, 1], [-1, 0, 1], [0, 1, 0], [1, 0, 0], [1, 0, 1], [0, 1, 1]]))
+    roof = scale * (
+        np.array([[-1.0, 0, 0], [0, 1, 0], [0, 1, 1], [-1, 0, 1], [0, 1, 0], [1, 0, 0], [1, 0, 1], [0, 1, 1]])
+    )
     faces = np.array([[0, 2, 1], [0, 3, 2], [4, 7, 5], [7, 6, 5]])
     weld = weld_vertices(roof.astype(np.float32), faces)
     normals = vertex_normals(roof, faces, weld)
@@ -215,4 +219,6 @@ def test_a_tangent_at_the_poles(case: HardCase, z: float) -> None:
     if z < 0:  # Frisvad's, which has no sign to change
         a = 1 / (1 + n[2])
         naive = torch.stack([1 - n[0] * n[0] * a, -n[0] * n[1] * a, -n[0]])
-        case.naive_fails(max(abs(float(naive.norm()) - 1), abs(float(naive @ n)), key=lambda e: e if e == e else np.inf))
+        case.naive_fails(
+            max(abs(float(naive.norm()) - 1), abs(float(naive @ n)), key=lambda e: e if e == e else np.inf)
+        )
