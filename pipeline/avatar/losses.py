@@ -16,6 +16,9 @@ SCALE_BOUNDS_M = (1e-4, 1e-2)
 ROUGHNESS_BOUNDS = (0.01, 0.25)
 """Bounds of the lobe width in radians (RFGCA Appendix B)."""
 
+SMALLEST_VALUE = 1e-30
+"""Values are bounded as if they were no smaller: slopes, 2 log(low / v) / v, then fit into float32."""
+
 GGX_WIDTH_BOUNDS = (0.05, 1.0)
 """Bounds of the width of GGX: at 0.05 a highlight is as wide as a lamp of the stage, at 1 it is matte."""
 
@@ -51,9 +54,6 @@ def silhouette(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> Float
 
 
 TRANSFER = ("transfer_color", "transfer_mono")
-
-SMALLEST_VALUE = 1e-30
-"""Values are bounded as if they were no smaller: slopes, 2 log(low / v) / v, then fit into float32."""
 
 
 def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
