@@ -16,6 +16,7 @@ from pipeline.lighting.environment_lobes import LOOKUP_BOUND, PIXELS_PER_SIGMA, 
 from pipeline.lighting.environment_sh import gather_environment, project_environment
 from pipeline.lighting.irradiance import Samples, trace_irradiance
 from pipeline.lighting.lobes import LOBE_CONSTANT
+from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.zonal import DEGREES
 from tests.hard_case import HardCase, worst
@@ -119,7 +120,7 @@ def test_a_sun_of_one_pixel_is_found_by_single_draws(case: HardCase, place: str)
     texel = np.stack(np.divmod(np.arange(len(points)), 20), 1)
     errors = {}
     for sampling in ("power", "uniform"):
-        samples = Samples(1, sampling, "random", texel, np.random.default_rng(0))
+        samples = Samples(1, sampling, "random", TexelBlocks(texel), np.random.default_rng(0))
         found = trace_irradiance(Occluders(vertices, faces), points, normals, lights, samples=samples)
         errors[sampling] = float(np.sqrt(np.mean((found.values - lit) ** 2)))
     # The sky's share of all light: 1e-8 times the spheres' pixels over the sun's, and as likely drawn.
