@@ -19,7 +19,7 @@ COLUMNS = (
     "unit",
 )  # fmt: skip
 """`unit` is that of the value's error; empty: relative, or a plain number. Errors are empty where nothing was measured:
-the case is a message, or has no gradient."""
+the case is a message, or has no gradient. What is not finite is inf."""
 
 NAIVE_FACTOR = 10.0
 """A naive version has failed if its error is this many times the bound that the case keeps: no matter of rounding."""
@@ -67,7 +67,7 @@ class HardCase:
     def naive_fails(self, error: float, what: Literal["value", "gradient"] = "value") -> None:
         """Assert that the plausible naive version, run on the same case, misses the bound or is not finite."""
         error, before = float(error), self._row.get("naive_error")
-        if before is None or not error <= before:
+        if before is None or error > before or math.isnan(error):
             self._record("naive_error", error)
         least = NAIVE_FACTOR * self._row[f"{what}_bound"]
         assert not math.isfinite(error) or error > least, f"the naive version is right, too: error {error:.3g}"
@@ -105,7 +105,9 @@ class HardCaseTable:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Each test reports its set-up, its call and its teardown; one that fails at any of them has failed."""
         row = self.rows.setdefault(report.nodeid, {"verdict": "PASS"})
-        row |= {name: value for name, value in report.user_properties if name in COLUMNS}
+        recorded = {name: value for name, value in report.user_properties if name in COLUMNS}
+        # Readers of csv files take nan for a missing number.
+        row |= {name: math.inf if value != value else value for name, value in recorded.items()}
         if report.failed:
             row["verdict"] = "FAIL"
         elif report.skipped and row["verdict"] == "PASS":
