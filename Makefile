@@ -21,7 +21,7 @@ MAKEFLAGS += --no-builtin-rules
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
 	@echo 'make test                          run all tests'
-	@echo 'make hard-cases                    run the table of hard cases'
+	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
@@ -30,7 +30,7 @@ test: $(READY)
 	$(QUIET) $(BIN)/python -m pytest -q
 
 hard-cases: $(READY)
-	$(QUIET) $(BIN)/python -m pytest tests/hard_cases -v
+	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv
 
 lint: $(READY)
 	$(BIN)/ruff check .

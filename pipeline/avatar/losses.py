@@ -18,6 +18,9 @@ SCALE_BOUNDS_M = (1e-4, 1e-2)
 ROUGHNESS_BOUNDS = (0.01, 0.25)
 """Bounds of the lobe width in radians (RFGCA Appendix B)."""
 
+SMALLEST_VALUE = 1e-30
+"""Values are bounded as if they were no smaller: slopes, 2 log(low / v) / v, then fit into float32."""
+
 GGX_WIDTH_BOUNDS = (0.05, 1.0)
 """Bounds of the width of GGX: at 0.05 a highlight is as wide as a lamp of the stage, at 1 it is matte."""
 
@@ -60,7 +63,7 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
 
     The paper's lower branch, 1 / max(v, 1e-7), jumps at the bound and has slopes up to 1e14.
     """
-    log = value.clamp_min(torch.finfo(value.dtype).tiny).log()
+    log = value.clamp_min(SMALLEST_VALUE).log()
     return (torch.relu(math.log(low) - log).square() + torch.relu(log - math.log(high)).square()).mean()
 
 

@@ -13,7 +13,7 @@ from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.glints import gather_glints
 from pipeline.lighting.lobes import mirror_direction, unit
 from pipeline.lighting.microfacet import arriving_vectors, gather_reflections
-from pipeline.lighting.zonal import DEGREES, clamped_cosine_coefficients
+from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, clamped_cosine_coefficients
 
 COLOR_DEGREES = 4
 """Degrees 0..3 of the transfer are coloured, 4..8 monochrome (RGCA section 3.3, RFGCA 9)."""
@@ -86,7 +86,8 @@ def gather_harmonics(
     out = points.new_zeros(len(points), COEFFICIENTS, intensities.shape[1])
     for position, intensity in zip(light_positions, intensities, strict=True):
         offset = position - points
-        harmonics = spherical_harmonics(unit(offset) @ body.T) / offset.square().sum(-1, keepdim=True)
+        distance2 = offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
+        harmonics = spherical_harmonics(unit(offset) @ body.T) / distance2
         out += harmonics[..., None] * intensity
     return out
 
@@ -136,4 +137,5 @@ def arriving_light(
     intensities: Float[Tensor, "lights channels"],
 ) -> Float[Tensor, "texels channels"]:
     """Sum of I / d^2, seen or not."""
-    return (1 / torch.cdist(points, light_positions).square()) @ intensities
+    distance2 = torch.cdist(points, light_positions).square().clamp_min(float(SMALLEST_DISTANCE2_M2))
+    return (1 / distance2) @ intensities

@@ -36,8 +36,9 @@ def unit_or(vectors: np.ndarray | Tensor, fallback: np.ndarray | Tensor | float)
     largest = xp.amax(xp.abs(vectors), -1)[..., None]
     empty = largest == 0
     scaled = vectors / xp.where(empty, xp.ones_like(largest), largest)
-    length = xp.sqrt((scaled * scaled).sum(-1))[..., None]
-    return xp.where(empty, fallback, scaled / xp.where(empty, xp.ones_like(length), length))
+    # Under the root, or its slope at zero would make the gradient NaN, chosen or not.
+    squared = xp.where(empty, xp.ones_like(largest), (scaled * scaled).sum(-1)[..., None])
+    return xp.where(empty, fallback, scaled / xp.sqrt(squared))
 
 
 @overload

@@ -91,13 +91,14 @@ def _noise(residual: np.ndarray, inlier: np.ndarray) -> float:
     """Standard deviation of one coordinate: median absolute residual, corrected for the three numbers fitted."""
     per_point = inlier.sum(0)
     used = inlier & (per_point >= 3)
-    if not used.any():
-        used = inlier
-    if not used.any():
-        return 0.0
-    count = 2.0 * np.broadcast_to(per_point, inlier.shape)[used]
-    corrected = np.abs(residual[used]) / np.sqrt((count - 3) / count)[:, None]
-    return float(np.median(corrected) / 0.6744897501960817)  # median of |N(0, 1)|
+    if used.any():
+        count = 2.0 * np.broadcast_to(per_point, inlier.shape)[used]
+        left = np.abs(residual[used]) / np.sqrt((count - 3) / count)[:, None]
+    else:
+        # Of the four numbers of two rays, one is left, across their common plane; single coordinates may well be zero.
+        pairs = per_point == 2
+        left = np.sqrt((np.where(inlier[..., None], residual, 0.0)[:, pairs] ** 2).sum((0, 2)))
+    return float(np.median(left) / 0.6744897501960817) if left.size else 0.0  # median of |N(0, 1)|
 
 
 def reprojection(

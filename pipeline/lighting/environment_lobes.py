@@ -130,8 +130,11 @@ def _sample(
     """
     height, width = panorama.shape[1] - 2 * MARGIN, panorama.shape[2] - 2 * MARGIN
     x, y, z = directions.unbind(-1)
+    # A pole has every azimuth: any will do, and its slope has to be finite.
+    pole = (x == 0) & (z == 0)
+    z = torch.where(pole, -torch.ones_like(z), z)
     columns = torch.atan2(x, -z) / (2 * math.pi) % 1 * width + MARGIN - 0.5
-    rows = torch.atan2(torch.hypot(x, z), y) / math.pi * height + MARGIN - 0.5
+    rows = torch.atan2(torch.where(pole, torch.zeros_like(x), torch.hypot(x, z)), y) / math.pi * height + MARGIN - 0.5
     row, column = rows.floor(), columns.floor()
     down, right = weights(rows - row), weights(columns - column)
     found = torch.zeros_like(directions)

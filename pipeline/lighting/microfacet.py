@@ -185,13 +185,17 @@ def _gather_reflections(points, normals, to_camera, alpha, lights, intensities, 
                 continue
             # Unit vectors with positive cosines to n: w_i + w_o is not zero.
             hx, hy, hz = x + ox, y + oy, z + oz
-            inverse = ONE / math.sqrt(hx * hx + hy * hy + hz * hz)
+            length = math.sqrt(hx * hx + hy * hy + hz * hz)
+            inverse = ONE / length
             hx, hy, hz = hx * inverse, hy * inverse, hz * inverse
             ch = nx * hx + ny * hy + nz * hz
-            grazing = ONE - (ox * hx + oy * hy + oz * hz)
+            # w_o . h is half the length of w_i + w_o, which keeps its digits where both graze the surface.
+            grazing = ONE - length / two
             grazing2 = grazing * grazing
             fresnel = F0 + (ONE - F0) * grazing2 * grazing2 * grazing
-            t = ch * ch * (a2 - ONE) + ONE
+            # cos^2 (alpha^2 - 1) + 1 with |n x h|^2 for 1 - cos^2: nothing cancels in the highlights of small alpha.
+            sx, sy, sz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
+            t = sx * sx + sy * sy + sz * sz + a2 * ch * ch
             root_i = math.sqrt(a2 + (ONE - a2) * ci * ci)
             q = ci * root_o + co * root_i
             f = a2 / (PI * t * t) * fresnel * ci / (two * q) / distance2

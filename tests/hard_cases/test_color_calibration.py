@@ -55,20 +55,20 @@ def turned(turns):
 @pytest.mark.parametrize(
     "change", [turned(2), turned(1), turned(3)], ids=["upside down", "turned left", "turned right"]
 )
-def test_a_turned_chart_is_calibrated(tmp_path, change):
+def test_a_turned_chart_is_calibrated(case, tmp_path, change):
     run(**write_capture(tmp_path, change))
     assert verdict(tmp_path).grade == "good"
-    assert max(errors_of_corrections(tmp_path, PLANTED).values()) < TOLERANCE
+    case.check(max(errors_of_corrections(tmp_path, PLANTED).values()), TOLERANCE)
 
 
-def test_a_mirrored_image_is_calibrated_and_named(tmp_path):
+def test_a_mirrored_image_is_calibrated_and_named(case, tmp_path):
     run(**write_capture(tmp_path, lambda response: draw_chart(response)[:, ::-1]))
     assert verdict(tmp_path).grade == "weak"
     assert "found a mirrored chart" in verdict(tmp_path).reason
-    assert max(errors_of_corrections(tmp_path, PLANTED).values()) < TOLERANCE
+    case.check(max(errors_of_corrections(tmp_path, PLANTED).values()), TOLERANCE)
 
 
-def test_saturated_patches_are_left_out(tmp_path):
+def test_saturated_patches_are_left_out(case, tmp_path):
     """Clipped at full scale, as a sensor does it: white, and the reds of some others."""
     run(**write_capture(tmp_path, lambda response: np.minimum(draw_chart(1.8 * response), 1.0)))
     residuals = pd.read_parquet(tmp_path / "out/residuals_color.parquet")
@@ -76,14 +76,14 @@ def test_saturated_patches_are_left_out(tmp_path):
     assert not used[19]
     assert 12 <= used.sum() < 24
     planted = PLANTED | {"cam1": 1.8 * PLANTED["cam1"]}
-    assert max(errors_of_corrections(tmp_path, planted).values()) < TOLERANCE
+    case.check(max(errors_of_corrections(tmp_path, planted).values()), TOLERANCE)
 
 
-def test_saturation_is_seen_under_a_black_level(tmp_path):
+def test_saturation_is_seen_under_a_black_level(case, tmp_path):
     """A clipped pixel is below 1 once the black level is subtracted."""
     images = {name: np.minimum(draw_chart(1.8 * response) + 0.1, 1.0) for name, response in PLANTED.items()}
     run(**write_chart_capture(tmp_path, images, black_level=0.1))
-    assert max(errors_of_corrections(tmp_path, {n: 1.8 * r for n, r in PLANTED.items()}).values()) < TOLERANCE
+    case.check(max(errors_of_corrections(tmp_path, {n: 1.8 * r for n, r in PLANTED.items()}).values()), TOLERANCE)
 
 
 def test_a_saturated_chart_is_refused(tmp_path, caplog):
@@ -112,12 +112,12 @@ def behind_wires(response):
     return image
 
 
-def test_given_corners_stand_in_for_the_detector(tmp_path, caplog):
+def test_given_corners_stand_in_for_the_detector(case, tmp_path, caplog):
     assert "calibration.color.corners" in refused(write_capture(tmp_path, behind_wires), caplog)
     run(**write_capture(tmp_path, behind_wires, corners={"cam1": corners_of_chart().tolist()}))
     assert verdict(tmp_path).grade == "good"
     # A sixth of the pixels are wire: medians move by a fifth of the noise.
-    assert max(errors_of_corrections(tmp_path, PLANTED).values()) < TOLERANCE
+    case.check(max(errors_of_corrections(tmp_path, PLANTED).values()), TOLERANCE)
 
 
 def test_corners_in_the_wrong_place_are_refused(tmp_path, caplog):
@@ -157,14 +157,14 @@ def test_the_wrong_transfer_is_refused(tmp_path, caplog):
     assert "is transfer right" in refused(paths, caplog)
 
 
-def test_a_dirty_patch_does_not_tint_the_camera(tmp_path):
+def test_a_dirty_patch_does_not_tint_the_camera(case, tmp_path):
     values = VALUES.copy()
     values[7] *= 0.2
     values[15] += [-0.2, 0.1, 0.3]
     run(**write_capture(tmp_path, lambda response: draw_chart(response, values)))
     assert verdict(tmp_path).grade == "weak"
     assert "at patches 8, 16; are they dirty" in verdict(tmp_path).reason
-    assert max(errors_of_corrections(tmp_path, PLANTED).values()) < TOLERANCE
+    case.check(max(errors_of_corrections(tmp_path, PLANTED).values()), TOLERANCE)
 
 
 def test_uneven_light_is_named(tmp_path):

@@ -13,6 +13,7 @@ from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
+from tests.hard_case import HardCase, worst
 
 UP = np.array([0, 1.0, 0])
 ROUNDING = 1e-12
@@ -38,59 +39,62 @@ def traced(places: np.ndarray, luminances: np.ndarray | None = None, **options: 
     return trace_irradiance(Occluders(vertices, faces), points, normals, Lights(places, luminances), **options)
 
 
-def check_range(result: IrradianceMap) -> None:
+def check_range(case: HardCase, result: IrradianceMap) -> None:
+    """How far beyond [0, 1] the maps reach."""
     for values in (result.values, result.falling):
-        assert np.isfinite(values).all()
         assert values.min() >= 0
-        assert values.max() <= 1 + ROUNDING
+        case.check(max(values.max() - 1, 0.0), ROUNDING)
 
 
-def test_no_light_on_is_one_by_definition_and_counted() -> None:
+def test_no_light_on_is_one_by_definition_and_counted(case: HardCase) -> None:
     for places, luminances in [(np.zeros((0, 3)), np.zeros(0)), (3 * np.eye(3), np.zeros(3))]:
         result = traced(places, luminances)
         assert result.unlit
         assert result.rays == 0
-        assert (result.values == 1).all()
+        case.check(worst(result.values, np.ones_like(result.values)), 0)
+    with np.errstate(invalid="ignore"):
+        case.naive_fails(luminances.sum() / luminances.sum())
 
 
-def test_one_light_lights_the_side_that_faces_it() -> None:
+def test_one_light_lights_the_side_that_faces_it(case: HardCase) -> None:
     result = traced(np.array([[0, 4.0, 0]]))
     _, _, points, normals = ball()
     faces_it = ((np.array([0, 4.0, 0]) - points) * normals).sum(1) > 0
-    np.testing.assert_allclose(result.values, faces_it, atol=ROUNDING)
-    check_range(result)
+    case.check(worst(result.values, faces_it), ROUNDING)
+    check_range(case, result)
 
 
-def test_coincident_lights_are_one_light() -> None:
+def test_coincident_lights_are_one_light(case: HardCase) -> None:
     one = traced(np.array([[1, 4.0, 2]]))
-    np.testing.assert_allclose(
-        traced(np.tile([[1, 4.0, 2]], (7, 1)), np.arange(1.0, 8)).values, one.values, rtol=ROUNDING
-    )
+    seven = traced(np.tile([[1, 4.0, 2]], (7, 1)), np.arange(1.0, 8))
+    case.check(worst(seven.values, one.values), ROUNDING)
 
 
-def test_light_on_the_surface_outshines_all_others_where_it_lies() -> None:
+def test_light_on_the_surface_outshines_all_others_where_it_lies(case: HardCase) -> None:
     """At its own texel it is as strong as 1 / MIN_DISTANCE^2, but on the horizon: hidden; elsewhere it is below it."""
     vertices, faces, points, normals = ball()
     places = np.stack([points[0], np.array([0, 5.0, 0])])
     result = trace_irradiance(Occluders(vertices, faces), points, normals, Lights(places, np.ones(2)))
-    check_range(result)
-    assert result.values[0] < 1e-9
+    check_range(case, result)
+    case.check(result.values[0], 1e-9)
+    with np.errstate(divide="ignore"):
+        case.naive_fails(1 / ((places[0] - points[0]) ** 2).sum())
 
 
-def test_light_inside_a_closed_mesh_reaches_nothing() -> None:
+def test_light_inside_a_closed_mesh_reaches_nothing(case: HardCase) -> None:
     result = traced(np.zeros((1, 3)))
     assert result.rays == 0
-    assert (result.values == 0).all()
+    case.check(result.values.max(), 0)
 
 
-def test_light_behind_the_subject_reaches_nothing_in_front() -> None:
+def test_light_behind_the_subject_reaches_nothing_in_front(case: HardCase) -> None:
     result = traced(np.array([[0, 0, -50.0]]))
     _, _, points, _ = ball()
-    assert (result.values[points[:, 2] > 0.2] == 0).all()
+    case.check(result.values[points[:, 2] > 0.2].max(), 0)
 
 
 @pytest.mark.parametrize("degrees", [1.0, 0.1, 0.01, 1e-3])
-def test_grazing_rays_over_a_flat_floor_are_clear(degrees: float) -> None:
+def test_grazing_rays_over_a_flat_floor_are_clear(case: HardCase, degrees: float) -> None:
     """A plane of many faces does not shadow itself, however low the light."""
     grid = trimesh.creation.box((2, 2e-9, 2)).subdivide_loop(0).subdivide().subdivide().subdivide()
     flat = np.array(grid.vertices) * [1, 0, 1]
@@ -99,12 +103,12 @@ def test_grazing_rays_over_a_flat_floor_are_clear(degrees: float) -> None:
     light = 1000 * np.array([[np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0]])
     seen, rays = Occluders(flat, faces).visible(points, np.tile(UP, (len(points), 1)), light[0])
     assert rays == len(points)
-    assert seen.all()
+    case.check(np.mean(~seen), 0)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("shift", [0.0, 20.0])
-def test_scene_scales_and_places_do_not_matter(scale: float, shift: float) -> None:
+def test_scene_scales_and_places_do_not_matter(case: HardCase, scale: float, shift: float) -> None:
     """A convex body has no cast shadows: what faces the light is lit, at every scale and away from the origin."""
     vertices, faces, points, normals = ball(4)
     light = np.array([2, 3, 4.0])
@@ -112,21 +116,21 @@ def test_scene_scales_and_places_do_not_matter(scale: float, shift: float) -> No
     seen, _ = occluders.visible((points + shift) * scale, normals, (light + shift) * scale)
     slope = ((light - points) * normals).sum(1)
     sure = np.abs(slope) > 1e-9
-    np.testing.assert_array_equal(seen[sure], slope[sure] > 0)
+    case.check(np.mean(seen[sure] != (slope[sure] > 0)), 0)
 
 
-def test_faces_without_area_stay_dark_and_cast_nothing() -> None:
+def test_faces_without_area_stay_dark_and_cast_nothing(case: HardCase) -> None:
     vertices, faces = plane()
     needle = np.array([[0, 1, 0], [0.5, 1, 0], [1, 1, 0.0]])  # three points on a line, above the origin
     occluders = Occluders(np.concatenate([vertices, needle]), np.concatenate([faces, [[4, 5, 6], [4, 4, 5]]]))
     lights = Lights(np.array([[0.5, 3, 0.0]]), np.ones(1))
     points, normals = np.array([[0.5, 0, 0], [0.5, 1, 0]]), np.array([UP, np.zeros(3)])
     result = trace_irradiance(occluders, points, normals, lights)
-    np.testing.assert_allclose(result.values, [1, 0], atol=ROUNDING)
-    check_range(result)
+    case.check(worst(result.values, [1, 0]), ROUNDING)
+    check_range(case, result)
 
 
-def test_open_and_non_manifold_meshes() -> None:
+def test_open_and_non_manifold_meshes(case: HardCase) -> None:
     """Three half planes that share one edge: each side of the fan is lit by the lights on its side alone."""
     edge = np.array([[0, 0, -5], [0, 0, 5.0]])
     tips = [np.array([[x, y, -5], [x, y, 5.0]]) for x, y in ((5, 0), (0, 5), (-5, 0))]
@@ -136,7 +140,7 @@ def test_open_and_non_manifold_meshes() -> None:
     normals = np.array([UP, UP, -UP])
     lights = Lights(np.array([[3, 4, 0.0]]), np.ones(1))
     result = trace_irradiance(Occluders(vertices, faces), points, normals, lights)
-    np.testing.assert_allclose(result.values, [1, 0, 0], atol=ROUNDING)
+    case.check(worst(result.values, [1, 0, 0]), ROUNDING)
 
 
 def test_an_atlas_without_texels_has_an_empty_map() -> None:
@@ -155,12 +159,12 @@ def test_an_atlas_without_texels_has_an_empty_map() -> None:
             assert len(result.values) == len(result.error) == result.rays == 0
 
 
-def test_all_lights_on_one_side_and_very_unequal() -> None:
+def test_all_lights_on_one_side_and_very_unequal(case: HardCase) -> None:
     """Twelve decades between two lights: the weak one alone lights what the strong one cannot reach."""
     result = traced(np.array([[0, 5.0, 0], [0, -5.0, 0]]), np.array([1e12, 1.0]))
-    check_range(result)
+    check_range(case, result)
     _, _, points, _ = ball()
-    assert (result.values[points[:, 1] > 0.5] > 1 - ROUNDING).all()
+    case.check(worst(result.values[points[:, 1] > 0.5], 1.0), ROUNDING)
     below = result.values[points[:, 1] < -0.5]
     assert ((below > 0) & (below < 1e-9)).all()
 
