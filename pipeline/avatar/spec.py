@@ -40,7 +40,7 @@ class AvatarSpec:
     visibility: Literal["learned", "traced"] = "learned"
     indirect: Literal["none", "ambient", "bounce"] = "none"
     deferred: bool = True
-    depth: DepthSource = "normalised"
+    depth: DepthSource = "traced"
     compensate_opacity: bool = False
     normals: Literal["learned", "mesh"] = "learned"
 

@@ -28,7 +28,7 @@ class TrainAvatar(Settings):
     shadow: bool = Field(True, description="Build shadows, if plan_effects turned them on")
     deferred: bool = Field(True, description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
     depth: DepthSource = Field(
-        "normalised",
+        "traced",
         description="How far a pixel's point is that the lobe is evaluated at: splatted depth as it is, divided by "
         "alpha, the depth that half of the light gets past, or the depth of the posed mesh",
     )
