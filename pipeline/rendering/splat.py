@@ -70,9 +70,8 @@ def splat(
         features [h, w, d], alpha [h, w] and depth [h, w]; see `Splatted`.
 
     Raises:
-        ValueError: for lengths or devices that differ, numbers that are not finite, a K with skew, and a median depth
-            asked of a GPU.
-        InputError: for tensors on a GPU where gsplat is not installed.
+        ValueError: for lengths or devices that differ, numbers that are not finite, a K with skew.
+        InputError: for tensors on a GPU where gsplat is not installed, or with a median depth.
     """
     tensors = {
         "means": means,

@@ -42,11 +42,10 @@ def splat_gsplat(
     """As `pipeline.rendering.splat.splat`, which checks the arguments; in float32.
 
     Raises:
-        InputError: if gsplat is not installed.
-        ValueError: for a median depth.
+        InputError: if gsplat is not installed, and for a median depth.
     """
     if median_depth:
-        raise ValueError("median_depth: expected false for tensors on a GPU, found true; choose another depth")
+        raise InputError("expected another depth than median on a GPU; set train_avatar.depth, or stay on the CPU")
     try:
         from gsplat import rasterization
     except ImportError as error:

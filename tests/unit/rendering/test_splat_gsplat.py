@@ -87,7 +87,7 @@ def test_what_gsplat_cannot_take_does_not_reach_it(monkeypatch):
     assert not seen
     assert [tuple(image.shape) for image in nothing] == [(37, 50, 5), (37, 50), (37, 50)]
     assert not any(image.any() for image in nothing)
-    with pytest.raises(ValueError, match="median_depth"):
+    with pytest.raises(InputError, match="median"):
         splat_gsplat(**scene(), **CAMERA, **{**settings, "median_depth": True})
 
 
