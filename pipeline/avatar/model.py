@@ -108,7 +108,7 @@ class Avatar(nn.Module):
             "intensities": white_once(intensities),
             "seen": inputs.seen if self.spec.traced else every_light(len(positions), len(posed.points)),
         }
-        if self.spec.posed_mesh:
+        if self.spec.pixel_depth == "traced":
             frame["mesh"] = inputs.mesh
         frame["diffuse"] = self.shade_direct(frame, axes, inputs)
         if self.spec.shadow_net:
@@ -159,7 +159,7 @@ class Avatar(nn.Module):
             torch.cat(list(layers.values()), -1), R, t, K, width, height,
             factor=self.spec.supersample, filter=self.spec.pixel_filter, filter_std_px=self.spec.filter_std_px,
             dilation_px2=self.spec.dilation_px2, compensate_opacity=self.spec.compensate_opacity,
-            median_depth=self.spec.depth == "median",
+            median_depth=self.spec.pixel_depth == "median",
         )  # fmt: skip
         widths = [layer.shape[-1] for layer in layers.values()]
         pixels = dict(zip(layers, picture.features.split(widths, -1), strict=True))

@@ -65,9 +65,9 @@ class AvatarSpec:
         return self.specular and self.shading == "microfacet"
 
     @property
-    def posed_mesh(self) -> bool:
-        """Whether the posed mesh is asked for the depth of pixels."""
-        return self.lobe and self.deferred and self.depth == "traced"
+    def pixel_depth(self) -> DepthSource | None:
+        """Where the depth of pixels comes from, if anything asks for it."""
+        return self.depth if self.lobe and self.deferred else None
 
     @property
     def bent_normals(self) -> bool:
