@@ -82,9 +82,18 @@ def splat_tiled_torch(means, quaternions, scales, opacities, features, R, t, K, 
     return Splatted(image[..., :-2], image[..., -1], image[..., -2])
 
 
+def on_gpu(tensors: dict) -> dict:
+    """The same there; gradients end there, too."""
+    return {
+        name: a.detach().cuda().requires_grad_(a.requires_grad) if torch.is_tensor(a) else a
+        for name, a in tensors.items()
+    }
+
+
 def step(render: Callable[..., Splatted], gaussians: dict, camera: dict, backward: bool, threads: int) -> Callable:
     """One call to be timed: the image, and if asked all gradients."""
     upstream = torch.rand(camera["height"], camera["width"], CHANNELS, generator=torch.Generator().manual_seed(0))
+    upstream = upstream.to(camera["K"].device)
 
     def run() -> None:
         numba.set_num_threads(threads)
@@ -94,6 +103,8 @@ def step(render: Callable[..., Splatted], gaussians: dict, camera: dict, backwar
             torch.autograd.backward(
                 [out.features, out.alpha, out.depth], [upstream, upstream[..., 0], upstream[..., 1]]
             )
+        if upstream.is_cuda:
+            torch.cuda.synchronize()
 
     return run
 
@@ -132,6 +143,9 @@ def main() -> None:
                 compare(f"tiled torch / kernels, {what}", make(splat, threads=1), tiled, repeats, alone, **facts)
             one, all_of_them = make(splat, threads=1), make(splat, threads=threads)
             compare(f"one thread / {threads} threads, {what}", all_of_them, one, 3 * repeats, together, **facts)
+            if torch.cuda.is_available():
+                there = step(splat, on_gpu(gaussians), on_gpu(camera), backward, threads)
+                compare(f"kernels, {threads} threads / gsplat, {what}", there, all_of_them, repeats, together, **facts)
     gaussians, camera = make_scene(4096, 128)
     facts = {"gaussians": 4096, "size": 128, "channels": CHANNELS}
     make = functools.partial(step, gaussians=gaussians, camera=camera, backward=True, threads=1)

@@ -26,6 +26,7 @@ from pipeline.config.project import SECTIONS
 from pipeline.dials.calibration import CALIBRATION_DIALS
 from pipeline.dials.dial import Dial, Files, Subject, possible_dials
 from pipeline.dials.irradiance import IRRADIANCE_DIALS
+from pipeline.dials.splatting import SPLATTING_DIALS
 from pipeline.dials.tracking import TRACKING_DIALS
 from pipeline.dials.trained import TRAINED_DIALS
 from pipeline.figures.cost_plot import draw_costs
@@ -34,7 +35,7 @@ from pipeline.metrics.measured_run import MeasuredRun, run_measured
 
 log = logging.getLogger("measure_cost")
 
-DIALS: list[Dial] = [*CALIBRATION_DIALS, *TRACKING_DIALS, *IRRADIANCE_DIALS, *TRAINED_DIALS]
+DIALS: list[Dial] = [*CALIBRATION_DIALS, *TRACKING_DIALS, *IRRADIANCE_DIALS, *TRAINED_DIALS, *SPLATTING_DIALS]
 """All dials, in data order."""
 
 

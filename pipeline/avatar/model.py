@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.avatar.pixel_depth import depth_of_pixels
 from pipeline.avatar.pose import FrameInputs, PosedTexels, white_once
 from pipeline.avatar.shading import (
     arriving_light,
@@ -92,7 +93,7 @@ class Avatar(nn.Module):
             self.register_buffer(f"start_{name}", values)
             setattr(self, name, nn.Parameter(values.repeat(texels, *[1] * values.ndim)))
 
-    def prepare(self, inputs: FrameInputs) -> dict[str, Tensor]:
+    def prepare(self, inputs: FrameInputs) -> dict:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15)."""
         posed, (positions, intensities) = inputs.posed, inputs.lights
         axes, quaternions = self.orient(posed)
@@ -107,6 +108,8 @@ class Avatar(nn.Module):
             "intensities": white_once(intensities),
             "seen": inputs.seen if self.spec.traced else every_light(len(positions), len(posed.points)),
         }
+        if self.spec.pixel_depth == "traced":
+            frame["mesh"] = inputs.mesh
         frame["diffuse"] = self.shade_direct(frame, axes, inputs)
         if self.spec.shadow_net:
             frame["shadow"] = self.shadow_net(*inputs.irradiance)
@@ -155,7 +158,8 @@ class Avatar(nn.Module):
             frame["means"], frame["quaternions"], frame["scales"], frame["opacities"] * facing,
             torch.cat(list(layers.values()), -1), R, t, K, width, height,
             factor=self.spec.supersample, filter=self.spec.pixel_filter, filter_std_px=self.spec.filter_std_px,
-            dilation_px2=self.spec.dilation_px2,
+            dilation_px2=self.spec.dilation_px2, compensate_opacity=self.spec.compensate_opacity,
+            median_depth=self.spec.pixel_depth == "median",
         )  # fmt: skip
         widths = [layer.shape[-1] for layer in layers.values()]
         pixels = dict(zip(layers, picture.features.split(widths, -1), strict=True))
@@ -199,8 +203,8 @@ class Avatar(nn.Module):
                 pixels[name][row, column] for name in ("normal", "roughness", "visibility")
             )
             weight = alpha[row, column].clamp_min(SMALLEST_ALPHA)
-            # The depth only says where the pixel's point is; sharpening it is not the lobe's business: no gradient.
-            points = points_of_pixels(row, column, (picture.depth[row, column] / weight).detach(), R, center, K)
+            depth = depth_of_pixels(self.spec.depth, picture, frame.get("mesh"), R, center, K)
+            points = points_of_pixels(row, column, depth[row, column], R, center, K)
             specular = shade_specular(
                 points, normal, roughness[:, 0] / weight, visibility[:, 0], center, frame["light_positions"],
                 frame["intensities"],

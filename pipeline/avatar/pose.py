@@ -64,6 +64,11 @@ class FrameInputs:
         """The anchors."""
         return pose_texels(self.atlas, self.record.vertices, self.device)
 
+    @property
+    def mesh(self) -> tuple[np.ndarray, np.ndarray]:
+        """Posed vertices [V, 3] in metres and faces [F, 3]."""
+        return self.record.vertices.astype(np.float64), self.atlas.faces.astype(np.int64)
+
     @cached_property
     def irradiance(self) -> tuple[Float[Tensor, " texels"], Float[Tensor, " texels"]]:
         """Normalised irradiance, plain and weighted by the cosine."""

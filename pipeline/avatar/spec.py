@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass, fields
 from typing import Literal
 
-from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.train_avatar import DepthSource, TrainAvatar
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,8 @@ class AvatarSpec:
     Attributes:
         specular: the specular lobe, or the gloss of the microfacets.
         shadow: shadows, in the way that `visibility` says.
-        supersample, dilation_px2, pixel_filter, filter_std_px: belong to the avatar because it was fitted through them.
+        supersample, dilation_px2, compensate_opacity, pixel_filter, filter_std_px: belong to the avatar because it was
+            fitted through them.
         shading: "transfer": zonal transfer, turned with each Gaussian, and a spherical Gaussian (RFGCA 7-14);
             "harmonics": spherical harmonics that are not turned, and the same lobe; "microfacet": Lambert and GGX.
         visibility: "learned": one factor per texel from the shadow network (RFGCA 15-16); "traced": every pair of
@@ -24,6 +25,7 @@ class AvatarSpec:
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
             "bounce": traced to the texels it comes from.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
+        depth: how far away a pixel's point is; see `pipeline.avatar.pixel_depth`.
         normals: "learned": bent away from the Gaussian's axis (RFGCA 10), or those of the "mesh".
     """
 
@@ -38,6 +40,8 @@ class AvatarSpec:
     visibility: Literal["learned", "traced"] = "learned"
     indirect: Literal["none", "ambient", "bounce"] = "none"
     deferred: bool = True
+    depth: DepthSource = "traced"
+    compensate_opacity: bool = False
     normals: Literal["learned", "mesh"] = "learned"
 
     @property
@@ -59,6 +63,11 @@ class AvatarSpec:
     def gloss(self) -> bool:
         """Whether GGX is built."""
         return self.specular and self.shading == "microfacet"
+
+    @property
+    def pixel_depth(self) -> DepthSource | None:
+        """Where the depth of pixels comes from, if anything asks for it."""
+        return self.depth if self.lobe and self.deferred else None
 
     @property
     def bent_normals(self) -> bool:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 
 from pipeline.config.settings import Settings
 
-COSTED_STAGES = ("calibrate_cameras", "calibrate_lights", "track_mesh", "trace_irradiance")
+COSTED_STAGES = ("calibrate_cameras", "calibrate_lights", "track_mesh", "trace_irradiance", "train_avatar")
 """Stages of which a dial of `pipeline.dials` turns a setting: their code and settings decide the measurement, too."""
 
 

@@ -10,6 +10,7 @@ from pipeline.config.settings import Settings
 
 Edges = Literal["captured", "ignored"]
 Device = Literal["auto", "cpu", "cuda"]
+DepthSource = Literal["expected", "normalised", "median", "traced"]
 
 
 class TrainAvatar(Settings):
@@ -33,6 +34,11 @@ class TrainAvatar(Settings):
     specular: bool = Field(True, description="Build the specular lobe (RFGCA 10-14), or GGX")
     shadow: bool = Field(True, description="Build shadows, if plan_effects turned them on")
     deferred: bool = Field(True, description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
+    depth: DepthSource = Field(
+        "traced",
+        description="How far a pixel's point is that the lobe is evaluated at: splatted depth as it is, divided by "
+        "alpha, the depth that half of the light gets past, or the depth of the posed mesh",
+    )
     normals: Literal["learned", "mesh"] = Field(
         "learned", description="Normals for shading: learned (RFGCA 10) or mesh"
     )
@@ -50,6 +56,9 @@ class TrainAvatar(Settings):
     )
     filter_std_px: float = Field(0.5, gt=0, description="Standard deviation of the Gaussian pixel filter [pixel]")
     dilation_px2: float = Field(0.1, ge=0, description="Variance added to each projected Gaussian [splatted pixel^2]")
+    compensate_opacity: bool = Field(
+        False, description="Lower opacities so that the dilation spreads Gaussians without adding to them"
+    )
 
     learning_rate_texture: float = Field(1e-2, gt=0, description="Adam's rate of albedo, roughness, opacity")
     learning_rate_transfer: float = Field(4e-3, gt=0, description="Adam's rate of the zonal transfer coefficients")

@@ -29,7 +29,9 @@ TRAINED = {
 }
 
 
-def _psnr_lost(lit: str) -> Metric:
+def psnr_lost(lit: str) -> Metric:
+    """How far the test images under such light (all, full, partial) fall behind the reference's."""
+
     def psnr_db(files: Files) -> float:
         table = pd.read_csv(files["metrics"])
         return float(table.psnr_db[(table.split == "test") & (table.lit == lit)].mean())
@@ -50,7 +52,7 @@ TRACED_AND_TRAINED = replace(
     IRRADIANCE,
     inputs=(*INPUTS, "effects.json", "calibration/color.json"),
     outputs={**IRRADIANCE.outputs, "metrics": ("metrics.csv", None)},
-    metrics=(_psnr_lost("partial"), _psnr_lost("all")),
+    metrics=(psnr_lost("partial"), psnr_lost("all")),
     runs_on=_one_chunk,
     afterwards=TRAINED,
 )

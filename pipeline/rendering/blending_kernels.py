@@ -24,7 +24,7 @@ from pipeline.rendering.projection_kernels import (
     STEP,
     TILE,
 )
-from pipeline.rendering.splat_conventions import MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+from pipeline.rendering.splat_conventions import MAX_ALPHA, MEDIAN_TRANSMITTANCE, MIN_ALPHA, MIN_TRANSMITTANCE
 from pipeline.rendering.vector_intrinsics import add_scaled
 
 GAUSSIANS_PER_LIVE_CHECK = 16
@@ -97,9 +97,17 @@ def _blend_row(opacity, step, column, nearest_e, h, i, light, ends, weight, row)
     return seen, live
 
 
+@kernel_part(inline=True, fastmath=True)
+def _note_middle(z, light, weight, middle, row):
+    """Where more than half of the light came as far as this Gaussian, its depth is the middle one so far."""
+    for k in range(TILE):
+        arriving = light[row, k] + weight[k]
+        middle[row, k] = z if weight[k] > f32(0) and arriving > f32(MEDIAN_TRANSMITTANCE) else middle[row, k]
+
+
 @kernel(parallel=True, fastmath=True)
-def blend(footprints, channels, tile_start, entries, tiles_across, features, depth, transmittance, ends_image):
-    """Blend `channels` [g, d + 1] into `features` [h, w, d] and `depth` [h, w].
+def blend(footprints, channels, tile_start, entries, tiles_across, median, features, depth, transmittance, ends_image):
+    """Blend `channels` [g, d + 1] into `features` [h, w, d] and `depth` [h, w]; see `Splatted` for what `median` does.
 
     Also writes, [h, w] each, the transmittance left and the end of each pixel: the position, in the tile's list, of the
     first Gaussian that was not blended any more.
@@ -117,6 +125,7 @@ def blend(footprints, channels, tile_start, entries, tiles_across, features, dep
         row_live[rows:] = False
         blended = np.zeros((TILE, count, TILE), np.float32)
         weight = np.empty(TILE, np.float32)
+        middle = np.zeros((TILE, TILE), np.float32)
         for i in range(length):
             g = entries[start + i]
             footprint = footprints[g]
@@ -131,12 +140,14 @@ def blend(footprints, channels, tile_start, entries, tiles_across, features, dep
                 if seen > f32(0):
                     for c in range(count):
                         add_scaled(blended, (row * count + c) * TILE, weight, 0, channels[g, c])
+                    if median:
+                        _note_middle(channels[g, count - 1], light, weight, middle, row)
             if i % GAUSSIANS_PER_LIVE_CHECK == 0 and not row_live.any():
                 break
         for row in range(rows):
             for k in range(columns):
                 y, x = top + row, left + k
                 transmittance[y, x], ends_image[y, x] = light[row, k], ends[row, k]
-                depth[y, x] = blended[row, count - 1, k]
+                depth[y, x] = (f32(1) - light[row, k]) * middle[row, k] if median else blended[row, count - 1, k]
                 for c in range(count - 1):
                     features[y, x, c] = blended[row, c, k]

@@ -1,7 +1,7 @@
-"""Differentiable Gaussian splatting on the CPU: tiled, in parallel, the same numbers on every run.
+"""Differentiable Gaussian splatting: on the CPU tiled, in parallel, the same numbers on every run; on a GPU by gsplat.
 
 The slow twin that says what it computes is `pipeline.rendering.splat_reference`; the conventions and their constants
-are in `pipeline.rendering.splat_conventions`.
+are in `pipeline.rendering.splat_conventions`. Tensors on a GPU go to `pipeline.rendering.splat_gsplat`.
 
 Threads: numba's own, `numba.set_num_threads`; one thread per process is best when several processes share the
 cores. Start workers by spawn: a child forked after the first parallel region hangs.
@@ -42,12 +42,13 @@ def splat(
     dilation_px2: float = 0.1,
     compensate_opacity: bool = False,
     near_m: float = 0.01,
+    median_depth: bool = False,
 ) -> Splatted:
     """Splat Gaussians into one image, with gradients to the first five arguments.
 
-    Computed in float32, the projection in float64. Gaussians fainter than MIN_ALPHA everywhere (opacity 0: culled by
-    the caller) cost next to nothing and have gradient 0. Memory of the backward pass: (d + 7) floats per Gaussian and
-    16 x 16 tile within its bounding box.
+    On the CPU computed in float32, the projection in float64. Gaussians fainter than MIN_ALPHA everywhere (opacity 0:
+    culled by the caller) cost next to nothing and have gradient 0. Memory of the backward pass: (d + 7) floats per
+    Gaussian and 16 x 16 tile within its bounding box.
 
     Args:
         means: world, m.
@@ -60,15 +61,17 @@ def splat(
         width, height: of the image, pixels.
         dilation_px2: variance added to every footprint, px^2. 0.3 is gsplat's; it makes texels about a pixel wide
             cover each other.
-        compensate_opacity: multiply opacities by sqrt(det(covariance) / det(covariance + dilation)), so that the
-            dilation spreads a footprint without adding to it (Yu et al. 2024, Mip-Splatting, eq. 9).
+        compensate_opacity: make opacities smaller, so that the dilation spreads a footprint without adding to it; see
+            `pipeline.rendering.splat_conventions`.
         near_m: Gaussians whose mean is nearer to the camera plane, or behind it, are not drawn.
+        median_depth: what `depth` is; see `Splatted`. Not on a GPU.
 
     Returns:
         features [h, w, d], alpha [h, w] and depth [h, w]; see `Splatted`.
 
     Raises:
-        ValueError: for lengths that differ, numbers that are not finite, tensors not on the CPU, a K with skew.
+        ValueError: for lengths or devices that differ, numbers that are not finite, a K with skew.
+        InputError: for tensors on a GPU where gsplat is not installed, or with a median depth.
     """
     tensors = {
         "means": means,
@@ -78,10 +81,17 @@ def splat(
         "features": features,
     }
     check_splat_inputs({**tensors, "R": R, "t": t}, K, width, height, dilation_px2, near_m)
+    if means.device.type == "cuda":
+        from pipeline.rendering.splat_gsplat import splat_gsplat  # gsplat is only there where a GPU is
+
+        return splat_gsplat(
+            means, quaternions, scales, opacities, features, R, t, K, width, height, dilation_px2=dilation_px2,
+            compensate_opacity=compensate_opacity, near_m=near_m, median_depth=median_depth,
+        )  # fmt: skip
     size = np.array([width, height], np.float64)
     view = (*(_float64(a) for a in (R, t, K)), size, float(max(dilation_px2, MIN_DILATION_PX2)))
     floats = [tensor.float() for tensor in tensors.values()]
-    return Splatted(*_Splat.apply(*floats, view, bool(compensate_opacity), float(near_m)))
+    return Splatted(*_Splat.apply(*floats, view, bool(compensate_opacity), float(near_m), bool(median_depth)))
 
 
 def _float64(tensor: Tensor) -> np.ndarray:
@@ -92,7 +102,7 @@ class _Splat(torch.autograd.Function):
     """Kernels in the order they run; `view` is (R, t, K, size, dilation) as NumPy arrays."""
 
     @staticmethod
-    def forward(ctx, means, quaternions, scales, opacities, features, view, compensate, near):
+    def forward(ctx, means, quaternions, scales, opacities, features, view, compensate, near, median):
         gaussians = [a.detach().contiguous().numpy() for a in (means, quaternions, scales, opacities)]
         count = len(means)
         width, height = (int(n) for n in view[3])
@@ -110,11 +120,14 @@ class _Splat(torch.autograd.Function):
             depth, transmittance = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
             ends = np.empty((height, width), np.int32)
             lists = (footprints, channels, tile_start, entries, tiles_across)
-            blend(*lists, image, depth, transmittance, ends)
+            blend(*lists, median, image, depth, transmittance, ends)
         ctx.gaussians, ctx.view, ctx.compensate = gaussians, view, compensate
         ctx.lists, ctx.slots, ctx.pixels = lists, (tiles, slot_start), (transmittance, ends)
         ctx.save_for_backward(means, quaternions, scales, opacities, features)  # complains if changed in place
-        return torch.from_numpy(image), torch.from_numpy(1 - transmittance), torch.from_numpy(depth)
+        images = [torch.from_numpy(array) for array in (image, 1 - transmittance, depth)]
+        if median:
+            ctx.mark_non_differentiable(images[2])
+        return tuple(images)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
@@ -129,4 +142,4 @@ class _Splat(torch.autograd.Function):
         with _ONE_AT_A_TIME:
             blend_backward(*ctx.lists, tiles, slot_start, *ctx.pixels, *incoming, slots)
             project_backward(*ctx.gaussians, *ctx.view, ctx.compensate, footprints, slot_start, slots, *gradients)
-        return *(torch.from_numpy(a) for a in gradients), None, None, None
+        return *(torch.from_numpy(a) for a in gradients), None, None, None, None

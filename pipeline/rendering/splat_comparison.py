@@ -9,11 +9,17 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pipeline.rendering.splat import splat
-from pipeline.rendering.splat_conventions import MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, Splatted
+from pipeline.rendering.splat_conventions import (
+    MAX_ALPHA,
+    MEDIAN_TRANSMITTANCE,
+    MIN_ALPHA,
+    MIN_TRANSMITTANCE,
+    Splatted,
+)
 from pipeline.rendering.splat_reference import footprint_alphas, pixel_centers, project_footprints, splat_reference
 
 UNDECIDED = 1e-4
-"""Relative distance to a threshold (MIN_ALPHA, MAX_ALPHA, MIN_TRANSMITTANCE) below which float32 may decide otherwise
+"""Relative distance to a threshold (MIN_ALPHA, MAX_ALPHA, a transmittance) below which float32 may decide otherwise
 than float64: 50 times the rounding of alpha, 2e-6. Such pixels jump by up to 1/255 and are left out."""
 
 
@@ -73,7 +79,7 @@ def compare_with_reference(
 
 def undecided_pixels(
     gaussians: dict[str, Tensor], R: Tensor, t: Tensor, K: Tensor, width: int, height: int, *,
-    dilation_px2: float = 0.1, compensate_opacity: bool = False, near_m: float = 0.01,
+    dilation_px2: float = 0.1, compensate_opacity: bool = False, near_m: float = 0.01, median_depth: bool = False,
 ) -> Bool[Tensor, "h w"]:  # fmt: skip
     """Pixels where some alpha or transmittance is so close to a threshold that rounding decides."""
     means, quaternions, scales, opacities = (
@@ -87,7 +93,10 @@ def undecided_pixels(
     undecided = (alphas / MIN_ALPHA - 1).abs() < UNDECIDED
     undecided |= (alphas / MAX_ALPHA - 1).abs() < UNDECIDED
     alphas = torch.where(alphas >= MIN_ALPHA, alphas.clamp(max=MAX_ALPHA), torch.zeros_like(alphas))
-    undecided |= (torch.cumprod(1 - alphas, dim=1) / MIN_TRANSMITTANCE - 1).abs() < UNDECIDED
+    behind = torch.cumprod(1 - alphas, dim=1)
+    undecided |= (behind / MIN_TRANSMITTANCE - 1).abs() < UNDECIDED
+    if median_depth:
+        undecided |= (behind / MEDIAN_TRANSMITTANCE - 1).abs() < UNDECIDED
     return undecided.any(dim=1).reshape(height, width)
 
 

@@ -9,7 +9,14 @@ z its camera depth, J the Jacobian of the perspective projection at its mean and
 and a pixel blends the Gaussians in front-to-back order of z (rounded to float32; ties by index) with weights
 w_i = alpha_i T_i, T_i = prod_{j<i} (1 - alpha_j)                      (Kerbl et al. 2023, eq. 2 and 3).
 
-The constants are those of gsplat (Ye et al. 2024), so that an avatar looks the same in either.
+With `compensate_opacity`, the dilation spreads a footprint without adding to it. A footprint's integral over the image
+is opacity * 2 pi sqrt(det covariance), so one that is dilated keeps the integral of one that is not if
+
+    opacity' = opacity * sqrt(det(M M^T) / det(M M^T + dilation_px2 * I))        (Yu et al. 2024, Mip-Splatting, eq. 9).
+
+It undoes the growth of small footprints, and also lets light through between opaque neighbours: they were to overlap.
+
+The constants are those of gsplat 1.5.3 (Ye et al. 2024), so that an avatar looks the same in either.
 """
 
 from __future__ import annotations
@@ -29,6 +36,9 @@ MIN_ALPHA = 1.0 / 255.0
 
 MIN_TRANSMITTANCE = 1e-4
 """A pixel stops before the Gaussian that would leave no more than this much light to what lies behind."""
+
+MEDIAN_TRANSMITTANCE = 0.5
+"""The median depth of a pixel is that of the last Gaussian that more than this share of the light comes to."""
 
 FRUSTUM_MARGIN = 0.3
 """J is evaluated no further outside the image than this share of its half width: the affine approximation of the
@@ -55,7 +65,8 @@ class Splatted(NamedTuple):
     Attributes:
         features: sum of w_i features_i; black background.
         alpha: 1 - T behind the last Gaussian, in [0, 1).
-        depth: sum of w_i z_i in metres, not divided by alpha.
+        depth: sum of w_i z_i in metres, not divided by alpha. With `median_depth`, alpha times the z of the Gaussian at
+            which T falls to MEDIAN_TRANSMITTANCE, or of the last one drawn if T stays above; without gradient.
     """
 
     features: Float[Tensor, "h w d"]
@@ -73,16 +84,16 @@ def check_splat_inputs(
     """Raises ValueError, naming the argument, for what would otherwise come out as a wrong image.
 
     Args:
-        tensors: name -> tensor; all must have the same length, lie on the CPU and be finite. `R` and `t` are checked
-            for finiteness only.
+        tensors: name -> tensor; all must have the same length, lie on one device and be finite. `R` and `t` may have
+            any length.
         K: intrinsics in pixels without skew.
     """
     counts = {name: len(tensor) for name, tensor in tensors.items() if name not in ("R", "t")}
     if len(set(counts.values())) > 1:
         raise ValueError(f"splat: expected as many of each, found {counts}")
     for name, tensor in {**tensors, "K": K}.items():
-        if tensor.device.type != "cpu":
-            raise ValueError(f"{name}: expected a tensor on the CPU, found {tensor.device}; call .cpu()")
+        if tensor.device != K.device:
+            raise ValueError(f"{name}: expected a tensor on {K.device} like K, found {tensor.device}")
         # The sum is ten times cheaper; it may overflow without a bad number, so only it asks for the careful look.
         if not bool(torch.isfinite(tensor.detach().sum())) and not bool(torch.isfinite(tensor).all()):
             bad = torch.nonzero(~torch.isfinite(tensor))

@@ -3,7 +3,8 @@
 Little-endian float32 per Gaussian, in this order: x, y, z, nx, ny, nz, f_dc_0..2, opacity, scale_0..2, rot_0..3. A
 viewer shows SH_0 f_dc + 1/2 as it is, so colours are stored as sRGB; opacities as logits, scales as logarithms,
 quaternions w first. Without f_rest: degree 0, one colour from all sides. Positions stay as they are, metres, y up;
-viewers made for COLMAP scenes expect y down and may show the subject on its head.
+viewers made for COLMAP scenes expect y down and may show the subject on its head. Viewers blend what they show, in
+sRGB, dilate by 0.3 px^2 and draw the far side of the body, too: edges and thin places look a little different there.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.rendering.splat_conventions import (
     FRUSTUM_MARGIN,
     MAX_ALPHA,
+    MEDIAN_TRANSMITTANCE,
     MIN_ALPHA,
     MIN_DILATION_PX2,
     MIN_QUATERNION_NORM,
@@ -62,6 +63,7 @@ def splat_reference(
     dilation_px2: float = 0.1,
     compensate_opacity: bool = False,
     near_m: float = 0.01,
+    median_depth: bool = False,
 ) -> Splatted:
     """Splat Gaussians into one image, in the dtype of `means`; otherwise as `pipeline.rendering.splat.splat`."""
     gaussians = {
@@ -89,10 +91,28 @@ def splat_reference(
     blended, alpha = [], []
     for chunk in pixels.split(max(1, PAIRS_AT_ONCE // max(1, len(channels)))):
         weights, transmittance = blend_weights(footprint_alphas(footprints, chunk))
-        blended.append(weights @ channels)
+        image = weights @ channels
+        if median_depth:
+            depth = (1 - transmittance) * middle_depth(weights, footprints.depth_m)
+            image = torch.cat([image[:, :-1], depth[:, None]], dim=1)
+        blended.append(image)
         alpha.append(1 - transmittance)
     image = torch.cat(blended).reshape(height, width, -1)
-    return Splatted(image[..., :-1], torch.cat(alpha).reshape(height, width), image[..., -1])
+    depth = image[..., -1].detach() if median_depth else image[..., -1]
+    return Splatted(image[..., :-1], torch.cat(alpha).reshape(height, width), depth)
+
+
+def middle_depth(weights: Float[Tensor, "p v"], depth_m: Float[Tensor, " v"]) -> Float[Tensor, " p"]:
+    """Depth of the last Gaussian drawn that more than MEDIAN_TRANSMITTANCE of the light comes to; 0 without any.
+
+    What comes to Gaussian i is what the ones before it let through, 1 - sum of their weights.
+    """
+    if weights.shape[1] == 0:
+        return weights.new_zeros(len(weights))
+    arriving = 1 - (torch.cumsum(weights, dim=1) - weights)
+    position = torch.arange(1, weights.shape[1] + 1) * ((weights > 0) & (arriving > MEDIAN_TRANSMITTANCE))
+    last = position.amax(dim=1)
+    return torch.where(last > 0, depth_m[last.clamp_min(1) - 1], 0.0)
 
 
 def pixel_centers(width: int, height: int) -> Float64[Tensor, "pixels 2"]:

@@ -35,6 +35,7 @@ def splat_supersampled(
     dilation_px2: float = 0.1,
     compensate_opacity: bool = False,
     near_m: float = 0.01,
+    median_depth: bool = False,
 ) -> Splatted:
     """As `splat`, rendered `factor` times larger each way and averaged; differentiable likewise.
 
@@ -45,10 +46,11 @@ def splat_supersampled(
             a margin is rendered around the image so that its border is filtered like its middle.
         filter_std_px: standard deviation of the Gaussian filter, pixels of the final image.
         dilation_px2: px^2 of the large image: the dilation guards the spacing of the samples.
-        compensate_opacity, near_m: as for `splat`.
+        compensate_opacity, near_m, median_depth: as for `splat`.
 
     Returns:
-        features, alpha and depth, each the filtered mean of its samples.
+        features, alpha and depth, each the filtered mean of its samples. A median depth divided by alpha is then the
+        mean of the samples' medians, each with its alpha for weight.
 
     Raises:
         ValueError: for a factor below 1 or an unknown filter, and what `splat` raises.
@@ -56,13 +58,14 @@ def splat_supersampled(
     if factor < 1 or filter not in ("box", "gaussian") or not filter_std_px > 0:
         found = f"{factor}, {filter!r}, {filter_std_px}"
         raise ValueError(f"expected factor >= 1, filter 'box' or 'gaussian', filter_std_px > 0, found {found}")
-    weights = _box(factor) if filter == "box" else _gaussian(factor, filter_std_px)
+    weights = (_box(factor) if filter == "box" else _gaussian(factor, filter_std_px)).to(means.device)
     margin = (len(weights) - factor) // 2
-    scaled = K.detach().double() * torch.tensor([[factor], [factor], [1.0]], dtype=torch.float64)
+    scaled = K.detach().double() * K.new_tensor([[factor], [factor], [1.0]], dtype=torch.float64)
     scaled[:2, 2] += margin
     large = splat(
         means, quaternions, scales, opacities, features, R, t, scaled, width * factor + 2 * margin,
         height * factor + 2 * margin, dilation_px2=dilation_px2, compensate_opacity=compensate_opacity, near_m=near_m,
+        median_depth=median_depth,
     )  # fmt: skip
     stacked = torch.cat([large.features, large.alpha[..., None], large.depth[..., None]], dim=2).permute(2, 0, 1)
     small = _filter_down(stacked, weights, factor).permute(1, 2, 0)

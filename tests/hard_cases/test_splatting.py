@@ -46,6 +46,23 @@ def near_plane():
     return scene
 
 
+def around_the_near_plane():
+    """One float32 step to either side of it; the one on the plane is drawn."""
+    scene = gaussians(3, spread=0.02)
+    scene["means"][:, 2] = torch.tensor([math.nextafter(DEPTH, 0) - 1e-6, DEPTH, DEPTH + 1e-6])
+    return scene
+
+
+def in_depth(scene):
+    """The same Gaussians a hand's breadth behind one another."""
+    scene["means"][:, 2] += 0.1 * torch.arange(len(scene["means"]))
+    return scene
+
+
+def without_features():
+    return {**gaussians(), "features": torch.zeros(3, 0)}
+
+
 def outside_the_frustum():
     """Where J is clamped: far to the sides, large enough to be seen."""
     scene = gaussians(4, scales=(1.0, 0.5, 0.7), spread=0.0)
@@ -76,6 +93,7 @@ def on_pixel_centers(scales):
 NEEDLE = {length: (length * PX, 1e-4, 1e-4) for length in (300, 3000)}
 SHARP = {"dilation_px2": 0.0}
 SOFT = {"compensate_opacity": True}
+MEDIAN = {"median_depth": True}
 CASES = {
     "edge-on disc": (gaussians(quaternion=SIDEWAYS, scales=(0.2, 0.2, 0.0)), {}),
     "edge-on disc, compensated": (gaussians(quaternion=SIDEWAYS, scales=(0.2, 0.2, 1e-3)), SOFT),
@@ -88,14 +106,24 @@ CASES = {
     "needle 3000 px, horizontal": (gaussians(quaternion=(1.0, 0.0, 0.0, 0.0), scales=NEEDLE[3000]), {}),
     "needle 3000 px, nearly vertical": (gaussians(quaternion=(0.7071, 0.0, 0.0, 0.7072), scales=NEEDLE[3000]), {}),
     "needle along the ray": (gaussians(quaternion=SIDEWAYS, scales=NEEDLE[300]), {}),
+    "edge-on disc without thickness, no dilation": (gaussians(quaternion=SIDEWAYS, scales=(0.2, 0.2, 0.0)), SHARP),
     "larger than the image": (gaussians(scales=(50.0, 30.0, 40.0)), {}),
+    "larger than the image, compensated": (gaussians(scales=(50.0, 30.0, 40.0)), SOFT),
+    "larger than the image, median depth": (in_depth(gaussians(5, scales=(50.0, 30.0, 40.0), opacity=0.2)), MEDIAN),
     "larger than the image, far off axis": (gaussians(mean=(80.0, 60.0, 2.0), scales=(50.0, 30.0, 40.0)), {}),
     "behind the camera": (gaussians(mean=(0.0, 0.0, -DEPTH)), {}),
     "at the near plane": (near_plane(), {}),
+    "at the near plane, compensated": (near_plane(), SOFT),
+    "at the near plane, no dilation": (near_plane(), SHARP),
+    "before, at and behind the near plane": (around_the_near_plane(), {"near_m": DEPTH}),
     "outside the frustum": (outside_the_frustum(), {}),
     "opacity 0 and 1": (opacities(0.0, 1.0, 1.0 / 300.0, 0.999, 1.0, 0.5), {}),
+    "opacity 0 and 1, median depth": (in_depth(opacities(0.0, 1.0, 1.0 / 300.0, 0.999, 1.0, 0.5)), MEDIAN),
     "opacity 1, compensated": (opacities(1.0, 1.0, 1.0), SOFT),
+    "opacity 0 only": (opacities(0.0, 0.0), {}),
     "no Gaussians": (gaussians(0), {}),
+    "no Gaussians, median depth": (gaussians(0), MEDIAN),
+    "no channels": (without_features(), {}),
     "scales 1e-7": (on_pixel_centers((1e-7, 2e-7, 3e-7)), {}),
     "scales 1e-7, compensated": (on_pixel_centers((1e-7, 2e-7, 3e-7)), SOFT),
     "scales 1e-7, no dilation": (on_pixel_centers((1e-7, 2e-7, 3e-7)), SHARP),
@@ -131,11 +159,12 @@ def test_hard_gaussians(case, record_property):
     check(case, scene, WIDTH, HEIGHT, settings, record_property)
 
 
-def test_two_thousand_at_one_depth(record_property):
+@pytest.mark.parametrize("settings", [{}, SOFT, MEDIAN])
+def test_two_thousand_at_one_depth(settings, record_property):
     scene = gaussians(2000, opacity=0.1, scales=(0.02, 0.03, 0.02), spread=0.1)
-    check("two thousand at one depth", scene, 18, 17, {}, record_property)
+    check(f"two thousand at one depth {settings}", scene, 18, 17, settings, record_property)
 
 
-@pytest.mark.parametrize("settings", [{}, SOFT, SHARP])
+@pytest.mark.parametrize("settings", [{}, SOFT, SHARP, MEDIAN])
 def test_one_pixel_image(settings, record_property):
     check(f"one pixel {settings}", gaussians(20, spread=0.03), 1, 1, settings, record_property)

@@ -138,11 +138,11 @@ def test_stage_settings_that_make_no_sense(text, complaint) -> None:
 
 
 def test_workflow_hands_over_what_a_subject_changes() -> None:
-    subject = SubjectSettings(track_mesh={"outline_rounds": 2}, train_avatar={"steps": 7})
+    subject = SubjectSettings(track_mesh={"outline_rounds": 2}, train_avatar={"steps": 7}, unwrap_atlas={"size": 64})
     changed = {
         stage: settings for stage, settings in read_stage_settings(changed_settings(subject)).items() if settings
     }
-    assert changed == {"track_mesh": {"outline_rounds": 2}}
+    assert changed == {"track_mesh": {"outline_rounds": 2}, "train_avatar": {"steps": 7}}
 
 
 def test_samples_of_irradiance(tmp_path) -> None:

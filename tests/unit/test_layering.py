@@ -69,9 +69,9 @@ def test_no_module_imports_what_is_forbidden(modules):
     assert not found
 
 
-def test_gsplat_is_imported_in_one_module_at_most(modules):
+def test_gsplat_is_imported_in_one_module(modules):
     users = [n for n, path in modules.items() if any(t.split(".")[0] == "gsplat" for t in direct_imports(n, path))]
-    assert len(users) <= 1
+    assert users == ["pipeline.rendering.splat_gsplat"]
 
 
 def test_no_call_unpickles(modules):

@@ -132,7 +132,7 @@ def test_environments_list_what_the_project_needs(repo_root):
         content = yaml.safe_load((repo_root / f"envs/{name}.yaml").read_text())
         packages[name] = next(item["pip"] for item in content["dependencies"] if isinstance(item, dict))
     assert packages["cpu"] == project["dependencies"]
-    assert packages["gpu"] == [*project["dependencies"], "gsplat"]
+    assert packages["gpu"] == [*project["dependencies"], *project["optional-dependencies"]["gpu"]]
 
 
 def test_profile_is_found_and_compares_content(workflow):

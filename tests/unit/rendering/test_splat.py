@@ -88,6 +88,29 @@ def test_single_gaussian_has_its_analytic_footprint(render, depth, theta, scales
     np.testing.assert_allclose(out.features, alpha[..., None] * [0.3, -2.0], atol=2 * FLOAT32_IMAGE)
 
 
+@pytest.mark.parametrize("render", [splat, splat_reference])
+@pytest.mark.parametrize(
+    ("opacities", "median", "alpha"),
+    [
+        ((0.3, 0.4, 0.9, 0.9), 3.0, 0.9958),  # 0.7, then 0.42 of the light gets through: the second takes it below 1/2
+        ((0.6, 0.9, 0.9, 0.9), 2.0, 0.9996),
+        ((0.1, 0.2, 0.1, 0.1), 5.0, 0.4168),  # more than half gets past all: the last one
+        ((0.1, 0.0, 0.2, 0.0), 4.0, 0.28),
+    ],
+)
+def test_median_depth_is_where_half_of_the_light_is_gone(render, opacities, median, alpha):
+    view = frontal_camera(9)
+    stack = {name: a.repeat(4, *[1] * (a.dim() - 1)) for name, a in one_gaussian(scales=(50.0,) * 3).items()}
+    stack["means"], stack["opacities"] = torch.tensor([[0, 0, 2.0 + k] for k in range(4)]), torch.tensor(opacities)
+    stack["means"].requires_grad_()
+    out = render(**stack, **view, median_depth=True)
+    plain = render(**stack, **view)
+    np.testing.assert_allclose(out.alpha[4, 4].detach(), alpha, atol=2e-4)
+    np.testing.assert_allclose(out.depth[4, 4], alpha * median, rtol=3e-4)
+    assert not out.depth.requires_grad
+    assert torch.equal(out.features, plain.features) and torch.equal(out.alpha, plain.alpha)
+
+
 @pytest.mark.parametrize("depths", [(1.0, 2.0), (2.0, 1.0), (2.0, 2.0)])
 def test_two_gaussians_blend_front_to_back_and_ties_go_by_index(depths):
     view = frontal_camera(9)
@@ -158,6 +181,15 @@ def test_compensated_opacity_keeps_the_light_of_a_footprint(render):
         np.testing.assert_allclose(out.alpha[40, 40], peak, atol=FLOAT32_IMAGE)
         # The footprint ends at alpha = 1/255, where a share MIN_ALPHA / peak of its integral is left out.
         np.testing.assert_allclose(float(out.alpha.sum()), expected * (1 - MIN_ALPHA / peak), rtol=2e-3)
+
+
+def test_kernels_find_the_medians_of_the_reference():
+    view = camera(50, 41)
+    scene = gaussians_before(view, 600, 3, seed=3, scale=0.15)
+    found = compare_with_reference(scene, **view, median_depth=True)
+    assert found.value < VALUE_TOLERANCE
+    assert max(found.gradients.values()) < GRADIENT_TOLERANCE, found.gradients
+    assert found.undecided < 0.05
 
 
 @pytest.mark.parametrize("compensate", [False, True])
