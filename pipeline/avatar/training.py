@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from pipeline.avatar.checkpoint import camera_tensors, load_tensors
-from pipeline.avatar.losses import photometric, regularization, silhouette
+from pipeline.avatar.losses import reconstruction, regularization
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs
 from pipeline.base.errors import InputError
@@ -72,19 +72,18 @@ def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
 
 
 def compute_loss(
-    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar
+    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, step: int = 0
 ) -> dict[str, Tensor]:
     """Weighted terms of one step; their sum is what is minimised."""
     frame = avatar.prepare(inputs)
-    terms = regularization(avatar, frame["diffuse"], settings)
-    terms["photometric"] = terms["silhouette"] = torch.zeros(())
+    terms = regularization(avatar, frame, settings, step)
     share = 1 / len(images)
     for image in images:
-        picture = avatar.view(frame, *camera_tensors(image), image.width, image.height)
+        R, t, K = camera_tensors(image)
+        picture = avatar.view(frame, R, t, K, image.width, image.height)
         captured, mask = torch.tensor(image.image), torch.tensor(image.mask)
-        difference = photometric(picture["rgb"], captured, mask, settings.edges)
-        terms["photometric"] = terms["photometric"] + share * difference
-        terms["silhouette"] = terms["silhouette"] + share * settings.weight_mask * silhouette(picture["alpha"], mask)
+        for name, term in reconstruction(picture, captured, mask, R, K, settings).items():
+            terms[name] = terms.get(name, 0) + share * term
     return terms
 
 
@@ -100,7 +99,7 @@ def take_step(
     decay = settings.final_rate ** (step / settings.steps)
     for group in optimizer.param_groups:
         group["lr"] = group["start_rate"] * decay
-    terms = compute_loss(avatar, inputs, images, settings)
+    terms = compute_loss(avatar, inputs, images, settings, step)
     values = {name: term.item() for name, term in terms.items()}
     broken = [name for name, value in values.items() if not torch.isfinite(torch.tensor(value))]
     if broken:
