@@ -29,6 +29,7 @@ from pipeline.avatar.spec import AvatarSpec
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.bounces import bounced_irradiance
+from pipeline.lighting.distant_light import as_distant, gather_distant
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.zonal import gather_light
 from pipeline.rendering.splat_conventions import Splatted
@@ -168,7 +169,10 @@ class Avatar(nn.Module):
         transfer = (frame["transfer_color"], frame["transfer_mono"])
         if self.spec.shading == "harmonics":
             return shade_harmonics(self.albedo, *transfer, inputs.harmonics)
-        return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
+        if self.spec.near_field or self.spec.traced:
+            return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
+        distant = as_distant(inputs.posed.points.mean(0), frame["light_positions"], frame["intensities"])
+        return shade_diffuse(self.albedo, *transfer, gather_distant(axes, *distant))
 
     def shade_indirect(self, frame: dict, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
         """Light by way of other surfaces. What these send is taken as it is: no gradient goes back along the bounce."""

@@ -31,7 +31,7 @@ class AvatarSpec:
         face: middle and radius of the face on the template at rest, metres: a code of its own; none if empty.
         pose_points, code_size: points of the surface behind a code, and its numbers.
         decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
-        near_field: lights at their true distance; if not, as far away as their light is alike on all the subject.
+        near_field: the transfer's lights at their true distance; if not, their light is alike on all the subject.
     """
 
     specular: bool
