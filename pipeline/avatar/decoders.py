@@ -117,8 +117,8 @@ class PoseEncoder(nn.Module):
 
     def forward(self, vertices: Float32[np.ndarray, "vertices 3"]) -> Float[Tensor, " code"]:
         """The code of a posed template, metres."""
-        offsets = pose_offsets(self.rest, vertices[self.chosen.numpy()])
-        points = torch.as_tensor(offsets.ravel(), dtype=torch.float32)
+        offsets = pose_offsets(self.rest, vertices[self.chosen.cpu().numpy()])
+        points = torch.as_tensor(offsets.ravel(), dtype=torch.float32, device=self.chosen.device)
         return leaky_relu(self.last(leaky_relu(self.hidden(points), SLOPE)), SLOPE)
 
 
@@ -134,11 +134,12 @@ class PoseCode(nn.Module):
             parts["face"] = PoseEncoder(atlas, face_points(atlas, spec.face, spec.pose_points), spec.code_size)
         self.parts = nn.ModuleDict(parts)
         self.size = max(1, len(parts) * spec.code_size)
+        self.register_buffer("constant", torch.ones(1), persistent=False)
 
     def forward(self, vertices: Float32[np.ndarray, "vertices 3"]) -> Float[Tensor, " code"]:
         """The codes of a posed template; a constant if its pose never changes."""
         codes = [part(vertices) for part in self.parts.values()]
-        return torch.cat(codes) if codes else torch.ones(1)
+        return torch.cat(codes) if codes else self.constant
 
 
 class PoseDecoder(nn.Module):

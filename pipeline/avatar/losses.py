@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -92,7 +93,7 @@ def lpips_loss(
         torch.nn.functional.pad(srgb_from_linear(linear.clamp(0, 1)), pad).permute(2, 0, 1)[None]
         for linear in (rgb, captured * mask[..., None])
     ]
-    return lpips(*pictures)[0]
+    return lpips.to(rgb.device)(*pictures)[0]
 
 
 @cache
@@ -137,8 +138,7 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
     The paper's lower branch, 1 / max(v, 1e-7), jumps at the bound and has slopes up to 1e14.
     """
     log = value.clamp_min(torch.finfo(value.dtype).tiny).log()
-    bounds = torch.tensor([low, high]).log()
-    return (torch.relu(bounds[0] - log).square() + torch.relu(log - bounds[1]).square()).mean()
+    return (torch.relu(math.log(low) - log).square() + torch.relu(log - math.log(high)).square()).mean()
 
 
 def negative(values: Tensor) -> Float[Tensor, ""]:
