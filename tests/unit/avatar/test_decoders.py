@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.checkpoint import LoadedAvatar, load_avatar, save_avatar
-from pipeline.avatar.decoders import AtlasDecoder, PoseCode, PoseDecoder
+from pipeline.avatar.decoders import AtlasDecoder, PoseCode, PoseDecoder, bilinear
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
@@ -173,6 +173,16 @@ def test_faces_that_are_none_are_told():
         face_points(atlas, (0.0, 1.0, 2.0), 9)
     with pytest.raises(InputError, match=r"at least 4 vertices.*found 1; the template at rest reaches from"):
         face_points(atlas, (0.2, 0.2, 0.0, 0.1), 9)
+
+
+@pytest.mark.parametrize(("size", "side"), [(48, 16), (16, 16), (16, 64)])
+def test_bilinear_is_torchs(size, side):
+    atlas = make_sheet(size)
+    coarse = torch.rand(2, side, side, generator=torch.Generator().manual_seed(0))
+    nearest, weights = bilinear(atlas, side)
+    found = (coarse.flatten(1)[:, torch.as_tensor(nearest)] * torch.as_tensor(weights)).sum(-1)
+    full = torch.nn.functional.interpolate(coarse[None], (size, size), mode="bilinear", align_corners=False)[0]
+    assert torch.allclose(atlas.from_map(full), found, atol=FLOAT32_ROUNDING)
 
 
 def test_decoder_has_the_papers_layers():
