@@ -57,7 +57,7 @@ def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
     stored = read_json(folder / "config.json")["spec"]
     if stored.keys() != {field.name for field in fields(AvatarSpec)}:
         raise InputError(f"{folder}/config.json: spec: expected the keys of this version, found others; train again")
-    avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec(**stored))
+    avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec.from_json(stored))
     state = load_tensors(folder / "avatar.safetensors")[0]
     if state.keys() != avatar.state_dict().keys():
         raise InputError(

@@ -53,7 +53,7 @@ class EnvironmentAvatar(Avatar):
     def shade_direct(self, frame: dict, axes: Tensor, inputs: SkyInputs) -> Float[Tensor, "texels 3"]:
         """Diffuse light of the sky (RFGCA 7-9)."""
         light = gather_environment(inputs.sky.world_from_map.T @ axes, inputs.sky.harmonics)
-        return shade_diffuse(self.albedo, self.transfer_color, self.transfer_mono, light)
+        return shade_diffuse(self.albedo, frame["transfer_color"], frame["transfer_mono"], light)
 
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor

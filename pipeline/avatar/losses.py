@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.avatar.model import Avatar
+from pipeline.avatar.model import SMALLEST_ALPHA, Avatar
 from pipeline.base.color import srgb_from_linear
+from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import Edges, TrainAvatar
+from pipeline.lighting.lobes import unit
+from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips, open_lpips
 
 SCALE_BOUNDS_M = (1e-4, 1e-2)
 """Bounds of Gaussian scales (RFGCA Appendix B)."""
@@ -55,6 +61,77 @@ def silhouette(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> Float
     return ((alpha - mask).abs() * inside).sum() / mask.sum().clamp_min(1)
 
 
+def alpha_sparsity(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> Float[Tensor, ""]:
+    """L1 between alpha and the nearer of 0 and 1, per subject pixel (Appendix B).
+
+    Pixels that touch the mask's edge are left out: the subject covers them in part. So do hairs, of which a capture
+    does not say where they are: for a subject with loose hair the weight is 0.
+    """
+    inside = (widest(mask) == -widest(-mask)).to(mask.dtype)
+    return (torch.minimum(alpha, 1 - alpha).abs() * inside).sum() / mask.sum().clamp_min(1)
+
+
+def normal_orient(
+    normal: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], R: Float[Tensor, "3 3"], K: Float[Tensor, "3 3"]
+) -> Float[Tensor, ""]:
+    """Mean over covered pixels of max(0, -n . w_o)^2: blended normals that face away from the camera (Appendix B).
+
+    With w_o from the surface to the camera, as elsewhere in the paper, B.3 as printed, max(0, n . w_o)^2, would punish
+    the normals that can be seen.
+    """
+    row, column = torch.nonzero(alpha.detach() > SMALLEST_ALPHA, as_tuple=True)
+    x, y = (column + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1]
+    toward = -unit(torch.stack([x, y, torch.ones_like(x)], -1) @ R)
+    away = torch.relu(-(unit(normal[row, column]) * toward).sum(-1))
+    return away.square().sum() / max(1, len(row))
+
+
+def lpips_loss(
+    lpips: Lpips, rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
+) -> Float[Tensor, ""]:
+    """LPIPS in sRGB between the picture and the capture over black (RFGCA 17); small ones are padded with black."""
+    height, width = mask.shape
+    pad = (0, 0, 0, max(0, SMALLEST_SIDE - width), 0, max(0, SMALLEST_SIDE - height))
+    pictures = [
+        torch.nn.functional.pad(srgb_from_linear(linear.clamp(0, 1)), pad).permute(2, 0, 1)[None]
+        for linear in (rgb, captured * mask[..., None])
+    ]
+    return lpips.to(rgb.device)(*pictures)[0]
+
+
+@cache
+def open_lpips_loss(net: str, backbone: str) -> Lpips:
+    """LPIPS with the weights of a file, read once.
+
+    Raises:
+        InputError: if it is not there, or not the published one.
+    """
+    lpips, why = open_lpips(net, Path(backbone))
+    if lpips is None:
+        raise InputError(f"lpips_backbone: expected the weights of {net}, found {why}")
+    return lpips
+
+
+def reconstruction(
+    picture: Mapping[str, Tensor], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"],
+    R: Float[Tensor, "3 3"], K: Float[Tensor, "3 3"], weights: TrainAvatar,
+) -> dict[str, Tensor]:  # fmt: skip
+    """All terms that look at one picture of `Avatar.view`, weighted; those of weight 0 are not computed."""
+    rgb, alpha = picture["rgb"], picture["alpha"]
+    terms = {
+        "photometric": photometric(rgb, captured, mask, weights.edges),
+        "silhouette": weights.weight_mask * silhouette(alpha, mask),
+    }
+    if weights.weight_alpha_sparsity:
+        terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask)
+    if weights.weight_normal_orient and "normal" in picture:
+        terms["normal_orient"] = weights.weight_normal_orient * normal_orient(picture["normal"], alpha, R, K)
+    if weights.weight_lpips and weights.lpips_backbone:
+        lpips = open_lpips_loss(weights.lpips_net, weights.lpips_backbone)
+        terms["lpips"] = weights.weight_lpips * lpips_loss(lpips, rgb, captured, mask)
+    return terms
+
+
 TRANSFER = ("transfer_color", "transfer_mono")
 
 
@@ -67,19 +144,35 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
     return (torch.relu(math.log(low) - log).square() + torch.relu(log - math.log(high)).square()).mean()
 
 
-def regularization(avatar: Avatar, diffuse: Float[Tensor, "texels 3"], weights: TrainAvatar) -> dict[str, Tensor]:
-    """All terms that look at parameters, weighted."""
+def negative(values: Tensor) -> Float[Tensor, ""]:
+    """Mean square of what is below zero (Appendix B)."""
+    return torch.relu(-values).square().mean()
+
+
+def normal_weight(weights: TrainAvatar, step: int) -> float:
+    """Weight of the squared normal offset after `step` steps: falls to zero in a straight line (Appendix B)."""
+    if not weights.normal_steps:
+        return weights.weight_normal
+    return weights.weight_normal * max(0.0, 1 - step / weights.normal_steps)
+
+
+def regularization(
+    avatar: Avatar, frame: Mapping[str, Tensor], weights: TrainAvatar, step: int = 0
+) -> dict[str, Tensor]:
+    """All terms that look at the parameters of a prepared frame, weighted."""
+    size = avatar.spacing.mean(-1, keepdim=True)
     terms = {
-        "offset": weights.weight_offset * (avatar.offset / avatar.spacing.mean(-1, keepdim=True)).square().mean(),
-        "scale": weights.weight_scale * outside(avatar.log_scale.exp(), *SCALE_BOUNDS_M),
-        "negative": weights.weight_negative
-        * (torch.relu(-diffuse).square().mean() + torch.relu(-avatar.albedo).square().mean()),
+        "offset": weights.weight_offset * (frame["offset"] / size).square().mean(),
+        "scale": weights.weight_scale * outside(frame["scales"], *SCALE_BOUNDS_M),
+        "size": weights.weight_size * frame["scales"].mean(),
+        "albedo": weights.weight_albedo * avatar.albedo.abs().mean(),
+        "negative": weights.weight_negative * (negative(frame["diffuse"]) + negative(avatar.albedo)),
     }
     if avatar.spec.shading != "microfacet":
-        distances = [(avatar.get_parameter(name) - avatar.get_buffer(f"start_{name}")) for name in TRANSFER]
+        distances = [frame[name] - avatar.get_buffer(f"start_{name}") for name in TRANSFER]
         terms["transfer"] = weights.weight_transfer * sum(distance.square().mean() for distance in distances)
     if avatar.spec.bent_normals:
-        terms["normal"] = weights.weight_normal * avatar.normal_offset.square().mean()
+        terms["normal"] = normal_weight(weights, step) * frame["normal_offset"].square().mean()
     if avatar.spec.lobe:
         terms["roughness"] = weights.weight_scale * outside(avatar.log_roughness.exp(), *ROUGHNESS_BOUNDS)
     if avatar.spec.gloss:

@@ -1,7 +1,7 @@
 """The full-body avatar: one Gaussian per atlas texel, relit by learned transfer or by microfacets, splatted.
 
-RFGCA 5-16 with per-texel parameters that are optimised directly: what the decoders of RFGCA 4 and 14 would predict per
-pose and per view is here one value per texel. Only what `AvatarSpec` asks for is built.
+RFGCA 3-16. Every texel has parameters of its own, which are optimised directly; networks may add to them what changes
+with pose and view. Only what `AvatarSpec` asks for is built.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.avatar.decoders import PoseCode, PoseDecoder, ViewDecoder
 from pipeline.avatar.pixel_depth import depth_of_pixels
 from pipeline.avatar.pose import FrameInputs, PosedTexels, white_once
 from pipeline.avatar.shading import (
@@ -29,6 +30,7 @@ from pipeline.avatar.spec import AvatarSpec
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.bounces import bounced_irradiance
+from pipeline.lighting.distant_light import as_distant, gather_distant
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.zonal import gather_light
 from pipeline.rendering.splat_conventions import Splatted
@@ -46,6 +48,9 @@ a constant, so the start surface is closed and even."""
 
 START_THICKNESS = 0.1
 """Standard deviation along the normal, in texel spacings: a thin disc."""
+
+POSED = ("offset", "rotation", "log_scale", "opacity", "transfer_color", "transfer_mono", "normal_offset")
+"""Parameters of a texel that a pose may change (RFGCA 4), if the avatar has them; albedo and roughness never do."""
 
 SMALLEST_ALPHA = 1 / 255
 """Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
@@ -83,6 +88,35 @@ class Avatar(nn.Module):
             self.shadow_net = ShadowNet(atlas, spec.shadow_width)
         if spec.indirect == "ambient":
             self.ambient = nn.Parameter(torch.full((texels, 3), START_AMBIENT))
+        self.build_networks(atlas)
+
+    def build_networks(self, atlas: Atlas) -> None:
+        """What pose and view add to the parameters (RFGCA 3, 4, 14); nothing at first. A pose moves a Gaussian by
+        about a texel's size: in metres a step of the optimiser would be too long."""
+        spec = self.spec
+        if spec.pose_decoder or spec.view_decoder:
+            self.pose_code = PoseCode(atlas, spec)
+        if spec.pose_decoder:
+            units = {"offset": float(self.spacing.mean())}
+            self.pose_decoder = PoseDecoder(atlas, self.pose_code.size, spec.decoder_channels, self.own(), units)
+        if spec.view_decoder:
+            self.view_decoder = ViewDecoder(atlas, self.pose_code.size, spec.decoder_channels)
+
+    def own(self) -> dict[str, Tensor]:
+        """The parameters that a pose may change, as all poses share them."""
+        return {name: self.get_parameter(name) for name in POSED if hasattr(self, name)}
+
+    def decode(self, inputs: FrameInputs) -> dict[str, Tensor]:
+        """The parameters of all texels in a frame's pose, and what its cameras share of the view decoder."""
+        frame = self.own()
+        if not (self.spec.pose_decoder or self.spec.view_decoder):
+            return frame
+        code = self.pose_code(inputs.record.vertices)
+        if self.spec.pose_decoder:
+            frame = {name: frame[name] + added for name, added in self.pose_decoder(code).items()}
+        if self.spec.view_decoder:
+            frame["view_features"] = self.view_decoder.prepare(code)
+        return frame
 
     def build_transfer(self, texels: int) -> None:
         """Transfer coefficients, started at the Lambertian lobe of the normal; buffer `start_*` keeps where."""
@@ -96,14 +130,16 @@ class Avatar(nn.Module):
     def prepare(self, inputs: FrameInputs) -> dict:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15)."""
         posed, (positions, intensities) = inputs.posed, inputs.lights
-        axes, quaternions = self.orient(posed)
-        frame = {
-            "means": posed.points + (posed.frames @ self.offset[..., None])[..., 0],
+        frame = self.decode(inputs)
+        axes, quaternions = self.orient(frame, posed)
+        frame |= {
+            "means": posed.points + (posed.frames @ frame["offset"][..., None])[..., 0],
+            "axes": axes,
             "quaternions": quaternions,
-            "scales": self.log_scale.exp(),
-            "opacities": torch.sigmoid(self.opacity),
+            "scales": frame["log_scale"].exp(),
+            "opacities": torch.sigmoid(frame["opacity"]),
             "normals": posed.frames[..., 2],
-            "bent_normals": self.bend(posed, axes),
+            "bent_normals": self.bend(frame, posed, axes),
             "light_positions": positions,
             "intensities": white_once(intensities),
             "seen": inputs.seen if self.spec.traced else every_light(len(positions), len(posed.points)),
@@ -117,26 +153,30 @@ class Avatar(nn.Module):
             frame["indirect"] = self.shade_indirect(frame, inputs)
         return frame
 
-    def orient(self, posed: PosedTexels) -> tuple[Tensor, Tensor]:
+    def orient(self, frame: dict, posed: PosedTexels) -> tuple[Tensor, Tensor]:
         """R_k = TBN_k dR_k (RFGCA 6), as matrices [texels, 3, 3] and quaternions [texels, 4]."""
-        matrices = posed.frames @ matrix_from_quaternion(self.rotation)
-        return matrices, multiply_quaternions(posed.quaternions, self.rotation)
+        matrices = posed.frames @ matrix_from_quaternion(frame["rotation"])
+        return matrices, multiply_quaternions(posed.quaternions, frame["rotation"])
 
-    def bend(self, posed: PosedTexels, axes: Float[Tensor, "texels 3 3"]) -> Float[Tensor, "texels 3"]:
+    def bend(self, frame: dict, posed: PosedTexels, axes: Float[Tensor, "texels 3 3"]) -> Float[Tensor, "texels 3"]:
         """Unit normals for shading (RFGCA 10); dn is kept in the Gaussian's frame, so that it turns with the pose."""
         if not self.spec.bent_normals:
             return posed.frames[..., 2]
-        return unit((axes @ (self.normal_offset + self.normal_offset.new_tensor([0.0, 0.0, 1.0]))[..., None])[..., 0])
+        offset = frame["normal_offset"]
+        return unit((axes @ (offset + offset.new_tensor([0.0, 0.0, 1.0]))[..., None])[..., 0])
 
     def shade_direct(self, frame: dict, axes: Tensor, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
         """Light of the lamps that leaves every texel alike in all directions, before the shadow network."""
         lights = (frame["light_positions"], frame["intensities"], frame["seen"])
         if self.spec.shading == "microfacet":
             return shade_matte(self.albedo, frame["means"].detach(), frame["bent_normals"], *lights)
-        transfer = (self.transfer_color, self.transfer_mono)
+        transfer = (frame["transfer_color"], frame["transfer_mono"])
         if self.spec.shading == "harmonics":
             return shade_harmonics(self.albedo, *transfer, inputs.harmonics)
-        return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
+        if self.spec.near_field or self.spec.traced:
+            return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
+        distant = as_distant(inputs.posed.points.mean(0), frame["light_positions"], frame["intensities"])
+        return shade_diffuse(self.albedo, *transfer, gather_distant(axes, *distant))
 
     def shade_indirect(self, frame: dict, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
         """Light by way of other surfaces. What these send is taken as it is: no gradient goes back along the bounce."""
@@ -149,7 +189,8 @@ class Avatar(nn.Module):
         return self.albedo / torch.pi * bounced_irradiance(source, inputs.bounces)
 
     def view(self, frame: dict, R: Tensor, t: Tensor, K: Tensor, width: int, height: int) -> dict[str, Tensor]:
-        """One camera's picture of a prepared frame: linear RGB [h, w, 3] over black, and alpha [h, w]."""
+        """One camera's picture of a prepared frame: linear RGB [h, w, 3] over black, alpha [h, w] and, if the lobe is
+        deferred, the blended normals [h, w, 3]."""
         center = -R.T @ t
         # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
         facing = (frame["normals"] * (center - frame["means"].detach())).sum(-1) > 0
@@ -163,7 +204,8 @@ class Avatar(nn.Module):
         )  # fmt: skip
         widths = [layer.shape[-1] for layer in layers.values()]
         pixels = dict(zip(layers, picture.features.split(widths, -1), strict=True))
-        return {"rgb": self.shade_pixels(pixels, picture, frame, R, center, K), "alpha": picture.alpha}
+        shown = {"rgb": self.shade_pixels(pixels, picture, frame, R, center, K), "alpha": picture.alpha}
+        return {**shown, "normal": pixels["normal"]} if "normal" in pixels else shown
 
     def layers(self, frame: dict, center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, "texels _"]]:
         """What is splatted for one camera. The light that the shadow network's factor dims is a layer of its own."""
@@ -173,7 +215,7 @@ class Avatar(nn.Module):
             color = color + self.log_gloss.exp()[:, None] * shade_gloss(width, frame, center)
         layers = {}
         if spec.lobe:
-            roughness, visibility = self.log_roughness.exp(), torch.sigmoid(self.visibility)
+            roughness, visibility = self.log_roughness.exp(), self.specular_visibility(frame, center)
             if spec.deferred:
                 layers = {
                     "normal": frame["bent_normals"],
@@ -191,6 +233,15 @@ class Avatar(nn.Module):
         elif spec.indirect != "none":
             color = color + frame["indirect"]
         return {"color": color, **layers}
+
+    def specular_visibility(self, frame: dict, center: Float[Tensor, "3"]) -> Float[Tensor, " texels"]:
+        """v_k as a camera sees it (RFGCA 14)."""
+        if not self.spec.view_decoder:
+            return torch.sigmoid(self.visibility)
+        # Where a Gaussian is and how it lies is decided by what it looks like, not by how far it reflects.
+        toward = unit(center - frame["means"].detach())
+        directions = (frame["axes"].detach().mT @ toward[..., None])[..., 0]
+        return torch.sigmoid(self.visibility + self.view_decoder(frame["view_features"], directions))
 
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor

@@ -27,6 +27,13 @@ class AvatarSpec:
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
         depth: how far away a pixel's point is; see `pipeline.avatar.pixel_depth`.
         normals: "learned": bent away from the Gaussian's axis (RFGCA 10), or those of the "mesh".
+        parameters: "texels": one value per texel, whatever the pose; "decoded": and what networks add to it for a pose
+            and, to the specular visibility, for a view (RFGCA 3, 4, 14).
+        articulation: the subject's limbs move: a code of the body's pose.
+        face: middle and radius of the face on the template at rest, metres: a code of its own; none if empty.
+        pose_points, code_size: points of the surface behind a code, and its numbers.
+        decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
+        near_field: the transfer's lights at their true distance; if not, their light is alike on all the subject.
     """
 
     specular: bool
@@ -43,6 +50,13 @@ class AvatarSpec:
     depth: DepthSource = "traced"
     compensate_opacity: bool = False
     normals: Literal["learned", "mesh"] = "learned"
+    parameters: Literal["texels", "decoded"] = "texels"
+    articulation: bool = False
+    face: tuple[float, ...] = ()
+    pose_points: int = 64
+    code_size: int = 64
+    decoder_channels: tuple[int, ...] = (32, 32, 16)
+    near_field: bool = True
 
     @property
     def shadow_net(self) -> bool:
@@ -74,12 +88,28 @@ class AvatarSpec:
         """Whether normals are learned: only where something is shaded with them."""
         return self.normals == "learned" and (self.specular or self.shading == "microfacet")
 
+    @property
+    def pose_decoder(self) -> bool:
+        """Whether poses change parameters: only where something about them is known to change."""
+        return self.parameters == "decoded" and (self.articulation or bool(self.face))
+
+    @property
+    def view_decoder(self) -> bool:
+        """Whether the specular visibility is seen differently by each camera."""
+        return self.parameters == "decoded" and self.lobe
+
     def as_json(self) -> dict:
         """The fields by name, for config.json."""
         return asdict(self)
 
+    @classmethod
+    def from_json(cls, stored: dict) -> AvatarSpec:
+        """What `as_json` gave, read back from a file."""
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()})
+
 
 def spec_of(settings: TrainAvatar, planned: Collection[str]) -> AvatarSpec:
-    """What the settings ask for; shadows only if the plan turned them on as well."""
-    wanted = {field.name: getattr(settings, field.name) for field in fields(AvatarSpec)}
-    return AvatarSpec(**{**wanted, "shadow": settings.shadow and "shadow" in planned})
+    """What the settings ask for, of that only what the plan turned on."""
+    found = {effect: effect in planned for effect in ("articulation", "near_field")}
+    wanted = {field.name: getattr(settings, field.name) for field in fields(AvatarSpec) if field.name not in found}
+    return AvatarSpec(**{**wanted, **found, "shadow": settings.shadow and "shadow" in planned})

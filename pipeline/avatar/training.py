@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from pipeline.avatar.checkpoint import camera_tensors, load_tensors
-from pipeline.avatar.losses import photometric, regularization, silhouette
+from pipeline.avatar.losses import reconstruction, regularization
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs
 from pipeline.avatar.processes import FlatGradients, Processes
@@ -80,7 +80,7 @@ def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
 
 
 def compute_loss(
-    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int,
+    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int, step: int = 0,
     processes: Processes = Processes(),
 ) -> dict[str, Tensor]:  # fmt: skip
     """This process's part of the weighted terms of one step; the sum of all parts and terms is what is minimised.
@@ -91,19 +91,18 @@ def compute_loss(
         images: those that fall to this process; may be none.
         settings: weights.
         batch: number of images of the step, in all processes.
+        step: number of the step, which decides some weights.
         processes: share the terms that look at no image.
     """
     frame = avatar.prepare(inputs)
-    terms = {name: term / processes.count for name, term in regularization(avatar, frame["diffuse"], settings).items()}
+    terms = {name: term / processes.count for name, term in regularization(avatar, frame, settings, step).items()}
     device = avatar.albedo.device
-    terms["photometric"] = terms["silhouette"] = torch.zeros((), device=device)
-    share = 1 / batch
     for image in images:
-        picture = avatar.view(frame, *camera_tensors(image, device), image.width, image.height)
+        R, t, K = camera_tensors(image, device)
+        picture = avatar.view(frame, R, t, K, image.width, image.height)
         captured, mask = (torch.tensor(array, device=device) for array in (image.image, image.mask))
-        difference = photometric(picture["rgb"], captured, mask, settings.edges)
-        terms["photometric"] = terms["photometric"] + share * difference
-        terms["silhouette"] = terms["silhouette"] + share * settings.weight_mask * silhouette(picture["alpha"], mask)
+        for name, term in reconstruction(picture, captured, mask, R, K, settings).items():
+            terms[name] = terms.get(name, 0) + term / batch
     return terms
 
 
@@ -173,7 +172,7 @@ class Training:
         for group in self.optimizer.param_groups:
             group["lr"] = group["start_rate"] * decay
         self.gradients.clear()
-        part = self._add_gradients(inputs, images, batch or len(images), stopping)
+        part = self._add_gradients(step, inputs, images, batch or len(images), stopping)
         self.processes.sum_in_place(self.gradients.flat)
         parts = self.processes.gather(part)
         values: dict[str, float] = defaultdict(float)
@@ -183,9 +182,11 @@ class Training:
         self.optimizer.step()
         return dict(values), any(part.stopping for part in parts)
 
-    def _add_gradients(self, inputs: FrameInputs, images: Sequence[ImageRecord], batch: int, stopping: bool) -> Part:
+    def _add_gradients(
+        self, step: int, inputs: FrameInputs, images: Sequence[ImageRecord], batch: int, stopping: bool
+    ) -> Part:
         try:
-            terms = compute_loss(self.avatar, inputs, images, self.settings, batch, self.processes)
+            terms = compute_loss(self.avatar, inputs, images, self.settings, batch, step, self.processes)
         except NotFinite as error:  # Told to all processes: they wait for this one's gradients.
             return Part({}, stopping, str(error))
         sum(terms.values()).backward()

@@ -49,6 +49,21 @@ class TrainAvatar(Settings):
     indirect: Literal["none", "ambient", "bounce"] = Field(
         "none", description="Light from other surfaces: a learned share of all light sent, or traced one bounce back"
     )
+    parameters: Literal["texels", "decoded"] = Field(
+        "texels",
+        description="One value per texel for all poses, or what networks add to it for a pose and a view (RFGCA 3-14)",
+    )
+    face: tuple[float, ...] = Field(
+        (),
+        description="For networks: x y z and radius of the face on the template at rest; none: no code for it [m]",
+    )
+    pose_points: int = Field(64, ge=4, description="Points of the surface that the networks know a pose by [points]")
+    code_size: int = Field(64, ge=1, description="Numbers that a pose is encoded to")
+    decoder_channels: tuple[int, ...] = Field(
+        (32, 32, 16),
+        min_length=1,
+        description="Channels that each layer of a decoder reads; n layers decode 8 * 2^n texels a side",
+    )
     shadow_width: int = Field(16, ge=1, description="Hidden channels of the shadow network, where shadow is on")
     supersample: int = Field(2, ge=1, le=4, description="Splat at this many times the image resolution, then average")
     pixel_filter: Literal["box", "gaussian"] = Field(
@@ -74,7 +89,24 @@ class TrainAvatar(Settings):
     weight_mask: float = Field(0.1, ge=0, description="Weight of the L1 between alpha and mask (lambda_mask)")
     weight_offset: float = Field(0.05, ge=0, description="Weight of the squared offset, in texel sizes (lambda_offset)")
     weight_scale: float = Field(0.01, ge=0, description="Weight of the bounds on scales and roughness (lambda_bound)")
-    weight_normal: float = Field(0.05, ge=0, description="Weight of the squared normal offset")
+    weight_normal: float = Field(0.05, ge=0, description="Weight of the squared normal offset (lambda_normal)")
+    normal_steps: int = Field(
+        0, ge=0, description="Steps over which weight_normal falls to zero; 0: it stays as it is [steps]"
+    )
+    weight_normal_orient: float = Field(
+        0.0, ge=0, description="Weight of blended normals that face away from the camera (lambda_normal_orient)"
+    )
+    weight_size: float = Field(0.0, ge=0, description="Weight of the L1 of Gaussian scales (L_scale) [1/m]")
+    weight_alpha_sparsity: float = Field(
+        0.0, ge=0, description="Weight of the L1 between alpha and the nearer of 0 and 1 (lambda_alpha_sparsity)"
+    )
+    weight_albedo: float = Field(0.0, ge=0, description="Weight of the L1 of the albedo (lambda_albedo)")
+    weight_lpips: float = Field(0.1, ge=0, description="Weight of LPIPS, if its backbone is given (lambda_LPIPS)")
+    lpips_net: Literal["alex", "vgg"] = Field("vgg", description="LPIPS backbone for training")
+    lpips_backbone: str = Field(
+        "",
+        description="File with the backbone's ImageNet weights, as for evaluate_avatar; empty: no LPIPS in the loss",
+    )
     weight_gloss: float = Field(0.01, ge=0, description="Weight that keeps the gloss of GGX near a dielectric's")
     weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")

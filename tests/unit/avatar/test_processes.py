@@ -35,7 +35,7 @@ def scene():
 
 def gradients_of(avatar, inputs, images, processes):
     gradients = FlatGradients(avatar)
-    terms = compute_loss(avatar, inputs, processes.share(images), SETTINGS, len(images), processes)
+    terms = compute_loss(avatar, inputs, processes.share(images), SETTINGS, len(images), processes=processes)
     sum(terms.values()).backward()
     return gradients, sum(terms.values()).item()
 

@@ -43,6 +43,26 @@ def relighter(specular: bool = True, shadow: bool = False, **other) -> Relighter
     return Relighter(LoadedAvatar(avatar, SHEET), TraceIrradiance())
 
 
+def test_networks_follow_a_new_pose_under_a_new_light() -> None:
+    """A folded sheet: its own shape and light, by lamps and by lobes, from the same networks."""
+    it = relighter(parameters="decoded", articulation=True, pose_points=4, code_size=8, decoder_channels=(8, 4))
+    torch.manual_seed(1)
+    with torch.no_grad():  # as if they had learned something
+        for name, parameter in it.avatar.named_parameters():
+            if "decoder" in name:
+                parameter += 0.1 * torch.randn_like(parameter)
+    folded = SHEET.rest_vertices + np.array([[0, 0, 0], [0, 0, 0.1], [0, 0, 0], [0, 0, 0]], np.float32)
+    flat = it.under_lights(SHEET.rest_vertices, KEY)
+    lamps, lobes = it.under_lights(folded, KEY), it.under_sky(folded, it.prepare_sky(sky()), sky(), TURN)
+    for name in ("offset", "log_scale", "opacity", "transfer_color"):
+        assert torch.equal(lamps[name], lobes[name])
+        assert not torch.equal(lamps[name], flat[name])
+    center = torch.tensor([0.1, 0.05, 0.9])
+    assert torch.equal(*(it.avatar.specular_visibility(frame, center) for frame in (lamps, lobes)))
+    for frame in (lamps, lobes):
+        assert it.view(frame, CAMERA)[0].isfinite().all()
+
+
 def together(*lights: FrameLights) -> FrameLights:
     return FrameLights(
         np.concatenate([one.positions for one in lights]), np.concatenate([one.intensities for one in lights])

@@ -75,7 +75,7 @@ def test_every_variant_learns_the_sheet_under_its_lights(scene, name):
     """The relative error of the sheet's middle after a few steps; a flat sheet asks little of any of them."""
     atlas, frames, _ = scene
     settings = TrainAvatar(steps=80, cameras_per_step=2, **VARIANTS[name])
-    avatar = train(scene, settings, settings.steps, spec=spec_of(settings, {"shadow"}))
+    avatar = train(scene, settings, settings.steps, spec=spec_of(settings, {"shadow", "near_field"}))
     image = make_image(frames[0].record, ALBEDO, shift_x=0.05)
     rgb, _ = LoadedAvatar(avatar, atlas).render(frames[0].record, image)
     assert np.median(relative_errors(rgb, image)) < (0.3 if name == "sh" else 0.1)
@@ -92,7 +92,7 @@ def test_only_what_a_variant_needs_is_built(scene):
     atlas = scene[0]
 
     def names(**choices):
-        spec = spec_of(TrainAvatar(**choices), {"shadow"})
+        spec = spec_of(TrainAvatar(**choices), {"shadow", "near_field"})
         return {name.split(".")[0] for name, _ in Avatar(atlas, texel_spacing(atlas), spec).named_parameters()}
 
     full = names()
@@ -108,13 +108,25 @@ def test_traced_shadows_and_gloss_are_linear_in_the_light(scene):
     """Superposition holds for shadows as well once every light has its own."""
     atlas, _, images = scene
     settings = TrainAvatar(steps=20, **VARIANTS["pbr"])
-    avatar = train(scene, settings, 20, spec=spec_of(settings, {"shadow"}))
+    avatar = train(scene, settings, 20, spec=spec_of(settings, {"shadow", "near_field"}))
     positions, power = np.array([[0.5, 0.3, 1.5], [-0.4, 0.2, 1.0]]), np.array([[3.0, 2.0, 1.0], [1.0, 2.0, 4.0]])
     pictures = [
         LoadedAvatar(avatar, atlas).render(make_frame(atlas, positions[chosen], power[chosen]), images[0])[0]
         for chosen in ([0], [1], [0, 1])
     ]
     assert torch.allclose(pictures[0] + pictures[1], pictures[2], rtol=1e-4, atol=1e-6)
+
+
+def test_far_lamps_may_be_taken_as_distant(scene):
+    """At 60 m, over a sheet of 0.4 m, light changes by 1 %, which is what `near_field: off` leaves out."""
+    atlas, _, images = scene
+    frame = make_frame(atlas, np.array([[20.0, 10.0, 55.0], [-10.0, 5.0, 58.0]]), np.full((2, 3), 5e3))
+    pictures = []
+    for planned in ({"near_field"}, set()):
+        avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(specular=False), planned))
+        pictures.append(LoadedAvatar(avatar, atlas).render(frame, images[0])[0])
+    assert not torch.equal(*pictures)
+    assert torch.allclose(*pictures, rtol=0.02, atol=1e-3)
 
 
 def test_continued_training_is_bitwise_the_same(scene, tmp_path):
