@@ -40,6 +40,7 @@ def run(
     shards: Path,
     effects: Path,
     out: Path,
+    frames: Path | None = None,
     settings: TrainAvatar = TrainAvatar(),
 ) -> None:
     """Train an avatar on the shards of a subject.
@@ -51,6 +52,7 @@ def run(
         effects: effects.json of plan_effects: what is off there is not built.
         out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, and
             checkpoint.safetensors while training is under way.
+        frames: folder of frame shards with other irradiance maps than SHARDS/frames.
         settings: see the flags below.
     """
     started = time.monotonic()
@@ -58,7 +60,8 @@ def run(
     if not len(images):
         raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
     texels = read_atlas(atlas)
-    frames = {number: FrameInputs(texels, record) for number, record in read_frame_shards([shards / "frames"]).items()}
+    frames = frames or shards / "frames"
+    inputs = {number: FrameInputs(texels, record) for number, record in read_frame_shards([frames]).items()}
     planned = {name for name, effect in read_json(effects).items() if effect["on"]}
 
     torch.manual_seed(seed_for(subject, "train_avatar"))
@@ -66,7 +69,8 @@ def run(
     avatar = Avatar(texels, texel_spacing(texels), spec)
     optimizer = make_optimizer(avatar, settings)
     schedule = Schedule(subject, images.table.frame.tolist(), settings.cameras_per_step)
-    fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(shards.glob("*/*.arrow"))])
+    read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow")]
+    fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
     checkpoint = out / "checkpoint.safetensors"
     first, rows = restore_state(checkpoint, fingerprint, avatar, optimizer)
     if checkpoint.exists():
@@ -76,7 +80,7 @@ def run(
     events = SummaryWriter(str(out / "events"), purge_step=first)
     for step in progress(range(first, settings.steps), "train_avatar"):
         batch = [images[index] for index in schedule[step]]
-        values = take_step(step, avatar, optimizer, frames[batch[0].frame], batch, settings)
+        values = take_step(step, avatar, optimizer, inputs[batch[0].frame], batch, settings)
         if step % settings.log_every == 0 or step == settings.steps - 1:
             rows.append({"step": step, "seconds": time.monotonic() - started, "loss": sum(values.values()), **values})
             for name, value in rows[-1].items():
