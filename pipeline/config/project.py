@@ -45,7 +45,7 @@ class SubjectSettings(Settings):
     variants: dict[Name, dict[str, Any]] = Field(
         {"full": {}},
         min_length=1,
-        description="avatars to train: name -> what it changes in train_avatar, and under its key trace_irradiance there",
+        description="avatars to train: name -> what it changes in train_avatar and, below trace_irradiance, in that",
     )
 
     # The stages, in data order.

@@ -1,6 +1,7 @@
 """The stage from shards to an avatar, without Snakemake: what is off is not built, and a stop changes nothing."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pipeline.train_avatar as stage
 from pipeline.avatar.checkpoint import load_avatar
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
-from pipeline.capture.shards import write_frame_shard, write_image_shard
+from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
 from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
@@ -41,6 +42,21 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     inputs["effects"].write_text(json.dumps({"shadow": {"on": True}}))
     stage.run(**inputs, out=tmp_path / "on")
     assert any("shadow" in name for name in read_arrays(tmp_path / "on/avatar.safetensors"))
+
+
+def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
+    inputs["effects"].write_text(json.dumps({"shadow": {"on": True}}))
+    dimmed = [
+        replace(frame, falling=0.3 * frame.falling)
+        for frame in read_frame_shards([tmp_path / "shards/frames"]).values()
+    ]
+    write_frame_shard(tmp_path / "dim/0000.arrow", dimmed)
+    stage.run(**inputs, out=tmp_path / "own", frames=tmp_path / "dim")
+    write_frame_shard(tmp_path / "shards/frames/0000.arrow", dimmed)
+    stage.run(**inputs, out=tmp_path / "default")
+    own, default = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("own", "default"))
+    for name in own:
+        np.testing.assert_array_equal(own[name], default[name], err_msg=name)
 
 
 def test_a_stopped_run_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):
