@@ -41,6 +41,7 @@ def run(
     avatars: tuple[Path, ...],
     out: Path,
     subject: str,
+    frames: tuple[Path, ...] = (),
     settings: EvaluateAvatar = EvaluateAvatar(),
 ) -> None:
     """Score avatars on held-out images.
@@ -52,6 +53,7 @@ def run(
         avatars: folders of train_avatar; each folder's name is the variant.
         out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv and images/.
         subject: name of the subject, for the table.
+        frames: folder of frame shards of each avatar, if they are not all lit as in SHARDS/frames.
         settings: see the flags below.
     """
     variants = [folder.name for folder in avatars]
@@ -63,21 +65,24 @@ def run(
     lpips, weights = open_lpips(settings.lpips_net, backbone)
     if lpips is None:
         log.warning("LPIPS stays empty: %s", weights)
-    images, frames = read_image_shards([shards / "test"]), read_frame_shards([shards / "frames"])
+    frames = frames or (shards / "frames",) * len(avatars)
+    if len(frames) != len(avatars):
+        raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
+    images, lit = read_image_shards([shards / "test"]), {path: read_frame_shards([path]) for path in frames}
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     protocol = {"color_space": COLOR_SPACE, "region": REGION, "lpips_net": settings.lpips_net, "lpips_weights": weights}
 
     means, singles, ablations = [], [], []
-    for folder in avatars:
+    for folder, path in zip(avatars, frames, strict=True):
         render = load_avatar(folder, atlas).render
-        per_image = evaluate(render, images, frames, lpips)
+        per_image = evaluate(render, images, lit[path], lpips)
         names = {"subject": subject, "variant": folder.name}
         means.append(summarize(per_image).assign(**names, **protocol))
         singles.append(per_image.assign(**names, lpips_net=settings.lpips_net, lpips_weights=weights))
-        ablations.append(names | costs_of(folder, render, images, frames) | scores_in_a_row(means[-1]))
+        ablations.append(names | costs_of(folder, render, images, lit[path]) | scores_in_a_row(means[-1]))
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", "psnr_db", "ssim", "lpips", "flip"]].to_dict())
         if settings.pictures:
-            write_pictures(out / "images", folder.name, render, per_image, images, frames)
+            write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
     write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
     write_table(out / "ablations.csv", pd.DataFrame(ablations))

@@ -2,7 +2,8 @@
 
 Images lose their black level, get the colour of the average camera and the geometry of a pinhole (each only if
 `plan_effects` found that it matters here) and are cut to the subject. Captures without masks get the silhouette of the
-tracked mesh. Out: {train,test}/CHUNK.arrow and frames/CHUNK.arrow, see `pipeline.capture.shards`.
+tracked mesh. Out: {train,test}/CHUNK.arrow and frames/CHUNK.arrow, see `pipeline.capture.shards`. A variant with
+irradiance maps of its own needs frames of its own, and the same images.
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ def run(
     irradiance: Path | None = None,
     chunk: int = 0,
     chunk_size: int = 64,
+    only_frames: bool = False,
     settings: PackShards = PackShards(),
 ) -> None:
     """Pack the images and frames of one chunk.
@@ -68,6 +70,7 @@ def run(
         irradiance: irradiance/CHUNK of trace_irradiance; not read if the shadow effect is off.
         chunk: which chunk; chunk c holds the sorted frames from c * chunk_size.
         chunk_size: frames per chunk.
+        only_frames: write frames/CHUNK.arrow alone.
         settings: see the flags below.
     """
     on = {name: bool(effect["on"]) for name, effect in read_json(effects).items()}
@@ -97,7 +100,8 @@ def run(
     complain_about(inputs, images, effects)
     log.info("chunk %d: %d frames, %d images; on: %s", chunk, len(booked), len(images), [n for n in EFFECTS if on[n]])
     held_out = images[list(FLAGS)].any(axis=1)
-    for split, part in (("train", images[~held_out]), ("test", images[held_out])):
+    splits = () if only_frames else (("train", images[~held_out]), ("test", images[held_out]))
+    for split, part in splits:
         packed = write_image_shard(out / split / f"{chunk:04d}.arrow", crop_images(part, inputs, settings))
         log.info("%s: %d images", split, packed)
     write_frame_shard(out / "frames" / f"{chunk:04d}.arrow", (frame_record(n, inputs) for n in booked.index.tolist()))

@@ -52,6 +52,7 @@ def run(
     shards: Path,
     effects: Path,
     out: Path,
+    frames: Path | None = None,
     settings: TrainAvatar = TrainAvatar(),
 ) -> None:
     """Train an avatar on the shards of a subject.
@@ -63,6 +64,7 @@ def run(
         effects: effects.json of plan_effects: what is off there is not built.
         out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, previews/, and
             checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
+        frames: folder of frame shards with other irradiance maps than SHARDS/frames.
         settings: see the flags below.
     """
     with joined_processes(settings.device) as processes:
@@ -70,17 +72,19 @@ def run(
         if not len(images):
             raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
         texels = read_atlas(atlas)
-        records = read_frame_shards([shards / "frames"]).items()
-        frames = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
+        frames = frames or shards / "frames"
+        records = read_frame_shards([frames]).items()
+        inputs = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
         planned = {name for name, effect in read_json(effects).items() if effect["on"]}
         spec = spec_of(settings, planned)
-        fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(shards.glob("*/*.arrow"))])
+        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow")]
+        fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
         torch.manual_seed(seed_for(subject, "train_avatar"))
         avatar = Avatar(texels, texel_spacing(texels), spec).to(processes.device)
         work = f"{len(images)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
-        done = train(subject, Training(avatar, settings, processes), images, frames, out, fingerprint)
+        done = train(subject, Training(avatar, settings, processes), images, inputs, out, fingerprint)
         if processes.leads:
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
             parameters = sum(parameter.numel() for parameter in avatar.parameters())

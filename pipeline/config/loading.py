@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import product
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,7 +14,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from pipeline.base.errors import Complaints
-from pipeline.config.project import NAME_PATTERN, PROJECT_ONLY, SECTIONS, ProjectSettings, SubjectSettings
+from pipeline.config.project import NAME_PATTERN, PROJECT_ONLY, SECTIONS, VARIED, ProjectSettings, SubjectSettings
 from pipeline.config.settings import Settings
 
 DEFAULTS_FILE = "config/config.yaml"
@@ -82,9 +83,23 @@ def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def section_of(settings: SubjectSettings, stage: str, variant: str | None = None) -> Settings:
-    """The settings of a stage; for train_avatar with what `variant` changes."""
+    """The settings of a stage, with what `variant` changes in it."""
     section = getattr(settings, stage)
-    return SECTIONS[stage](**merge(section.model_dump(), settings.variants[variant])) if variant else section
+    if variant is None or stage not in VARIED:
+        return section
+    return SECTIONS[stage](**merge(section.model_dump(), changes_to(stage, settings.variants[variant])))
+
+
+def changes_to(stage: str, variant: Mapping[str, Any]) -> Any:
+    """What a variant changes in a stage: its key `trace_irradiance` holds changes to that, all else train_avatar's."""
+    if stage == "train_avatar":
+        return {key: value for key, value in variant.items() if key not in VARIED}
+    return variant.get(stage, {})
+
+
+def has_own_light(settings: SubjectSettings, variant: str) -> bool:
+    """Whether a variant asks for other irradiance maps than its subject's."""
+    return section_of(settings, "trace_irradiance", variant) != settings.trace_irradiance
 
 
 def _read_mapping(path: Path, complaints: Complaints) -> dict[str, Any] | None:
@@ -108,12 +123,17 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
     except ValidationError as error:
         _complain(error, model, origins, complaints)
         return None
-    for variant in settings.variants:
+    for variant, stage in product(settings.variants, VARIED):
+        inside = ("variants", variant) if stage == "train_avatar" else ("variants", variant, stage)
+        own = [(where, _dig(given, inside)) for where, given in origins]
+        if not isinstance(changes_to(stage, settings.variants[variant]), Mapping):
+            where = next(where for where, given in own if given is not _ABSENT)
+            complaints.add(where, ".".join(inside), expected=f"keys of {stage}", found=repr(_dig(content, inside)))
+            continue
         try:
-            section_of(settings, "train_avatar", variant)
+            section_of(settings, stage, variant)
         except ValidationError as error:
-            own = [(where, _dig(given, ("variants", variant))) for where, given in origins]
-            _complain(error, SECTIONS["train_avatar"], own, complaints, prefix=f"variants.{variant}.")
+            _complain(error, SECTIONS[stage], own, complaints, prefix=f"{'.'.join(inside)}.")
     return settings
 
 

@@ -43,7 +43,9 @@ class SubjectSettings(Settings):
     )
     chunk_frames: int = Field(64, ge=1, le=9999, description="frames that one job handles together [frames]")
     variants: dict[Name, dict[str, Any]] = Field(
-        {"full": {}}, min_length=1, description="avatars to train: name -> what it changes in train_avatar"
+        {"full": {}},
+        min_length=1,
+        description="avatars to train: name -> what it changes in train_avatar and, below trace_irradiance, in that",
     )
 
     # The stages, in data order.
@@ -86,6 +88,9 @@ SECTIONS: dict[str, type[Settings]] = {
     name: type(default) for name, default in SubjectSettings() if isinstance(default, Settings)
 }
 """Stage -> its settings model, in data order."""
+
+VARIED = ("train_avatar", "trace_irradiance")
+"""Stages that variants may change."""
 
 PROJECT_ONLY = tuple(ProjectSettings.model_fields.keys() - SubjectSettings.model_fields.keys())
 """Keys that cannot differ between subjects."""

@@ -4,6 +4,11 @@ The protocol: the captured image times its mask and the rendering over black, bo
 PSNR over the pixels whose mask is at least one half; SSIM, LPIPS and FLIP on the box around these pixels. Each image
 gets its scores; a group's score is the plain mean over its images. Neither a larger crop nor more background changes
 any of them.
+
+The ring of pixels beside the subject is black in both. A mask of zeros and ones cuts through pixels that the subject
+covers in part; those of them that it calls background hold up to half a pixel of subject, which it takes from the
+captured image. Left in, the ring would score the photographed scene itself below an image that ends half a pixel too
+early. Light further out is compared with black.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ import numpy as np
 import pandas as pd
 import torch
 from jaxtyping import Bool, Float
+from scipy.ndimage import binary_dilation
 
 from pipeline.base.progress import progress
 from pipeline.metrics.comparison import displayed
@@ -24,6 +30,9 @@ from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips
 
 FOREGROUND_MASK = 0.5
 """A pixel counts as subject if at least half of it is."""
+
+TOUCHING = np.ones((3, 3), bool)
+"""A pixel and its eight neighbours."""
 
 PSNR_CEILING_DB = 100.0
 """What an exact match counts in a mean. Stored images are float16: near white their rounding alone is worth 77 dB, so
@@ -34,7 +43,7 @@ REGION = (
     f"(exact matches count {PSNR_CEILING_DB:g} dB); "
     f"ssim, lpips, flip: box around these pixels (ssim, flip at least {SSIM_WINDOW}, lpips "
     f"at least {SMALLEST_SIDE} px a side), mean over images; "
-    "captured x mask and rendering, both over black"
+    "captured x mask and rendering, both over black, the ring of pixels beside the subject black in both"
 )
 FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
 """Why an image is held out."""
@@ -101,7 +110,7 @@ def evaluate(
 
 
 def display_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndarray, np.ndarray]:
-    """(captured, rendered) as sRGB in [0, 1], float32 [h, w, 3], both over black."""
+    """(captured, rendered) as sRGB in [0, 1], float32 [h, w, 3], both over black and black beside the subject."""
     with torch.no_grad():
         rgb, _ = render(frame, image)
     rgb = np.asarray(rgb.detach().cpu() if isinstance(rgb, torch.Tensor) else rgb, dtype=np.float32)
@@ -110,7 +119,9 @@ def display_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.nda
         raise ValueError(f"{name}: expected shape {image.image.shape}, found {rgb.shape}")
     if not np.isfinite(rgb).all():
         raise ValueError(f"{name}: expected finite pixels, found {(~np.isfinite(rgb)).sum()} that are not")
-    return displayed(image.image * image.mask[..., None]), displayed(rgb)
+    foreground = np.asarray(image.mask) >= FOREGROUND_MASK
+    scored = (foreground | ~binary_dilation(foreground, TOUCHING))[..., None]
+    return displayed(image.image * image.mask[..., None] * scored), displayed(rgb * scored)
 
 
 def score_pair(

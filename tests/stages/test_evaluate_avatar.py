@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -13,14 +14,15 @@ import torch
 from pipeline import evaluate_avatar
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord, ImageRecord
-from pipeline.capture.shards import write_frame_shard, write_image_shard
+from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 
 LEVEL = 0.25
 
 
 class PlantedAvatar:
-    """Renders the captured image plus a constant error, and fails on a frame that is not the image's."""
+    """Renders the captured image plus a constant error, and fails on a frame that is not the image's. The error grows
+    with the irradiance that the frame carries."""
 
     def __init__(self, error: float) -> None:
         self.error = error
@@ -28,7 +30,9 @@ class PlantedAvatar:
     def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[torch.Tensor, torch.Tensor]:
         assert frame.frame == image.frame
         mask = torch.tensor(image.mask)
-        return (torch.full((image.height, image.width, 3), LEVEL + self.error)) * mask[..., None], mask
+        return (torch.full((image.height, image.width, 3), LEVEL + self.error * float(frame.irradiance[0]))) * mask[
+            ..., None
+        ], mask
 
 
 def record(camera: str, frame: int, **flags) -> ImageRecord:
@@ -61,7 +65,7 @@ def results(tmp_path, monkeypatch):
     return tmp_path
 
 
-def evaluate(results, *variants: str, **settings):
+def evaluate(results, *variants: str, frames=(), **settings):
     evaluate_avatar.run(
         atlas=results / "atlas.safetensors",
         shards=results / "shards",
@@ -69,6 +73,7 @@ def evaluate(results, *variants: str, **settings):
         avatars=tuple(results / "avatars" / name for name in variants),
         out=results,
         subject="someone",
+        frames=frames,
         settings=EvaluateAvatar(**settings),
     )
 
@@ -89,6 +94,17 @@ def test_ablations_have_a_row_per_variant_with_scores_and_costs(results):
     row = metrics[(metrics.variant == "bad") & (metrics.split == "test") & (metrics.lit == "full")].iloc[0]
     assert table.ssim_full[1] == pytest.approx(row.ssim) and table.flip_full[1] == pytest.approx(row.flip)
     assert table.lpips_all.isna().all()
+
+
+def test_each_avatar_is_lit_by_its_own_frames(results):
+    default = results / "shards/frames"
+    brighter = [replace(frame, irradiance=2 * frame.irradiance) for frame in read_frame_shards([default]).values()]
+    write_frame_shard(results / "own/0000.arrow", brighter)
+    evaluate(results, "good", "bad", frames=(default, results / "own"))
+    table = pd.read_csv(results / "ablations.csv")
+    assert table.psnr_db_all.tolist() == pytest.approx([expected_psnr(0.01), expected_psnr(0.2)], abs=0.01)
+    with pytest.raises(InputError, match="a folder for each of 2 avatars, found 1"):
+        evaluate(results, "good", "bad", frames=(default,))
 
 
 def test_the_table_says_what_was_planted(results):

@@ -128,6 +128,17 @@ def test_frames_carry_light_and_geometry(stage):
     np.testing.assert_allclose(frames[12].vertices[0], [-0.2 + 0.02, -0.3 + 0.02, 0.02], rtol=1e-6)
 
 
+def test_frames_alone_take_other_maps_and_leave_the_images(stage):
+    pack(stage, on=("shadow",))
+    for frame in FRAMES:
+        write_exr(stage / f"other/{frame:06d}.exr", {"Y": MAP + 1, "falling": MAP})
+        for camera in (0, 1):
+            (stage / f"c{camera}/{frame}.exr").unlink()  # so that no image can be packed
+    train, _, frames = pack(stage, on=("shadow",), only_frames=True, irradiance=stage / "other")
+    assert len(train) == 2
+    np.testing.assert_array_equal(frames[12].irradiance, [1.25, 1.5, 2])
+
+
 def test_colors_are_corrected_per_camera(stage):
     train, test, _ = pack(stage, on=("color_correction",))
     np.testing.assert_allclose(train[0].image, shown(0, 10)[8:22, 6:27] @ TINT.T, rtol=4 * HALF)

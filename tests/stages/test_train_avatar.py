@@ -23,7 +23,7 @@ from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
 from pipeline.base.stopping import Stopped
-from pipeline.capture.shards import write_image_shard
+from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
 from pipeline.config.train_avatar import TrainAvatar
 from tests.stages.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
 
@@ -44,6 +44,21 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     inputs["effects"].write_text(json.dumps({"shadow": {"on": True}}))
     stage.run(**inputs, out=tmp_path / "on")
     assert any("shadow" in name for name in read_arrays(tmp_path / "on/avatar.safetensors"))
+
+
+def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
+    inputs["effects"].write_text(json.dumps({"shadow": {"on": True}}))
+    dimmed = [
+        dataclasses.replace(frame, falling=0.3 * frame.falling)
+        for frame in read_frame_shards([tmp_path / "shards/frames"]).values()
+    ]
+    write_frame_shard(tmp_path / "dim/0000.arrow", dimmed)
+    stage.run(**inputs, out=tmp_path / "own", frames=tmp_path / "dim")
+    write_frame_shard(tmp_path / "shards/frames/0000.arrow", dimmed)
+    stage.run(**inputs, out=tmp_path / "default")
+    own, default = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("own", "default"))
+    for name in own:
+        np.testing.assert_array_equal(own[name], default[name], err_msg=name)
 
 
 class Death(Exception):

@@ -79,6 +79,13 @@ def test_preset_is_a_config_file(workflow):
     assert f"--steps {preset['train_avatar']['steps']} " in done.stdout
 
 
+def test_ablations_are_one_command_for_any_subject(workflow):
+    planned = workflow.planned("results/tiny/ablations.csv", "--configfile", "config/presets/ablations.yaml")
+    variants = yaml.safe_load((workflow.folder / "config/presets/ablations.yaml").read_text())["variants"]
+    once = {"synthesize_capture": 1, **ALWAYS, "pack_frames_of_variant": 1}
+    assert planned == {**once, "train_avatar": len(variants)}
+
+
 def test_missing_subject_is_told_what_is_expected_and_what_there_is(workflow):
     printed = workflow.refused("results/nobody/metrics.csv")
     assert "subject 'nobody': expected captures/nobody/capture.yaml, found no such file" in printed

@@ -116,6 +116,19 @@ def test_number_of_training_processes_reruns_nothing_and_starts_so_many(workflow
     assert "python -m pipeline.train_avatar" in workflow.snakemake(*shown, "training_processes=1", "--", TARGET).stdout
 
 
+def test_variant_with_other_irradiance_gets_its_own_maps_beside_the_others(workflow):
+    def jobs(samples, rule="{full: {}, few: {steps: 9, trace_irradiance: {samples: '%s'}}}"):
+        return workflow.planned(TARGET, "--config", f"variants={rule % samples}")
+
+    own = {"trace_irradiance_of_variant": 2, "pack_frames_of_variant": 2}
+    assert jobs("4") == {**own, "train_avatar": 1, "evaluate_avatar": 1}
+    assert jobs("full") == {"train_avatar": 1, "evaluate_avatar": 1}  # what the subject has
+    workflow.append("config/subjects/subjectA.yaml", "variants: {full: {}, few: {trace_irradiance: {samples: '4'}}}\n")
+    assert sorted(set(workflow.ran(TARGET))) == sorted([*own, "train_avatar", "evaluate_avatar"])
+    assert workflow.planned(TARGET) == {}
+    assert jobs("8") == {**own, "train_avatar": 1, "evaluate_avatar": 1}
+
+
 def test_edited_code_reruns_the_stages_that_import_it(workflow):
     workflow.append("pipeline/config/pack_shards.py", "EDITED = 1\n")
     assert workflow.planned(TARGET) == AFTER_PACKING

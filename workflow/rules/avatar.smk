@@ -34,6 +34,7 @@ checkpoint pack_shards:
         irradiance=lambda wildcards, input: [
             word for table in input.irradiance for word in ("--irradiance", table.removesuffix(".parquet"))
         ],
+        parts=[],
         chunk_size=chunk_size,
         settings=settings_of("pack_shards"),
     message:
@@ -43,8 +44,23 @@ checkpoint pack_shards:
         "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
         "--color {input.color:q} --lights {input.lights:q} --effects {input.effects:q} "
         "--patterns {input.patterns:q} --frames {input.frames:q} --chunk {wildcards.chunk} "
-        "--chunk-size {params.chunk_size} {params.irradiance:q} --out {params.out:q} "
+        "--chunk-size {params.chunk_size} {params.irradiance:q} {params.parts:q} --out {params.out:q} "
         "{params.settings:q} > {log:q} 2>&1"
+
+
+# For variants that ask for other irradiance maps than their subject; the images are the same.
+use rule pack_shards as pack_frames_of_variant with:
+    output:
+        frames="results/{subject}/variants/{variant}/frames/{chunk}.arrow",
+    log:
+        "results/{subject}/logs/pack_shards.{variant}.{chunk}.log",
+    benchmark:
+        "results/{subject}/benchmarks/pack_shards.{variant}.{chunk}.tsv"
+    params:
+        out=subpath(output.frames, ancestor=2),
+        parts=["--only-frames"],
+    message:
+        "{wildcards.subject}: packing frames of variant {wildcards.variant}, chunk {wildcards.chunk}"
 
 
 # While it trains it keeps a checkpoint beside its outputs; a run that was stopped goes on from there.
@@ -54,7 +70,7 @@ rule train_avatar:
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
         train=shards_of("train"),
-        frames=shards_of("frames"),
+        frames=frame_shards,
     output:
         avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
         config="results/{subject}/avatars/{variant}/config.json",
@@ -72,11 +88,12 @@ rule train_avatar:
     params:
         code=code_of("train_avatar"),
         shards=lambda wildcards: f"results/{wildcards.subject}/shards",
+        frames=frame_folders,
         out=subpath(output.avatar, parent=True),
         settings=settings_of("train_avatar"),
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
         "{resources.launcher} -m pipeline.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
-        "--shards {params.shards:q} --effects {input.effects:q} --out {params.out:q} "
+        "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} --out {params.out:q} "
         "{params.settings:q} > {log:q} 2>&1"

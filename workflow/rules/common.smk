@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
 from pipeline.config.flags import flags
-from pipeline.config.loading import load_project, section_of
+from pipeline.config.loading import has_own_light, load_project, section_of
 from pipeline.config.subjects import (
     chunk_ids,
     require_subject,
@@ -88,17 +88,34 @@ def of_chunks(*patterns):
 
 
 def shards_of(split):
-    """A function of wildcards: a split's shards. The stages read whole folders, so strangers in them are refused."""
+    """A function of wildcards: a split's shards."""
+    return lambda wildcards: shards_in(f"results/{wildcards.subject}/shards/{split}", wildcards)
 
-    def files(wildcards):
-        expected = of_chunks(f"results/{{subject}}/shards/{split}/{{chunk}}.arrow")(wildcards)
-        present = Path(f"results/{wildcards.subject}/shards/{split}").glob("*.arrow")
-        strangers = sorted({str(path) for path in present} - set(expected))
-        if strangers:
-            raise WorkflowError(f"left over from other chunks of frames, delete: {' '.join(strangers)}")
-        return expected
 
-    return files
+def shards_in(folder, wildcards):
+    """The shards of a folder. The stages read whole folders, so strangers in them are refused."""
+    expected = of_chunks(f"{folder}/{{chunk}}.arrow")(wildcards)
+    strangers = sorted({str(path) for path in Path(folder).glob("*.arrow")} - set(expected))
+    if strangers:
+        raise WorkflowError(f"left over from other chunks of frames, delete: {' '.join(strangers)}")
+    return expected
+
+
+def frames_folder(subject, variant):
+    """Where the frame shards of a variant lie: its own, if it asks for other irradiance maps than its subject."""
+    own = has_own_light(project.subject(subject), variant)
+    return f"results/{subject}/variants/{variant}/frames" if own else f"results/{subject}/shards/frames"
+
+
+def frame_folders(wildcards):
+    """The folders of the frame shards of a variant; without one, of all variants, in their order."""
+    variants = [wildcards.variant] if "variant" in wildcards.keys() else project.subject(wildcards.subject).variants
+    return [frames_folder(wildcards.subject, variant) for variant in variants]
+
+
+def frame_shards(wildcards):
+    """All files of these folders."""
+    return [file for folder in dict.fromkeys(frame_folders(wildcards)) for file in shards_in(folder, wildcards)]
 
 
 def traced_irradiance(wildcards):
@@ -106,7 +123,8 @@ def traced_irradiance(wildcards):
     digests and stands for their folder, whose content Snakemake cannot compare."""
     effects = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
     is_on = json.loads(Path(effects).read_text())["shadow"]["on"]
-    return [f"results/{wildcards.subject}/irradiance/{wildcards.chunk}.parquet"] if is_on else []
+    own = f"variants/{wildcards.variant}/" if "variant" in wildcards.keys() else ""
+    return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if is_on else []
 
 
 def avatars_of(*files):

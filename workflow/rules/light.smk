@@ -65,3 +65,17 @@ rule trace_irradiance:
         "--tracking {input.tracking:q} --lights {input.lights:q} --patterns {input.patterns:q} "
         "--frames {input.frames:q} --out {output.irradiance:q} --cache {params.cache:q} --threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
+
+
+# For variants that ask for other maps than their subject.
+use rule trace_irradiance as trace_irradiance_of_variant with:
+    output:
+        irradiance=directory("results/{subject}/variants/{variant}/irradiance/{chunk}"),
+        summary="results/{subject}/variants/{variant}/irradiance/{chunk}.parquet",
+        picture="results/{subject}/variants/{variant}/irradiance/{chunk}.png",
+    log:
+        "results/{subject}/logs/trace_irradiance.{variant}.{chunk}.log",
+    benchmark:
+        "results/{subject}/benchmarks/trace_irradiance.{variant}.{chunk}.tsv"
+    message:
+        "{wildcards.subject}: tracing shadow rays of variant {wildcards.variant}, chunk {wildcards.chunk}"

@@ -4,7 +4,7 @@ rule evaluate_avatar:
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
         test=shards_of("test"),
-        frames=shards_of("frames"),
+        frames=frame_shards,
         avatars=avatars_of("avatar.safetensors"),
         configs=avatars_of("config.json"),
     output:
@@ -24,6 +24,7 @@ rule evaluate_avatar:
     params:
         code=code_of("evaluate_avatar"),
         shards=lambda wildcards: f"results/{wildcards.subject}/shards",
+        frames=frame_folders,
         avatars=lambda wildcards, input: [os.path.dirname(path) for path in input.avatars],
         out=subpath(output.metrics, parent=True),
         settings=settings_of("evaluate_avatar"),
@@ -31,5 +32,5 @@ rule evaluate_avatar:
         "{wildcards.subject}: scoring avatars on held-out images"
     shell:
         "python -m pipeline.evaluate_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
-        "--shards {params.shards:q} --effects {input.effects:q} --avatars {params.avatars:q} "
+        "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} --avatars {params.avatars:q} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"

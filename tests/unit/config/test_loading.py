@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pipeline.base.errors import InputError
-from pipeline.config.loading import load_project, merge, section_of
+from pipeline.config.loading import has_own_light, load_project, merge, section_of
 from pipeline.config.project import ProjectSettings
 
 DEFAULTS = ProjectSettings().model_dump(mode="json")
@@ -99,6 +99,23 @@ def test_wrong_variant_names_the_variant(tmp_path):
     lines = complaints(tmp_path, subjects={"two": {"variants": {"v": {"log_every": 0, "nothing": 1}}}})
     assert "  two.yaml: variants.v.log_every: expected greater than or equal to 1, found 0" in lines
     assert any("two.yaml: variants.v.nothing: expected a known key" in line for line in lines)
+
+
+def test_variants_may_ask_for_other_irradiance_maps(tmp_path):
+    variants = {"full": {}, "few": {"steps": 7, "trace_irradiance": {"samples": "1"}}, "same": {"trace_irradiance": {}}}
+    settings = load(tmp_path, {"demo": {"variants": variants}}).subject("demo")
+    assert [name for name in variants if has_own_light(settings, name)] == ["few"]
+    traced, trained = (section_of(settings, stage, "few") for stage in ("trace_irradiance", "train_avatar"))
+    assert (traced.samples, trained.steps) == ("1", 7)
+    assert section_of(settings, "relight_avatar", "few") == settings.relight_avatar
+
+
+def test_wrong_irradiance_of_a_variant_names_the_variant(tmp_path):
+    variants = {"v": {"trace_irradiance": {"samples": "none", "rays": 3}}, "w": {"trace_irradiance": 4}}
+    lines = complaints(tmp_path, subjects={"two": {"variants": variants}})
+    assert any("two.yaml: variants.v.trace_irradiance.samples: expected" in line for line in lines)
+    assert any("two.yaml: variants.v.trace_irradiance.rays: expected a known key" in line for line in lines)
+    assert "  two.yaml: variants.w.trace_irradiance: expected keys of trace_irradiance, found 4" in lines
 
 
 def test_wrong_default_is_said_once_and_names_the_defaults_file(tmp_path):

@@ -94,6 +94,37 @@ def test_pixels_of_the_captured_background_do_not_count():
     assert a.flip == b.flip
 
 
+def covered_cross(half_width_px: float) -> Image:
+    """A striped cross as a camera sees it, each pixel as bright as its covered share, and a mask of zeros and ones."""
+    fine = 16
+    y, x = np.mgrid[: 40 * fine, : 40 * fine] / fine
+    across, along = np.sort([np.abs(x - 20.3), np.abs(y - 19.8)], 0)
+    covered = (across < half_width_px) & (along < 16)
+    color = covered[..., None] * (0.3 + 0.2 * np.sin(x[..., None] + np.arange(3)))
+    share, seen = (a.reshape(40, fine, 40, fine, -1).mean((1, 3)) for a in (covered[..., None] * 1.0, color))
+    return Image(seen.astype(np.float32), (share[..., 0] >= 0.5).astype(np.float32))
+
+
+def test_what_was_photographed_scores_full_marks_although_the_mask_cuts_its_edge():
+    cross = covered_cross(4.0)
+    cut = float(np.abs(cross.image * (1 - cross.mask[..., None])).max())
+    assert cut > 0.1  # the mask does take light from the cross
+    row = evaluate(lambda frame, image: (image.image, image.mask), [cross], {0: None}).iloc[0]
+    assert row.psnr_db == math.inf
+    assert row.ssim == pytest.approx(1, abs=1e-6)
+    assert row.flip == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("larger_px", "scored"), [(0.4, False), (2.5, True)])
+def test_light_beside_the_subject_is_scored_from_the_second_pixel_on(larger_px, scored):
+    cross, larger = covered_cross(4.0), covered_cross(4.0 + larger_px)
+    spilt = np.where(cross.mask[..., None] > 0, cross.image, larger.image)
+    row = evaluate(lambda frame, image: (spilt, image.mask), [cross], {0: None}).iloc[0]
+    assert row.psnr_db == math.inf  # nothing of it lies on the subject
+    assert (row.ssim < 0.99) == scored
+    assert (row.flip > 0.005) == scored
+
+
 def test_an_exact_image_does_not_make_a_mean_infinite():
     images = [subject_image(0, frame=0), subject_image(1, frame=1)]
 
