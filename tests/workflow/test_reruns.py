@@ -26,7 +26,14 @@ OUTPUTS = {
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
 }
-ON_REQUEST = {"review_calibration", "review_tracking", "measure_cost", "relight_avatar"}
+ON_REQUEST = {
+    "review_calibration",
+    "review_tracking",
+    "measure_cost",
+    "relight_avatar",
+    "write_report",
+    "compare_subjects",
+}
 """Stages that nothing else waits for."""
 
 STAND_IN = """

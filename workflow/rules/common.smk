@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
+from pipeline.base.files import digest_file
 from pipeline.config.flags import flags
 from pipeline.config.loading import load_project, section_of
 from pipeline.config.subjects import (
@@ -15,6 +16,7 @@ from pipeline.config.subjects import (
     subject_names,
     watched_files,
 )
+from pipeline.config.write_report import subject_changes
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
@@ -107,6 +109,23 @@ def avatars_of(*files):
         variant=project.subject(wildcards.subject).variants,
         file=files,
     )
+
+
+HARD_CASES = "results/hard_cases.csv"
+OPTIONAL = [
+    "accuracy_cost.*",
+    "calibration/review/*.png",
+    "tracking/review/*.png",
+    "relit/*/*/stills/*.png",
+]
+"""What a subject's report shows if it is there, below the subject's results."""
+
+
+def digests_of_optional(wildcards):
+    """Of each file that the report shows if it is there: a change to one writes the report anew, and makes no other."""
+    folder = Path("results", wildcards.subject)
+    found = [path for pattern in OPTIONAL for path in sorted(folder.glob(pattern))]
+    return {str(path): digest_file(path) for path in [*found, Path(HARD_CASES)] if path.is_file()}
 
 
 LIGHT_KINDS = {".hdr": "environment", ".exr": "environment", ".csv": "lights", ".json": "lights"}
