@@ -24,14 +24,17 @@ section { border-top: 1px solid var(--line); margin-top: 2rem; }
 section > h2 { margin-top: 1.2rem; font-size: 1.25rem; }
 section:target > h2 { color: var(--accent); }
 .missing { border: 1px dashed var(--muted); border-radius: .5rem; padding: .6rem .9rem; }
-.tile b.value { font-size: 1.5rem; font-variant-numeric: tabular-nums; } .tile span { color: var(--muted); }
+.tile b.value { font-size: 1.5rem; font-variant-numeric: tabular-nums; } .tile.score span { color: var(--muted); }
+.tile:not(.score) span { display: inline-block; }
+small { color: var(--muted); font-size: .92em; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 table { font-size: .88rem; } th { white-space: nowrap; } tr.group th { padding-top: .7rem; }
-td.wide { min-width: 16rem; } td.name { white-space: nowrap; }
+td.wide { min-width: 13rem; } td.name { white-space: nowrap; }
 td.bar { width: 40%; min-width: 7rem; vertical-align: middle; } td.bar span { display: block; height: .8rem;
   border-radius: .2rem; background: var(--accent); min-width: 2px; }
-.pictures { display: grid; gap: 1rem; } figcaption { color: var(--muted); font-size: .88rem; margin: .3rem 0; }
-@media (max-width: 30rem) { body { padding: .7rem; } .tile { flex: 1 1 40%; } .tile span { white-space: normal; }
+.pictures { display: grid; gap: 1rem; grid-template-columns: minmax(0, 1fr); }
+figcaption { color: var(--muted); font-size: .88rem; margin: .3rem 0; }
+@media (max-width: 30rem) { body { padding: .7rem; } .tile { flex: 1 1 40%; } .tile.score span { white-space: normal; }
   .tile b.value { font-size: 1.25rem; } th, td { padding-right: .5rem; } .plot img { min-width: 42rem; } }
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +104,7 @@ def relit(found: Found) -> Part:
 
 
 def effects(found: Found) -> Part:
-    """The plan as a table: what was measured, what decided, and why."""
+    """The plan as a table: what was measured, what decided, and why; keys that a stage adds get a column."""
     plan = read_json(found.folder / "effects.json")
     known = ("on", "mode", "evidence", "threshold", "why")
     others = list(dict.fromkeys(key for effect in plan.values() for key in effect if key not in known))
@@ -111,16 +112,12 @@ def effects(found: Found) -> Part:
     for name, effect in plan.items():
         state = "on" if effect.get("on") else "off"
         grade = Html(f'<b class="{"good" if state == "on" else "zero"}">{state}</b>')
+        reason = Html(f"{escape(name.replace('_', ' '))}<br><small>{escape(_text(effect.get('why')))}</small>")
         measured = (significant(_float(effect.get(key))) for key in ("evidence", "threshold"))
-        more = (_text(effect.get(key)) for key in others)
-        rows.append(
-            [name.replace("_", " "), grade, _text(effect.get("mode")), *measured, *more, _text(effect.get("why"))]
-        )
-    head = ["effect", "state", "asked for", "measured", "threshold", *(key.replace("_", " ") for key in others), "why"]
-    text = paragraph(
-        "Only what this capture calls for is simulated. What is off has no job, no channel and no parameter."
-    )
-    return Part("Effects", text + html_table("effects", head, rows, "sssnn" + "t" * len(others) + "w"))
+        rows.append([reason, grade, _text(effect.get("mode")), *measured, *(_text(effect.get(key)) for key in others)])
+    head = ["effect", "state", "asked for", "measured", "threshold", *(key.replace("_", " ") for key in others)]
+    text = paragraph("Only what this capture calls for is simulated: what is off has no job, no channel, no parameter.")
+    return Part("Effects", text + html_table("effects", head, rows, "wssnn"))
 
 
 def _pictures(found: Found, folder: Path, captions: dict[str, str]) -> str:

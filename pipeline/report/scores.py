@@ -57,7 +57,7 @@ def _tiles(metrics: pd.DataFrame, images: pd.DataFrame, variant: str) -> str:
         error = mean_over_images(chosen.psnr_db.to_numpy(np.float64), chosen.frame.to_numpy()).error
         spread = f" ± {number(error)}" if math.isfinite(error) else ""
         tiles.append(
-            f'<div class="tile"><span>{title}</span><b class="value">{number(row.psnr_db)} dB</b>'
+            f'<div class="tile score"><span>{title}</span><b class="value">{number(row.psnr_db)} dB</b>'
             f"<span>PSNR{spread}, {row.images} images</span></div>"
         )
     note = (
@@ -140,21 +140,24 @@ def ablations(found: Found) -> Part:
 
 def differences(table: pd.DataFrame, subjects: bool = False) -> Html:
     """The table of `compare` as HTML; `subjects` adds what holds for new subjects."""
-    rows = []
+    rows, variant = [], None
     for row in table[table.images > 0].itertuples():
         digits, is_base = DIGITS[row.metric], row.variant == row.baseline
-        cells = [row.variant, LIT_NAMES[row.lit], METRIC_NAMES[row.metric], row.images]
+        if row.variant != variant:
+            variant = row.variant
+            rows.append([f"{variant} (the baseline)" if is_base else f"{variant}, against {row.baseline}"])
+        cells = [LIT_NAMES[row.lit], METRIC_NAMES[row.metric], row.images]
         cells.append(f"{number(row.mean, digits)} ± {number(row.mean_error, digits)}")
-        cells += ["baseline", "", ""] if is_base else [_difference(row), p_text(row.p_value), _verdict(row, row.p_holm)]
+        cells += ["", "", ""] if is_base else [_difference(row), p_text(row.p_value), _verdict(row, row.p_holm)]
         if subjects and is_base:
             cells += [row.subjects, "", "", ""]
         elif subjects:
             cells += [row.subjects, f"± {significant(row.new_difference_error, 2)}", p_text(row.new_p_value)]
             cells.append(_verdict(row, row.new_p_holm))
         rows.append(cells)
-    head = ["avatar", "light", "metric", "images", "mean", "difference", "p", "p (Holm)"]
+    head = ["light", "metric", "images", "mean", "difference", "p", "p (Holm)"]
     head += ["subjects", "new subjects", "p", "p (Holm)"] if subjects else []
-    return html_table("differences of avatars", head, rows, "sssnnnns" + ("nnns" if subjects else ""))
+    return html_table("differences of avatars", head, rows, "ssnnnns" + ("nnns" if subjects else ""))
 
 
 def _difference(row) -> str:
