@@ -33,6 +33,8 @@ td.wide { min-width: 13rem; } td.name { white-space: nowrap; }
 td.bar { width: 40%; min-width: 7rem; vertical-align: middle; } td.bar span { display: block; height: .8rem;
   border-radius: .2rem; background: var(--accent); min-width: 2px; }
 .pictures { display: grid; gap: 1rem; grid-template-columns: minmax(0, 1fr); }
+.stills { display: grid; gap: 1rem; grid-template-columns: repeat(auto-fill, minmax(min(100%, 14rem), 1fr)); }
+.stills .plot img { min-width: 0; }
 figcaption { color: var(--muted); font-size: .88rem; margin: .3rem 0; }
 @media (max-width: 30rem) { body { padding: .7rem; } .tile { flex: 1 1 40%; } .tile.score span { white-space: normal; }
   .tile b.value { font-size: 1.25rem; } th, td { padding-right: .5rem; } .plot img { min-width: 42rem; } }

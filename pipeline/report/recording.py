@@ -100,7 +100,7 @@ def relit(found: Found) -> Part:
         return Part("In other light", "", "the avatar under another light", found.make("relit/VARIANT/LIGHT"))
     shown = evenly(stills, found.settings.most_stills)
     figures = (found.pictures.figure(path, f"avatar {path.parts[-4]} under {path.parts[-3]}") for path in shown)
-    return Part("In other light", f'<div class="sliders">{"".join(figures)}</div>')
+    return Part("In other light", f'<div class="stills">{"".join(figures)}</div>')
 
 
 def effects(found: Found) -> Part:

@@ -68,6 +68,7 @@ def _tiles(metrics: pd.DataFrame, images: pd.DataFrame, variant: str) -> str:
 
 def _table(rows: pd.DataFrame, variant: str) -> Html:
     cells, empty = [], []
+    metrics = [metric for metric in METRICS if rows[metric].notna().any()]
     for split, title in SPLIT_NAMES.items():
         own = rows[rows.split == split].set_index("lit")
         if not own.images["all"]:
@@ -76,11 +77,12 @@ def _table(rows: pd.DataFrame, variant: str) -> Html:
         cells.append([title])
         for lit in LIT:
             row = own.loc[lit]
-            scores = (number(row[metric], DIGITS[metric]) for metric in METRICS)
-            cells.append([LIT_NAMES[lit], row.images, *scores])
-    head = ["light", "images", *METRIC_NAMES.values()]
-    none = paragraph(f"The capture holds out none of: {', '.join(empty)}.") if empty else ""
-    return Html(html_table(f"scores of avatar {variant}", head, cells, "sn" + "n" * len(METRICS)) + none)
+            cells.append([LIT_NAMES[lit], row.images, *(number(row[metric], DIGITS[metric]) for metric in metrics)])
+    head = ["light", "images", *(METRIC_NAMES[metric] for metric in metrics)]
+    notes = [f"The capture holds out none of: {', '.join(empty)}."] if empty else []
+    notes += [f"{METRIC_NAMES[metric]} was not measured: see below." for metric in METRICS if metric not in metrics]
+    table = html_table(f"scores of avatar {variant}", head, cells, "s" + "n" * (1 + len(metrics)))
+    return Html(table + "".join(paragraph(note) for note in notes))
 
 
 def _protocol(metrics: pd.DataFrame) -> str:
@@ -146,18 +148,19 @@ def differences(table: pd.DataFrame, subjects: bool = False) -> Html:
         if row.variant != variant:
             variant = row.variant
             rows.append([f"{variant} (the baseline)" if is_base else f"{variant}, against {row.baseline}"])
-        cells = [LIT_NAMES[row.lit], METRIC_NAMES[row.metric], row.images]
+        cells = [LIT_NAMES[row.lit], METRIC_NAMES[row.metric]]
         cells.append(f"{number(row.mean, digits)} ± {number(row.mean_error, digits)}")
         cells += ["", "", ""] if is_base else [_difference(row), p_text(row.p_value), _verdict(row, row.p_holm)]
         if subjects and is_base:
-            cells += [row.subjects, "", "", ""]
+            cells += ["", "", "", row.subjects]
         elif subjects:
-            cells += [row.subjects, f"± {significant(row.new_difference_error, 2)}", p_text(row.new_p_value)]
-            cells.append(_verdict(row, row.new_p_holm))
-        rows.append(cells)
-    head = ["light", "metric", "images", "mean", "difference", "p", "p (Holm)"]
-    head += ["subjects", "new subjects", "p", "p (Holm)"] if subjects else []
-    return html_table("differences of avatars", head, rows, "ssnnnns" + ("nnns" if subjects else ""))
+            cells += [f"± {significant(row.new_difference_error, 2)}", p_text(row.new_p_value)]
+            cells += [_verdict(row, row.new_p_holm), row.subjects]
+        rows.append([*cells, row.images])
+    head = ["light", "metric", "mean", "difference", "p", "p (Holm)"]
+    head += ["new subjects", "p", "p (Holm)", "subjects"] if subjects else []
+    kinds = "ssnnns" + ("nnsn" if subjects else "") + "n"
+    return html_table("differences of avatars", [*head, "images"], rows, kinds)
 
 
 def _difference(row) -> str:

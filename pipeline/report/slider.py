@@ -14,13 +14,13 @@ from pipeline.metrics.comparison import ERROR_AT_TOP, PANELS, heat_css
 THUMB_REM = 2.5
 
 SLIDER_STYLE = f"""
-.sliders {{ display: grid; gap: 1rem; grid-template-columns: repeat(auto-fit, minmax(min(100%, 15rem), 1fr)); }}
+.sliders {{ display: flex; flex-wrap: wrap; gap: 1rem; }}
 .choice {{ border: 0; padding: 0; margin: .4rem 0; display: flex; flex-wrap: wrap; gap: .3rem 1.2rem; }}
 .choice legend {{ float: left; margin-right: 1rem; color: var(--muted); }} .choice label {{ cursor: pointer; }}
 .choice input {{ accent-color: var(--accent); }}
-.slider {{ --at: 50%; }}
+.slider {{ width: min(100%, calc(min(72vh, 40rem) * var(--shape))); }}
 .stack {{ position: relative; overflow: hidden; background: #000; border-radius: .5rem; border: 1px solid var(--line);
-  width: min(100%, calc(min(72vh, 40rem) * var(--shape))); aspect-ratio: var(--shape); margin: 0 auto; }}
+  --at: 50%; aspect-ratio: var(--shape); }}
 .stack img {{ position: absolute; inset: 0; width: 100%; height: 100%; border: 0; border-radius: 0; visibility: hidden;
   image-rendering: pixelated; background: #000; filter: none; }}
 {"".join(f".stack[data-right={name}] .{name}, .stack[data-left={name}] .{name}, " for name in PANELS)}.none {{
@@ -86,8 +86,8 @@ def slider(pictures: Mapping[str, str], shape: float, caption: str) -> str:
     name = escape(caption, quote=True)
     images = "".join(f'<img class="{panel}" src="{pictures[panel]}" alt="{panel}: {name}">' for panel in PANELS)
     return (
-        f'<figure class="slider"><div class="stack" data-left="{PAIRS[0][0]}" data-right="{PAIRS[0][1]}" '
-        f'style="--shape:{shape:.4f}">{images}<span class="edge"></span>'
+        f'<figure class="slider" style="--shape:{shape:.4f}">'
+        f'<div class="stack" data-left="{PAIRS[0][0]}" data-right="{PAIRS[0][1]}">{images}<span class="edge"></span>'
         f'<input type="range" min="0" max="100" value="50" step="1" aria-label="edge between the pictures of {name}">'
         f"</div><figcaption>{escape(caption)}</figcaption></figure>"
     )
