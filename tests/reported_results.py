@@ -63,7 +63,7 @@ def write_results(folder: Path, variants: dict[str, float] | None = None) -> Pat
     rows = [{"setting": str(n), "error": 1 / n, "seconds": 1.0 * n, "chosen": n == 16} for n in (4, 16, 64)]
     pd.DataFrame([cost | times | row for row in rows]).to_csv(folder / "accuracy_cost.csv", index=False)
     cases = {"case": ["q = -p", "a < b"], "group": "lobes", "value_error": [1e-9, 2e-3], "value_bound": 1e-6}
-    more = {"gradient_error": 1e-8, "gradient_bound": 1e-5, "verdict": ["passed", "failed"], "naive_error": [np.nan, 1]}
+    more = {"gradient_error": 1e-8, "gradient_bound": 1e-5, "verdict": ["PASS", "FAIL"], "naive_error": [np.inf, 1]}
     hard_cases = folder.parent / "hard_cases.csv"
     pd.DataFrame(cases | more).to_csv(hard_cases, index=False)
     return hard_cases

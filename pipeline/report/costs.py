@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from html import escape
+
 import pandas as pd
 
+from pipeline.base.errors import InputError
 from pipeline.config.project import SECTIONS
 from pipeline.metrics.cost import IMPORTS_ONLY
 from pipeline.report.found import Found, missing_of, read_csv
@@ -38,27 +42,49 @@ def _dials(table: pd.DataFrame, name: str) -> Html:
     return html_table(f"{name} settings", head, rows, "sstnnnns")
 
 
+HARD_CASE_COLUMNS = (
+    "case", "group", "value_error", "value_bound", "gradient_error", "gradient_bound", "verdict", "naive_error",
+)  # fmt: skip
+
+
 def hard_cases(found: Found) -> Part:
-    """The table of numerical hard cases: errors against their bounds, and what a naive version does."""
+    """The table of numerical hard cases: errors with their bounds, and what a naive version does."""
     title = "Hard cases"
     if not found.hard_cases.is_file():
         return Part(title, "", "the table of numerical hard cases", "make hard-cases")
     table = read_csv(found.hard_cases)
-    counts = table.verdict.value_counts() if "verdict" in table else {}
-    naive = int(table.naive_error.notna().sum()) if "naive_error" in table else 0
-    text = f"{len(table)} cases: {', '.join(f'{count} {verdict}' for verdict, count in counts.items())}."
-    if naive:
-        text += f" For {naive} of them the error of a plausible naive version stands beside."
-    rows = [[_entry(value) for value in row] for row in table.itertuples(index=False)]
-    kinds = "".join("n" if pd.api.types.is_numeric_dtype(kind) else "t" for kind in table.dtypes)
-    head = [name.replace("_", " ") for name in table.columns]
-    return Part(title, paragraph(text) + folded("All cases", html_table("hard cases", head, rows, kinds)))
+    if absent := [name for name in HARD_CASE_COLUMNS if name not in table]:
+        raise InputError(f"{found.hard_cases}: expected the column {absent[0]}, found {', '.join(table.columns)}")
+    amiss = table[table.verdict != "PASS"]
+    naive = int(table.naive_error.notna().sum())
+    text = (
+        f"{len(table)} cases, {len(table) - len(amiss)} pass, {len(amiss)} do not. For {naive} of them a plausible "
+        "naive version was run as well; its error stands beside. The bound is in brackets."
+    )
+    shown = _cases(amiss) if len(amiss) else ""
+    return Part(title, paragraph(text) + shown + folded("All cases", _cases(table)))
 
 
-def _entry(value: object) -> object:
-    if isinstance(value, float):
-        return significant(value)
-    return value
+def _cases(table: pd.DataFrame) -> Html:
+    rows = []
+    for group, cases in table.groupby("group", sort=False):
+        rows.append([group])
+        for case in cases.itertuples():
+            unit = getattr(case, "unit", "")
+            value = _bounded(case.value_error, case.value_bound, unit if isinstance(unit, str) else "")
+            gradient = _bounded(case.gradient_error, case.gradient_bound)
+            grade = "good" if case.verdict == "PASS" else "failed"
+            verdict = Html(f'<b class="{grade}">{escape(str(case.verdict))}</b>')
+            rows.append([case.case, value, gradient, _error(case.naive_error), verdict])
+    return html_table("hard cases", ["case", "value", "gradient", "naive", "verdict"], rows, "wnnns")
+
+
+def _bounded(error: float, bound: float, unit: str = "") -> str:
+    return f"{_error(error)} ({significant(bound)}) {unit}".strip() if pd.notna(error) else ""
+
+
+def _error(error: float) -> str:
+    return "" if pd.isna(error) else significant(error) if math.isfinite(error) else "not finite"
 
 
 def stages(found: Found) -> Part:

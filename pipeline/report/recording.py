@@ -135,4 +135,8 @@ def _float(value: object) -> float:
 
 
 def _text(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key.replace('_', ' ')} {_text(entry)}" for key, entry in value.items())
+    if isinstance(value, float):
+        return significant(value)
     return "–" if value is None else str(value)
