@@ -80,7 +80,8 @@ def _table(rows: pd.DataFrame, variant: str) -> Html:
             cells.append([LIT_NAMES[lit], row.images, *(number(row[metric], DIGITS[metric]) for metric in metrics)])
     head = ["light", "images", *(METRIC_NAMES[metric] for metric in metrics)]
     notes = [f"The capture holds out none of: {', '.join(empty)}."] if empty else []
-    notes += [f"{METRIC_NAMES[metric]} was not measured: see below." for metric in METRICS if metric not in metrics]
+    if "lpips" not in metrics:
+        notes.append(f"LPIPS was not measured: {str(rows.lpips_weights.iloc[0]).removeprefix('none: ')}.")
     table = html_table(f"scores of avatar {variant}", head, cells, "s" + "n" * (1 + len(metrics)))
     return Html(table + "".join(paragraph(note) for note in notes))
 
