@@ -7,6 +7,9 @@ min_version("9.0")
 configfile: "config/config.yaml"
 
 
+report: "workflow/report/workflow.rst"
+
+
 wildcard_constraints:
     subject="[A-Za-z0-9_-]+",
     variant="[A-Za-z0-9_-]+",
@@ -25,6 +28,7 @@ include: "workflow/rules/avatar.smk"
 include: "workflow/rules/results.smk"
 include: "workflow/rules/relight.smk"
 include: "workflow/rules/cost.smk"
+include: "workflow/rules/report.smk"
 
 
 rule all:

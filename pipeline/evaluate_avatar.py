@@ -24,7 +24,17 @@ from pipeline.capture.images import write_png
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.metrics.comparison import side_by_side
-from pipeline.metrics.evaluation import COLOR_SPACE, LIT, METRICS, REGION, Render, display_pair, evaluate, summarize
+from pipeline.metrics.evaluation import (
+    COLOR_SPACE,
+    LIT,
+    METRICS,
+    REGION,
+    Render,
+    display_pair,
+    evaluate,
+    summarize,
+    worst_median_best,
+)
 from pipeline.metrics.lpips import open_lpips
 
 log = logging.getLogger("evaluate_avatar")
@@ -120,11 +130,7 @@ def write_pictures(
     folder: Path, variant: str, render: Render, per_image: pd.DataFrame, images: ImageShards, frames: FrameShards
 ) -> None:
     """Write VARIANT_worst.png, _median.png and _best.png by PSNR; nothing if no image has one."""
-    ranked = per_image[per_image.psnr_db.notna()].sort_values("psnr_db", kind="stable")
-    if ranked.empty:
-        return
-    for name, position in (("worst", 0), ("median", len(ranked) // 2), ("best", len(ranked) - 1)):
-        row = ranked.iloc[position]
+    for name, row in worst_median_best(per_image).items():
         image = images[int(row["index"])]
         captured, rendered = display_pair(render, image, frames[image.frame])
         lit = "fully lit" if image.fully_lit else "partially lit"

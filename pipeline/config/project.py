@@ -14,6 +14,7 @@ from pipeline.config.book_patterns import BookPatterns
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.config.calibrate_lights import CalibrateLights
+from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.index_capture import IndexCapture
 from pipeline.config.measure_cost import MeasureCost
@@ -28,6 +29,7 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.config.write_report import WriteReport
 
 NAME_PATTERN = "[A-Za-z0-9_-]+"
 """What subjects and variants may be called: they become folder names and wildcards."""
@@ -66,6 +68,7 @@ class SubjectSettings(Settings):
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
     relight_avatar: RelightAvatar = RelightAvatar()
     measure_cost: MeasureCost = MeasureCost()
+    write_report: WriteReport = WriteReport()
 
 
 class ProjectSettings(SubjectSettings):
@@ -82,10 +85,11 @@ class ProjectSettings(SubjectSettings):
         ge=1,
         description="processes that train one avatar together, each with a share of a step's images; as many as GPUs",
     )
+    compare_subjects: CompareSubjects = CompareSubjects()
 
 
 SECTIONS: dict[str, type[Settings]] = {
-    name: type(default) for name, default in SubjectSettings() if isinstance(default, Settings)
+    name: type(default) for name, default in ProjectSettings() if isinstance(default, Settings)
 }
 """Stage -> its settings model, in data order."""
 

@@ -17,6 +17,7 @@ SMALL_SIDE = 512
 ENLARGE = 3
 LABEL_HEIGHT, BAR_WIDTH, GAP = 22, 64, 6
 WHITE = (255, 255, 255)
+PANELS = ("captured", "rendered", "error")
 
 
 def displayed(rgb_linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
@@ -37,9 +38,26 @@ def side_by_side(
     titles = np.zeros((2 * LABEL_HEIGHT, row.shape[1], 3), np.uint8)
     _write(titles, label, (4, LABEL_HEIGHT - 7))
     step = panels[0].shape[1] + GAP
-    for i, title in enumerate(("captured", "rendered", "error")):
+    for i, title in enumerate(PANELS):
         _write(titles, title, (4 + i * step, 2 * LABEL_HEIGHT - 7))
     return np.vstack([titles, row])
+
+
+def split_picture(picture: UInt8[np.ndarray, "height width 3"]) -> dict[str, UInt8[np.ndarray, "h w 3"]]:
+    """Captured, rendered and error of `side_by_side`, by name, at the size at which they were scored."""
+    row = picture[2 * LABEL_HEIGHT :]
+    width = (row.shape[1] - 2 * GAP - BAR_WIDTH) // 3
+    panels = [row[:, start : start + width] for start in (0, width + GAP, 2 * (width + GAP))]
+    small = [panel[::ENLARGE, ::ENLARGE] for panel in panels]
+    grown = [panel.repeat(ENLARGE, 0).repeat(ENLARGE, 1) for panel in small]
+    enlarged = all(np.array_equal(a, b) for a, b in zip(grown, panels, strict=True))
+    return dict(zip(PANELS, small if enlarged else panels, strict=True))
+
+
+def heat_css() -> str:
+    """CSS gradient of the error picture's colours, from no error to `ERROR_AT_TOP`."""
+    stops = _heat(np.linspace(0, 1, 9)[:, None])[:, 0]
+    return f"linear-gradient(90deg, {', '.join(f'rgb({r},{g},{b})' for r, g, b in stops)})"
 
 
 def _heat(share: np.ndarray) -> np.ndarray:

@@ -50,6 +50,7 @@ FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
 
 COLOR_SPACE = "sRGB"
 METRICS = ("psnr_db", "ssim", "lpips", "flip")
+HIGHER_IS_BETTER = {"psnr_db": True, "ssim": True, "lpips": False, "flip": False}
 SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "test": lambda t: t[list(FLAGS)].any(axis=1),
     "test_cameras": lambda t: t.test_camera,
@@ -143,6 +144,13 @@ def score_pair(
             x, y = (torch.from_numpy(i[box].transpose(2, 0, 1).copy())[None].float() for i in (rendered, captured))
             scores["lpips"] = float(lpips(x, y))
     return scores
+
+
+def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
+    """The rows to look at, by PSNR; none if no image has one."""
+    ranked = per_image[per_image.psnr_db.notna()].sort_values("psnr_db", kind="stable")
+    places = {"worst": 0, "median": len(ranked) // 2, "best": len(ranked) - 1}
+    return {name: ranked.iloc[place] for name, place in places.items()} if len(ranked) else {}
 
 
 def summarize(per_image: pd.DataFrame) -> pd.DataFrame:

@@ -15,6 +15,7 @@ LAYERS = [
     {"rendering"},
     {"avatar"},
     {"figures"},
+    {"report"},
     {"dials"},
 ]
 """Packages from the bottom up. Packages of one layer may import each other; the stages stand on top of all."""

@@ -26,7 +26,14 @@ OUTPUTS = {
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
 }
-ON_REQUEST = {"review_calibration", "review_tracking", "measure_cost", "relight_avatar"}
+ON_REQUEST = {
+    "review_calibration",
+    "review_tracking",
+    "measure_cost",
+    "relight_avatar",
+    "write_report",
+    "compare_subjects",
+}
 """Stages that nothing else waits for."""
 
 STAND_IN = """
@@ -193,3 +200,24 @@ def test_failed_stage_shows_its_log(workflow):
     done = workflow.snakemake("--", TARGET)
     assert done.returncode != 0
     assert "error: no such light" in done.stdout
+
+
+def test_report_shows_what_is_there_and_makes_nothing_else(workflow):
+    """What it can do without is no input: it is not made for the report, nor made anew; yet the report follows it."""
+    target, settings = "results/subjectA/report/index.html", "from pipeline.config import write_report\n"
+    stage = workflow.folder / "pipeline/write_report.py"
+    stage.write_text(settings + STAND_IN.replace("OUTPUTS:", "['']:"))
+    assert workflow.ran(target) == ["write_report"]
+    assert workflow.planned(target) == {}
+    cost = workflow.folder / "results/subjectA/accuracy_cost.csv"
+    cost.write_text("dial,setting\n")
+    assert workflow.ran(target) == ["write_report"]
+    assert cost.read_text() == "dial,setting\n"
+    workflow.append("config/subjects/subjectA.yaml", "review_tracking: {most_cameras: 3}\n")
+    assert workflow.planned(target) == {"write_report": 1}  # Only for the settings that it lists.
+
+
+def test_comparison_needs_the_scores_of_the_subjects_that_are_named(workflow):
+    options = ["--config", "compare_subjects={subjects: [subjectA]}"]
+    assert workflow.planned("results/comparison.csv", *options) == {"compare_subjects": 1}
+    assert "evaluate_avatar" in workflow.planned("results/comparison.csv")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import time
 
@@ -153,3 +154,24 @@ def test_diagram_in_the_readme_is_the_rule_graph(workflow, repo_root):
     reduced = {(a, b) for a, b in edges if not any(b in ways(c) for x, c in edges if x == a and c != b)}
     shown = re.findall(r"^    (\w+) --> (\w+)$", (repo_root / "README.md").read_text(), re.MULTILINE)
     assert set(shown) == reduced
+
+
+def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
+    shutil.copytree(workflow.folder, tmp_path / "project", symlinks=True)
+    copy, target = type(workflow)(tmp_path / "project"), "results/tiny/report/index.html"
+    assert copy.ran(target) == ["write_report"]
+    page = (copy.folder / target).read_text()
+    missing = re.findall(r'<p class="missing"><b>Missing:</b> (.*?)\. To make it: <code>make (.*?)</code>', page)
+    assert [command for _, command in missing] == [
+        "results/tiny/relit/VARIANT/LIGHT",
+        "results/tiny/calibration/review",
+        "results/tiny/tracking/review",
+        "results/tiny/accuracy_cost.csv",
+        "hard-cases",
+    ]
+    assert all(f">{stage}<" in page for stage in STAGES)
+    done = copy.snakemake("--report", "snakemake.html", "--", target)
+    assert done.returncode == 0, done.stdout
+    shown = re.findall(r"^Adding (\S+)", done.stdout, re.MULTILINE)
+    assert sorted(shown) == ["ablations.csv", "atlas.png", "index.html", "metrics.csv", "sync.png"]
+    assert (copy.folder / "snakemake.html").stat().st_size > 1e6

@@ -75,7 +75,9 @@ rule book_patterns:
         patterns="results/{subject}/patterns.parquet",
         frames="results/{subject}/frames.parquet",
         sync="results/{subject}/sync.json",
-        picture="results/{subject}/sync.png",
+        picture=report(
+            "results/{subject}/sync.png", caption="../report/sync.rst", category="Inputs", subcategory="{subject}"
+        ),
     log:
         "results/{subject}/logs/book_patterns.log",
     benchmark:

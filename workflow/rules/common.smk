@@ -1,4 +1,5 @@
 # What the stages' rules share: the validated configuration, and functions of wildcards.
+import hashlib
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from pipeline.config.subjects import (
     subject_names,
     watched_files,
 )
+from pipeline.config.write_report import subject_changes
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
@@ -135,6 +137,24 @@ def avatars_of(*files):
         variant=project.subject(wildcards.subject).variants,
         file=files,
     )
+
+
+HARD_CASES = "results/hard_cases.csv"
+OPTIONAL = [
+    "accuracy_cost.*",
+    "calibration/review/*.png",
+    "tracking/review/*.png",
+    "relit/*/*/stills/*.png",
+]
+"""What a subject's report shows if it is there, below the subject's results."""
+
+
+def digests_of_optional(wildcards):
+    """Of each file that the report shows if it is there: a change to one writes the report anew, and makes no other."""
+    folder = Path("results", wildcards.subject)
+    found = [path for pattern in OPTIONAL for path in sorted(folder.glob(pattern))]
+    contents = {str(path): path.read_bytes() for path in [*found, Path(HARD_CASES)] if path.is_file()}
+    return {path: hashlib.sha256(content).hexdigest() for path, content in contents.items()}
 
 
 LIGHT_KINDS = {".hdr": "environment", ".exr": "environment", ".csv": "lights", ".json": "lights"}

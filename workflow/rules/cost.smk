@@ -26,7 +26,12 @@ rule measure_cost:
         tracking="results/{subject}/tracking/0000.safetensors",
     output:
         table="results/{subject}/accuracy_cost.csv",
-        picture="results/{subject}/accuracy_cost.png",
+        picture=report(
+            "results/{subject}/accuracy_cost.png",
+            caption="../report/accuracy_cost.rst",
+            category="Costs",
+            subcategory="{subject}",
+        ),
     log:
         "results/{subject}/logs/measure_cost.log",
     benchmark:

@@ -77,7 +77,9 @@ rule unwrap_atlas:
         capture="results/{subject}/index/capture.json",
     output:
         atlas="results/{subject}/atlas.safetensors",
-        picture="results/{subject}/atlas.png",
+        picture=report(
+            "results/{subject}/atlas.png", caption="../report/atlas.rst", category="Inputs", subcategory="{subject}"
+        ),
         template="results/{subject}/template.glb",
     log:
         "results/{subject}/logs/unwrap_atlas.log",

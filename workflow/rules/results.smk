@@ -8,9 +8,19 @@ rule evaluate_avatar:
         avatars=avatars_of("avatar.safetensors"),
         configs=avatars_of("config.json"),
     output:
-        metrics="results/{subject}/metrics.csv",
+        metrics=report(
+            "results/{subject}/metrics.csv",
+            caption="../report/metrics.rst",
+            category="Scores",
+            subcategory="{subject}",
+        ),
         per_image="results/{subject}/metrics_per_image.parquet",
-        ablations="results/{subject}/ablations.csv",
+        ablations=report(
+            "results/{subject}/ablations.csv",
+            caption="../report/ablations.rst",
+            category="Scores",
+            subcategory="{subject}",
+        ),
         images=directory("results/{subject}/images"),
     log:
         "results/{subject}/logs/evaluate_avatar.log",

@@ -1,0 +1,69 @@
+"""What the report reads: a subject's results, of which some may not be there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, read_table
+from pipeline.config.write_report import WriteReport
+from pipeline.report.pictures import Pictures
+
+
+@dataclass(frozen=True)
+class Found:
+    """A subject's results.
+
+    Attributes:
+        folder: results/SUBJECT.
+        hard_cases: csv of the hard cases, which belong to no subject; it need not exist.
+        changed_settings: {stage: {setting: value}} and what else differs from the defaults.
+    """
+
+    folder: Path
+    hard_cases: Path
+    changed_settings: dict
+    settings: WriteReport
+    pictures: Pictures
+
+    @cached_property
+    def capture(self) -> dict:
+        """capture.json of index_capture."""
+        return read_json(self.folder / "index/capture.json")
+
+    @property
+    def subject(self) -> str:
+        """Its name."""
+        return self.capture["subject"]
+
+    def make(self, file: str) -> str:
+        """The command that makes a file of the results."""
+        return f"make results/{self.subject}/{file}"
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A parquet table of the results."""
+        return read_table(self.folder / name)
+
+    def csv(self, name: str) -> pd.DataFrame:
+        """A csv table of the results."""
+        return read_csv(self.folder / name)
+
+
+def read_csv(path: Path) -> pd.DataFrame:
+    """Raises:
+    InputError: if the file is missing or not a csv table.
+    """
+    try:
+        return pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: expected a csv table, found: {error}") from error
+
+
+def missing_of(folder: Path, files: Iterable[str]) -> list[str]:
+    """Those that are not there."""
+    return [file for file in files if not (folder / file).exists()]

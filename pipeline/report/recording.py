@@ -1,0 +1,142 @@
+"""What the avatar was made from: calibration, light patterns, tracking, atlas, and which effects were called for."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.files import read_json
+from pipeline.base.verdicts import Verdict
+from pipeline.capture.color_views import evenly
+from pipeline.figures.page import verdict_list, verdict_tiles
+from pipeline.report.found import Found, missing_of
+from pipeline.report.part import Part
+from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
+
+CALIBRATION_PICTURES = {
+    "rig.png": "Do cameras and lights stand where they stand in the room?",
+    "corners.png": "Are corners found where they are, and do projections hit them?",
+    "coverage.png": "Was the board recorded wherever the lens has to be known?",
+    "residuals.png": "Is what is left over random, or has it a pattern?",
+    "balls.png": "Is each highlight found on the ball, and where its light predicts it?",
+    "charts.png": "Do all cameras show the chart in the same colours, once corrected?",
+    "residual_histogram.png": "Is the noise what the fit took it for, with few gross mistakes?",
+}
+FOLDED_AFTER = 2
+"""Pictures that are open from the start."""
+
+
+def calibration(found: Found) -> Part:
+    """Verdicts, and the pictures of review_calibration."""
+    verdicts = [
+        Verdict(*row)
+        for part in ("cameras", "lights", "color")
+        for row in found.csv(f"calibration/verdicts_{part}.csv")[["kind", "name", "grade", "reason"]].astype(str).values
+    ]
+    html = verdict_tiles(verdicts) + verdict_list(verdicts)
+    folder = found.folder / "calibration/review"
+    if not folder.is_dir():
+        return Part("Calibration", html, "pictures of the calibration", found.make("calibration/review"))
+    # A review leaves out what a capture has nothing for, and its own page says why.
+    return Part("Calibration", html + _pictures(found, folder, CALIBRATION_PICTURES))
+
+
+def patterns(found: Found) -> Part:
+    """Whether log and images agree, and the timeline of the patterns."""
+    sync, frames = read_json(found.folder / "sync.json"), found.table("frames.parquet")
+    lights = pd.DataFrame(sync.get("lights", []))
+    facts = [
+        f"{len(frames)} frames, {int(frames.fully_lit.sum())} of them fully lit, {frames.pattern.nunique()} patterns, "
+        f"{number(float(frames.lights_on[~frames.fully_lit].median()), 0)} lights on in the others (median).",
+        f"Log and images: {sync['verdict'].replace('_', ' ')}: {sync['why']}.",
+    ]
+    html = "".join(paragraph(fact) for fact in facts)
+    if len(lights):
+        own = [Verdict("light", *row) for row in lights[["name", "grade", "reason"]].astype(str).values]
+        html += verdict_tiles(own) + folded("Lights that need a look, and all", verdict_list(own))
+    missing = missing_of(found.folder, ["sync.png"])
+    html += "" if missing else found.pictures.figure(found.folder / "sync.png", "Timeline of light and patterns")
+    return Part("Light patterns and sync", html, ", ".join(missing), found.make("sync.png"))
+
+
+def tracking(found: Found) -> Part:
+    """Error per frame, and the template over the images."""
+    frames = pd.concat([pd.read_parquet(path) for path in sorted((found.folder / "tracking").glob("[0-9]*.parquet"))])
+    error = frames.rms_px.dropna() if "rms_px" in frames else pd.Series(dtype=float)
+    facts = f"{len(frames)} frames tracked."
+    if len(error):
+        facts += (
+            f" Keypoints fit to {number(error.median())} px (RMS, median of frames), {number(error.max())} at worst."
+        )
+    folder, title = found.folder / "tracking/review", "Tracking"
+    if not folder.is_dir():
+        return Part(title, paragraph(facts), "pictures of the tracking", found.make("tracking/review"))
+    sheets = evenly(sorted(path.name for path in folder.glob("camera_*.png")), found.settings.most_sheets)
+    shown = {
+        "errors.png": "Does every frame fit as well as the others?",
+        "worst.png": "The frames that fit worst: if the template fits here, it fits everywhere.",
+        **{name: f"The template over images of {name.removeprefix('camera_').removesuffix('.png')}" for name in sheets},
+    }
+    return Part(title, paragraph(facts) + _pictures(found, folder, shown))
+
+
+def atlas(found: Found) -> Part:
+    """Charts and texel sizes, and the light that arrives at texels."""
+    shown = {"atlas.png": "Each texel becomes a Gaussian. Left: charts; right: the size of texels on the surface."}
+    maps = sorted((found.folder / "irradiance").glob("[0-9]*.png"))[:1]
+    if maps:
+        shown[f"irradiance/{maps[0].name}"] = "Light that arrives at the texels, with shadows."
+    missing = missing_of(found.folder, ["atlas.png"])
+    return Part("Atlas", _pictures(found, found.folder, shown), ", ".join(missing), found.make("atlas.png"))
+
+
+def relit(found: Found) -> Part:
+    """Stills of relight_avatar."""
+    stills = sorted((found.folder / "relit").glob("*/*/stills/*.png"))
+    if not stills:
+        return Part("In other light", "", "the avatar under another light", found.make("relit/VARIANT/LIGHT"))
+    shown = evenly(stills, found.settings.most_stills)
+    figures = (found.pictures.figure(path, f"avatar {path.parts[-4]} under {path.parts[-3]}") for path in shown)
+    return Part("In other light", f'<div class="stills">{"".join(figures)}</div>')
+
+
+def effects(found: Found) -> Part:
+    """The plan as a table: what was measured, what decided, and why; keys that a stage adds get a column."""
+    plan = read_json(found.folder / "effects.json")
+    known = ("on", "mode", "evidence", "threshold", "why")
+    others = list(dict.fromkeys(key for effect in plan.values() for key in effect if key not in known))
+    rows = []
+    for name, effect in plan.items():
+        state = "on" if effect.get("on") else "off"
+        grade = Html(f'<b class="{"good" if state == "on" else "zero"}">{state}</b>')
+        reason = Html(f"{escape(name.replace('_', ' '))}<br><small>{escape(_text(effect.get('why')))}</small>")
+        measured = (significant(_float(effect.get(key))) for key in ("evidence", "threshold"))
+        rows.append([reason, grade, _text(effect.get("mode")), *measured, *(_text(effect.get(key)) for key in others)])
+    head = ["effect", "state", "asked for", "measured", "threshold", *(key.replace("_", " ") for key in others)]
+    text = paragraph("Only what this capture calls for is simulated: what is off has no job, no channel, no parameter.")
+    return Part("Effects", text + html_table("effects", head, rows, "wssnn"))
+
+
+def _pictures(found: Found, folder: Path, captions: dict[str, str]) -> str:
+    """The pictures that are there, the first ones open."""
+    figures = [
+        found.pictures.figure(folder / name, text) for name, text in captions.items() if (folder / name).exists()
+    ]
+    more = figures[FOLDED_AFTER:]
+    rest = folded(f"{len(more)} more pictures", f'<div class="pictures">{"".join(more)}</div>') if more else ""
+    return f'<div class="pictures">{"".join(figures[:FOLDED_AFTER])}</div>{rest}'
+
+
+def _float(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else np.nan
+
+
+def _text(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key.replace('_', ' ')} {_text(entry)}" for key, entry in value.items())
+    if isinstance(value, float):
+        return significant(value)
+    return "–" if value is None else str(value)
