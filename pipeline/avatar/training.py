@@ -80,8 +80,8 @@ def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
 
 
 def compute_loss(
-    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int, step: int = 0,
-    processes: Processes = Processes(),
+    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int,
+    step: int = 0, processes: Processes = Processes(),
 ) -> dict[str, Tensor]:  # fmt: skip
     """This process's part of the weighted terms of one step; the sum of all parts and terms is what is minimised.
 
