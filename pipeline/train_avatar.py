@@ -19,11 +19,11 @@ from torch.utils.tensorboard import SummaryWriter
 from pipeline.avatar.checkpoint import save_avatar
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import AvatarSpec, spec_of
+from pipeline.avatar.spec import AvatarSpec, read_plan, spec_of
 from pipeline.avatar.training import Schedule, make_optimizer, restore_state, save_state, take_step
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import digest_file, read_json, write_table
+from pipeline.base.files import digest_file, write_table
 from pipeline.base.progress import progress
 from pipeline.base.seeds import seed_for
 from pipeline.capture.shards import read_frame_shards, read_image_shards
@@ -48,7 +48,7 @@ def run(
         subject: name of the subject; seeds the order of the images.
         atlas: atlas.safetensors of unwrap_atlas.
         shards: folder with train/*.arrow and frames/*.arrow of pack_shards.
-        effects: effects.json of plan_effects: what is off there is not built.
+        effects: effects.json of plan_effects: what is off there is not built, unless the settings insist.
         out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, and
             checkpoint.safetensors while training is under way.
         settings: see the flags below.
@@ -59,10 +59,12 @@ def run(
         raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
     texels = read_atlas(atlas)
     frames = {number: FrameInputs(texels, record) for number, record in read_frame_shards([shards / "frames"]).items()}
-    planned = {name for name, effect in read_json(effects).items() if effect["on"]}
+    planned = read_plan(effects)
 
     torch.manual_seed(seed_for(subject, "train_avatar"))
     spec = spec_of(settings, planned)
+    if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in frames.values()):
+        raise InputError(f"{shards}/frames: expected traced shadows, found none; run pack_shards with --irradiance")
     avatar = Avatar(texels, texel_spacing(texels), spec)
     optimizer = make_optimizer(avatar, settings)
     schedule = Schedule(subject, images.table.frame.tolist(), settings.cameras_per_step)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Literal
 
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json
+from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 
 
@@ -23,6 +27,7 @@ class AvatarSpec:
             texel and light.
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
             "bounce": traced to the texels it comes from.
+        distant: lights have a direction and no distance: the same for all texels of a frame.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
         normals: "learned": bent away from the Gaussian's axis (RFGCA 10), or those of the "mesh".
     """
@@ -39,6 +44,7 @@ class AvatarSpec:
     indirect: Literal["none", "ambient", "bounce"] = "none"
     deferred: bool = True
     normals: Literal["learned", "mesh"] = "learned"
+    distant: bool = False
 
     @property
     def shadow_net(self) -> bool:
@@ -70,7 +76,30 @@ class AvatarSpec:
         return asdict(self)
 
 
+def read_plan(path: Path) -> set[str]:
+    """The effects that are on in effects.json.
+
+    Raises:
+        InputError: if it says nothing about some effect.
+    """
+    effects = read_json(path)
+    missing = sorted(set(EFFECTS) - effects.keys())
+    if missing:
+        raise InputError(f"{path}: expected the effects of this version, found no {missing}; run plan_effects again")
+    return {name for name in EFFECTS if effects[name]["on"]}
+
+
 def spec_of(settings: TrainAvatar, planned: Collection[str]) -> AvatarSpec:
-    """What the settings ask for; shadows only if the plan turned them on as well."""
-    wanted = {field.name: getattr(settings, field.name) for field in fields(AvatarSpec)}
-    return AvatarSpec(**{**wanted, "shadow": settings.shadow and "shadow" in planned})
+    """What the settings ask for; where they say `auto`, what plan_effects turned on.
+
+    Args:
+        planned: the effects that are on in effects.json.
+    """
+
+    decided = settings.decided(planned)
+    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec) if field.name != "distant"}
+    chosen |= {name: chosen[name] == "on" for name in ("specular", "shadow", "deferred")}
+    spec = AvatarSpec(**chosen, distant=decided.near_field == "off")
+    # Light in the root's frame has no place for one texel's shadows.
+    turns = decided.articulation == "on" or spec.traced
+    return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")

@@ -4,13 +4,10 @@ Where a threshold bounds an error of the picture, the yardstick is a capture's o
 An effect that changes less than that is not worth simulating.
 """
 
-from typing import Literal
-
 from pydantic import Field
 
+from pipeline.config.effects import Mode
 from pipeline.config.settings import Settings
-
-Mode = Literal["auto", "on", "off"]
 
 SHADOW_PERCENT = 1.0
 """Share of facing pairs blocked from afar. A share s of a frame's light arriving where it should not is, with n lights

@@ -1,6 +1,7 @@
 """The stage from shards to an avatar, without Snakemake: what is off is not built, and a stop changes nothing."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ import pipeline.train_avatar as stage
 from pipeline.avatar.checkpoint import load_avatar
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
-from pipeline.capture.shards import write_frame_shard, write_image_shard
+from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
+from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
 from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
@@ -26,7 +28,7 @@ def inputs(tmp_path):
     write_atlas(tmp_path / "atlas.safetensors", atlas)
     write_frame_shard(tmp_path / "shards/frames/0000.arrow", frames)
     write_image_shard(tmp_path / "shards/train/0000.arrow", images)
-    (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": False}}))
+    (tmp_path / "effects.json").write_text(json.dumps({name: {"on": name != "shadow"} for name in EFFECTS}))
     return {
         "subject": "sheet", "atlas": tmp_path / "atlas.safetensors", "shards": tmp_path / "shards",
         "effects": tmp_path / "effects.json", "settings": SETTINGS,
@@ -38,7 +40,14 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     assert not any("shadow" in name for name in read_arrays(tmp_path / "off/avatar.safetensors"))
     assert not (tmp_path / "off/checkpoint.safetensors").exists()
     assert len(load_avatar(tmp_path / "off", inputs["atlas"]).avatar.albedo) == 64
-    inputs["effects"].write_text(json.dumps({"shadow": {"on": True}}))
+    inputs["effects"].write_text(json.dumps({name: {"on": True} for name in EFFECTS}))
+    with pytest.raises(InputError, match="expected traced shadows, found none"):
+        stage.run(**inputs, out=tmp_path / "on")
+    shadowed = [
+        replace(frame, irradiance=frame.irradiance / 2)
+        for frame in read_frame_shards([inputs["shards"] / "frames"]).values()
+    ]
+    write_frame_shard(inputs["shards"] / "frames/0000.arrow", shadowed)
     stage.run(**inputs, out=tmp_path / "on")
     assert any("shadow" in name for name in read_arrays(tmp_path / "on/avatar.safetensors"))
 

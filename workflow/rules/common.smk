@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
+from pipeline.config.effects import EFFECTS
 from pipeline.config.flags import flags
 from pipeline.config.loading import load_project, section_of
 from pipeline.config.subjects import (
@@ -92,11 +93,14 @@ def shards_of(split):
 
 
 def traced_irradiance(wildcards):
-    """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows. It holds the maps'
-    digests and stands for their folder, whose content Snakemake cannot compare."""
-    effects = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
-    is_on = json.loads(Path(effects).read_text())["shadow"]["on"]
-    return [f"results/{wildcards.subject}/irradiance/{wildcards.chunk}.parquet"] if is_on else []
+    """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows and an avatar learns
+    them. It holds the maps' digests and stands for their folder, whose content Snakemake cannot compare."""
+    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
+    effects = json.loads(Path(path).read_text())
+    planned = [name for name in EFFECTS if effects.get(name, {}).get("on")]
+    subject = project.subject(wildcards.subject)
+    read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned) for variant in subject.variants)
+    return [f"results/{wildcards.subject}/irradiance/{wildcards.chunk}.parquet"] if read else []
 
 
 def avatars_of(*files):
