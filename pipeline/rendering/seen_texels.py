@@ -93,9 +93,7 @@ def observe_texels(
     return SeenTexels(texels, frames, points, np.stack(normals), **joined)
 
 
-def texel_turns(
-    atlas: Atlas, normals: Float[np.ndarray, "t 3"], spacing_m: Float64[np.ndarray, " t"]
-) -> Float64[np.ndarray, " t"]:
+def texel_turns(atlas: Atlas, normals: Float[np.ndarray, "t 3"]) -> Float64[np.ndarray, " t"]:
     """Root mean square angle, radians, between the normal of each texel and those to its right and below; 0 where
     neither belongs to the same piece of surface."""
     index = atlas.to_map(np.arange(len(normals)), outside=-1)
