@@ -91,7 +91,7 @@ def run(
         "shadow": shadow_evidence(texels, sample, settings.local_radius_percent, settings.rays, random),
         "near_field": near_field_evidence(texels, sample, settings.rays, random),
         "articulation": articulation_evidence(chunks, texels),
-        "eyes": Evidence(eyes, f"the template declares {eyes or 'no'} eyes"),
+        "eyes": Evidence(float(eyes), f"the template declares {eyes or 'no'} eyes"),
         "lens_distortion": distortion_evidence(found, downsample),
         "color_correction": color_evidence(color),
     }

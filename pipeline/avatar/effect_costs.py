@@ -20,7 +20,7 @@ LOBE, NORMAL = 2, 3
 """Parameters of a texel for its lobe, and for the normal that it is mirrored about."""
 
 
-def effect_cost(effect: str, texels: int, chunks: int) -> dict[str, float]:
+def effect_cost(effect: str, texels: int, chunks: int) -> dict[str, int | float]:
     """Jobs, blended channels, parameters and estimated seconds of training (with the default settings, one core).
 
     Negative where simulating less takes more: unturned SH has more coefficients than zonal lobes, and is faster.
