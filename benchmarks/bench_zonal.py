@@ -3,7 +3,7 @@
     python -m benchmarks.bench_zonal [--points 20000] [--channels 3] [--repeats 5]
 
 Sides are timed alternately in one process, wall clock, forward and backward, medians; numba and torch use the threads
-that NUMBA_NUM_THREADS and OMP_NUM_THREADS allow. `distant` lines compare what `pipeline.lighting.distant_light` chooses
+that NUMBA_NUM_THREADS and OMP_NUM_THREADS allow. `distant` lines compare what `pipeline.lighting.distant` chooses
 between, and say what it chose; `near` lines show that lights nearby have nothing to gain (forward only).
 """
 
@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 import torch
 
-from pipeline.lighting.distant_light import HARMONICS_FROM, gather_by_legendre, project_lights
-from pipeline.lighting.environment_sh import COEFFICIENTS, gather_environment, spherical_harmonics
+from pipeline.lighting.distant import LIGHTS_THAT_PAY, far_lights, gather_distant, light_harmonics
+from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.zonal import DEGREES, gather_light
 
@@ -60,26 +60,30 @@ def main() -> None:
     generator = torch.Generator().manual_seed(0)
     points = 0.3 * torch.randn(options.points, 3, generator=generator)
     axes = torch.linalg.qr(torch.randn(options.points, 3, 3, generator=generator))[0].requires_grad_()
+    here, still = torch.zeros(3), torch.eye(3)
     size = {"points": options.points, "channels": options.channels}
     for count in COUNTS:
         directions = unit(torch.randn(count, 3, generator=generator))
         light = torch.rand(count, options.channels, generator=generator)
-        sides = {
-            "legendre": lambda d=directions, e=light: gather_by_legendre(axes, d, e).sum().backward(),
-            "harmonics": lambda d=directions, e=light: gather_environment(axes, project_lights(d, e)).sum().backward(),
-        }
+
+        def by_legendre(d: torch.Tensor = directions, e: torch.Tensor = light) -> None:
+            gather_light(points, axes, *far_lights(here, d, e)).sum().backward()
+
+        def by_harmonics(d: torch.Tensor = directions, e: torch.Tensor = light) -> None:
+            gather_distant(axes, light_harmonics(here, still, d, e)).sum().backward()
+
+        sides = {"legendre": by_legendre, "harmonics": by_harmonics}
         seconds = seconds_of(sides, options.repeats)
-        chosen = "legendre" if count < HARMONICS_FROM else "harmonics"
+        chosen = "legendre" if count < LIGHTS_THAT_PAY else "harmonics"
         line = {f"{name}_ms": round(1e3 * value, 2) for name, value in seconds.items()}
         ratio = round(seconds["legendre"] / seconds["harmonics"], 2)
         print(json.dumps({"case": "distant", **size, "lights": count, **line, "ratio": ratio, "chosen": chosen}))
-    still = axes.detach()
     for count in NEAR_COUNTS:
         lights = 2.4 * unit(torch.randn(count, 3, generator=generator))
         light = torch.rand(count, options.channels, generator=generator)
         sides = {
-            "legendre": lambda p=lights, e=light: gather_light(points, still, p, e),
-            "harmonics": lambda p=lights, e=light: gather_near_by_harmonics(points, still, p, e),
+            "legendre": lambda p=lights, e=light: gather_light(points, axes.detach(), p, e),
+            "harmonics": lambda p=lights, e=light: gather_near_by_harmonics(points, axes.detach(), p, e),
         }
         seconds = seconds_of(sides, options.repeats)
         line = {f"{name}_ms": round(1e3 * value, 2) for name, value in seconds.items()}

@@ -31,7 +31,7 @@ from pipeline.geometry.texels import read_atlas
 log = logging.getLogger("pack_shards")
 
 FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
-EFFECTS = ("color_correction", "lens_distortion", "shadow")
+EFFECTS = ("color_correction", "lens_distortion")
 
 
 def run(
@@ -67,7 +67,7 @@ def run(
         frames: frames.parquet of book_patterns; only its frames are packed.
         lights: lights.parquet of calibrate_lights.
         out: folder of the shards.
-        irradiance: irradiance/CHUNK of trace_irradiance; not read if the shadow effect is off.
+        irradiance: irradiance/CHUNK of trace_irradiance; not given, nothing is in shadow.
         chunk: which chunk; chunk c holds the sorted frames from c * chunk_size.
         chunk_size: frames per chunk.
         only_frames: write frames/CHUNK.arrow alone.
@@ -95,7 +95,7 @@ def run(
         colors={n: np.array(m) for n, m in read_json(color)["cameras"].items()} if on.get("color_correction") else {},
         atlas=read_atlas(atlas),
         patterns=read_table(patterns).merge(read_table(lights)[["light", "x", "y", "z"]], on="light", how="left"),
-        irradiance=irradiance if on.get("shadow") else None,
+        irradiance=irradiance,
     )
     complain_about(inputs, images, effects)
     log.info("chunk %d: %d frames, %d images; on: %s", chunk, len(booked), len(images), [n for n in EFFECTS if on[n]])
@@ -140,10 +140,9 @@ def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
     here = inputs.patterns[inputs.patterns.frame.isin(inputs.booked.index)]
     for light in sorted(here.light[here.x.isna()].unique()):
         complaints.add("--lights", light, expected="a position, as it is lit", found="none")
-    if inputs.on.get("shadow"):
-        for frame in inputs.booked.index.tolist():
-            if inputs.irradiance is None or not irradiance_file(inputs.irradiance, frame).exists():
-                complaints.add("--irradiance", f"frame {frame}", expected="a map, as shadow is on", found="none")
+    for frame in inputs.booked.index.tolist() if inputs.irradiance else []:
+        if not irradiance_file(inputs.irradiance, frame).exists():
+            complaints.add("--irradiance", f"frame {frame}", expected="a map", found="none")
     complaints.raise_if_any()
 
 
@@ -186,7 +185,7 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
 
 
 def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
-    """Geometry and light of a frame; its irradiance is 1 everywhere if the shadow effect is off."""
+    """Geometry and light of a frame; its irradiance is 1 everywhere if no shadows were traced."""
     lit = inputs.patterns[inputs.patterns.frame == frame]
     irradiance = falling = np.ones(inputs.atlas.texel_count, np.float32)
     if inputs.irradiance is not None:

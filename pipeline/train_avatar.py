@@ -24,11 +24,11 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.monitor import Monitor
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.processes import Processes, joined_processes
-from pipeline.avatar.spec import AvatarSpec, spec_of
+from pipeline.avatar.spec import AvatarSpec, read_plan, spec_of
 from pipeline.avatar.training import BrokenStep, Position, Schedule, Training
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import digest_file, read_json, write_table
+from pipeline.base.files import digest_file, write_table
 from pipeline.base.progress import progress
 from pipeline.base.seeds import seed_for
 from pipeline.base.stopping import Stopped, StopRequests
@@ -61,7 +61,7 @@ def run(
         subject: name of the subject; seeds the order of the images.
         atlas: atlas.safetensors of unwrap_atlas.
         shards: folder with train/*.arrow and frames/*.arrow of pack_shards.
-        effects: effects.json of plan_effects: what is off there is not built.
+        effects: effects.json of plan_effects: what is off there is not built, unless the settings insist.
         out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, previews/, and
             checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
         frames: folder of frame shards with other irradiance maps than SHARDS/frames.
@@ -75,8 +75,10 @@ def run(
         frames = frames or shards / "frames"
         records = read_frame_shards([frames]).items()
         inputs = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
-        planned = {name for name, effect in read_json(effects).items() if effect["on"]}
+        planned = read_plan(effects)
         spec = spec_of(settings, planned)
+        if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in inputs.values()):
+            raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
         read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow")]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 

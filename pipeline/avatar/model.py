@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from pipeline.avatar.decoders import PoseCode, PoseDecoder, ViewDecoder
 from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.pose import FrameInputs, PosedTexels, white_once
+from pipeline.avatar.pose import FrameInputs, PosedTexels, rest_normals, white_once
 from pipeline.avatar.shading import (
     arriving_light,
     every_light,
@@ -30,7 +30,7 @@ from pipeline.avatar.spec import AvatarSpec
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.bounces import bounced_irradiance
-from pipeline.lighting.distant_light import as_distant, gather_distant
+from pipeline.lighting.distant import LIGHTS_THAT_PAY, gather_distant
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.zonal import gather_light
 from pipeline.rendering.splat_conventions import Splatted
@@ -75,7 +75,7 @@ class Avatar(nn.Module):
         self.opacity = nn.Parameter(torch.full((texels,), START_OPACITY).logit())
         self.albedo = nn.Parameter(torch.full((texels, 3), START_ALBEDO))
         self.register_buffer("spacing", spacing)
-        self.build_transfer(texels)
+        self.build_transfer(atlas, texels)
         if spec.bent_normals:
             self.normal_offset = nn.Parameter(torch.zeros(texels, 3))
         if spec.lobe:
@@ -118,18 +118,20 @@ class Avatar(nn.Module):
             frame["view_features"] = self.view_decoder.prepare(code)
         return frame
 
-    def build_transfer(self, texels: int) -> None:
+    def build_transfer(self, atlas: Atlas, texels: int) -> None:
         """Transfer coefficients, started at the Lambertian lobe of the normal; buffer `start_*` keeps where."""
         if self.spec.shading == "microfacet":
             return
-        start = start_transfer() if self.spec.shading == "transfer" else start_harmonics()
+        zonal = self.spec.shading == "transfer"
+        start = start_transfer() if zonal else start_harmonics(rest_normals(atlas))
         for name, values in zip(("transfer_color", "transfer_mono"), start, strict=True):
-            self.register_buffer(f"start_{name}", values)
-            setattr(self, name, nn.Parameter(values.repeat(texels, *[1] * values.ndim)))
+            self.register_buffer(f"start_{name}", values, persistent=zonal)  # what the atlas says is not stored twice
+            repeats = (texels, *[1] * values.ndim) if zonal else [1] * values.ndim
+            setattr(self, name, nn.Parameter(values.repeat(repeats)))
 
     def prepare(self, inputs: FrameInputs) -> dict:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15)."""
-        posed, (positions, intensities) = inputs.posed, inputs.lights
+        posed, (positions, intensities) = inputs.posed, inputs.far_lights if self.spec.distant else inputs.lights
         frame = self.decode(inputs)
         axes, quaternions = self.orient(frame, posed)
         frame |= {
@@ -172,11 +174,11 @@ class Avatar(nn.Module):
             return shade_matte(self.albedo, frame["means"].detach(), frame["bent_normals"], *lights)
         transfer = (frame["transfer_color"], frame["transfer_mono"])
         if self.spec.shading == "harmonics":
-            return shade_harmonics(self.albedo, *transfer, inputs.harmonics)
-        if self.spec.near_field or self.spec.traced:
-            return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
-        distant = as_distant(inputs.posed.points.mean(0), frame["light_positions"], frame["intensities"])
-        return shade_diffuse(self.albedo, *transfer, gather_distant(axes, *distant))
+            light = inputs.body_light[None] if self.spec.distant else inputs.harmonics
+            return shade_harmonics(self.albedo, *transfer, light)
+        if self.spec.distant and not self.spec.traced and len(lights[0]) >= LIGHTS_THAT_PAY:
+            return shade_diffuse(self.albedo, *transfer, gather_distant(axes, inputs.world_light))
+        return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
 
     def shade_indirect(self, frame: dict, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
         """Light by way of other surfaces. What these send is taken as it is: no gradient goes back along the bounce."""

@@ -17,6 +17,7 @@ from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.texels import Atlas, texel_frames
 from pipeline.lighting.bounces import trace_bounces
+from pipeline.lighting.distant import far_lights, light_harmonics
 from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.visibility_bits import trace_bits
 
@@ -95,6 +96,25 @@ class FrameInputs:
         body = body_rotation(self.atlas, self.record.vertices).to(self.device)
         return gather_harmonics(self.posed.points, body, positions, white_once(intensities))
 
+    @cached_property
+    def far_lights(self) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights 3"]]:
+        """The lights without their distance, as bright as at the subject's centre."""
+        return far_lights(self.posed.points.mean(0), *self.lights)
+
+    @cached_property
+    def world_light(self) -> Float[Tensor, "81 channels"]:
+        """The light at the subject's centre in spherical harmonics."""
+        return self._harmonics_at_center(torch.eye(3, device=self.device))
+
+    @cached_property
+    def body_light(self) -> Float[Tensor, "81 channels"]:
+        """The same in the body's frame."""
+        return self._harmonics_at_center(body_rotation(self.atlas, self.record.vertices).to(self.device))
+
+    def _harmonics_at_center(self, turn: Float[Tensor, "3 3"]) -> Float[Tensor, "81 channels"]:
+        positions, intensities = self.lights
+        return light_harmonics(self.posed.points.mean(0), turn, positions, white_once(intensities))
+
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.tensor(array, device=self.device)
 
@@ -118,6 +138,11 @@ def body_rotation(atlas: Atlas, vertices: np.ndarray) -> Float[Tensor, "3 3"]:
     """Rotation that best turns the posed body as a whole back to rest (Kabsch 1976): body from world."""
     rest, posed = (array.astype(np.float64) - array.mean(0) for array in (atlas.rest_vertices, vertices))
     return torch.as_tensor(Rotation.align_vectors(rest, posed)[0].as_matrix(), dtype=torch.float32)
+
+
+def rest_normals(atlas: Atlas) -> Float[Tensor, "texels 3"]:
+    """Unit normals of the texels at rest."""
+    return pose_texels(atlas, atlas.rest_vertices).frames[..., 2]
 
 
 SMALLEST_SPACING_M = 1e-5

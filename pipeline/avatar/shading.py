@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
@@ -26,12 +24,14 @@ def start_transfer() -> tuple[Float[Tensor, "3 4 3"], Float[Tensor, "3 5"]]:
     return transfer[:, :COLOR_DEGREES, None].repeat(1, 1, 3), transfer[:, COLOR_DEGREES:].clone()
 
 
-def start_harmonics() -> tuple[Float[Tensor, "16 3"], Float[Tensor, "65"]]:
-    """SH coefficients of a transfer that reflects light from everywhere alike, and as much of it as a Lambertian one:
-    without a frame that turns with the surface there is no normal to start from."""
-    transfer = torch.zeros(COEFFICIENTS)
-    transfer[0] = float(clamped_cosine_coefficients()[0]) / math.sqrt(4 * math.pi)
-    return transfer[: COLOR_DEGREES**2, None].repeat(1, 3), transfer[COLOR_DEGREES**2 :].clone()
+def start_harmonics(
+    normals: Float[Tensor, "texels 3"],
+) -> tuple[Float[Tensor, "texels 16 3"], Float[Tensor, "texels 65"]]:
+    """SH coefficients of a Lambertian texel with these normals, in the frame that they are in: z_l Y_lm(n)."""
+    lobe = torch.as_tensor(clamped_cosine_coefficients(), dtype=torch.float32)
+    orders = torch.arange(1, 2 * DEGREES, 2)
+    transfer = spherical_harmonics(normals) * lobe.repeat_interleave(orders)
+    return transfer[:, : COLOR_DEGREES**2, None].repeat(1, 1, 3), transfer[:, COLOR_DEGREES**2 :].clone()
 
 
 def shade_diffuse(
@@ -67,7 +67,7 @@ def shade_harmonics(
     albedo: Float[Tensor, "texels 3"],
     transfer_color: Float[Tensor, "texels 16 3"],
     transfer_mono: Float[Tensor, "texels 65"],
-    light: Float[Tensor, "texels 81 channels"],
+    light: Float[Tensor, "#texels 81 channels"],
 ) -> Float[Tensor, "texels 3"]:
     """c_d with 113 SH coefficients per texel instead of 51 zonal ones (RGCA 5), both in the frame of `light`."""
     color = (transfer_color * light[:, : COLOR_DEGREES**2]).sum(1)

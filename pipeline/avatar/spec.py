@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Literal
 
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json
+from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import DepthSource, TrainAvatar
 
 
@@ -24,6 +28,7 @@ class AvatarSpec:
             texel and light.
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
             "bounce": traced to the texels it comes from.
+        distant: lights have a direction and no distance: the same for all texels of a frame.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
         depth: how far away a pixel's point is; see `pipeline.avatar.pixel_depth`.
         normals: "learned": bent away from the Gaussian's axis (RFGCA 10), or those of the "mesh".
@@ -33,7 +38,6 @@ class AvatarSpec:
         face: middle and radius of the face on the template at rest, metres: a code of its own; none if empty.
         pose_points, code_size: points of the surface behind a code, and its numbers.
         decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
-        near_field: the transfer's lights at their true distance; if not, their light is alike on all the subject.
     """
 
     specular: bool
@@ -56,7 +60,7 @@ class AvatarSpec:
     pose_points: int = 64
     code_size: int = 64
     decoder_channels: tuple[int, ...] = (32, 32, 16)
-    near_field: bool = True
+    distant: bool = False
 
     @property
     def shadow_net(self) -> bool:
@@ -108,8 +112,29 @@ class AvatarSpec:
         return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()})
 
 
+def read_plan(path: Path) -> set[str]:
+    """The effects that are on in effects.json.
+
+    Raises:
+        InputError: if it says nothing about some effect.
+    """
+    effects = read_json(path)
+    missing = sorted(set(EFFECTS) - effects.keys())
+    if missing:
+        raise InputError(f"{path}: expected the effects of this version, found no {missing}; run plan_effects again")
+    return {name for name in EFFECTS if effects[name]["on"]}
+
+
 def spec_of(settings: TrainAvatar, planned: Collection[str]) -> AvatarSpec:
-    """What the settings ask for, of that only what the plan turned on."""
-    found = {effect: effect in planned for effect in ("articulation", "near_field")}
-    wanted = {field.name: getattr(settings, field.name) for field in fields(AvatarSpec) if field.name not in found}
-    return AvatarSpec(**{**wanted, **found, "shadow": settings.shadow and "shadow" in planned})
+    """What the settings ask for; where they say `auto`, what plan_effects turned on.
+
+    Args:
+        planned: the effects that are on in effects.json.
+    """
+    decided = settings.decided(planned)
+    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec) if field.name != "distant"}
+    chosen |= {name: chosen[name] == "on" for name in ("specular", "shadow", "articulation", "deferred")}
+    spec = AvatarSpec(**chosen, distant=decided.near_field == "off")
+    # Light in the root's frame has no place for one texel's shadows.
+    turns = spec.articulation or spec.traced
+    return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import product
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -119,7 +119,7 @@ def _read_mapping(path: Path, complaints: Complaints) -> dict[str, Any] | None:
 def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any]], complaints: Complaints) -> Any:
     """The validated model, or None after complaining; `origins` say which file a key comes from, last writer first."""
     try:
-        settings = model(**_with_words(model, content))
+        settings = model(**content)
     except ValidationError as error:
         _complain(error, model, origins, complaints)
         return None
@@ -135,18 +135,6 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
         except ValidationError as error:
             _complain(error, SECTIONS[stage], own, complaints, prefix=f"{'.'.join(inside)}.")
     return settings
-
-
-def _with_words(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:
-    """`content` with `on` and `off` where YAML has read them as true and false but the model asks for the words."""
-    words = dict(content)
-    for name, field in model.model_fields.items():
-        value = content.get(name)
-        if isinstance(value, bool) and {"on", "off"} <= set(get_args(field.annotation)):
-            words[name] = "on" if value else "off"
-        elif isinstance(value, Mapping) and name in SECTIONS:
-            words[name] = _with_words(SECTIONS[name], value)
-    return words
 
 
 def _complain(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Literal
 
 from pydantic import Field, model_validator
 
+from pipeline.config.effects import Mode
 from pipeline.config.settings import Settings
 
 Edges = Literal["captured", "ignored"]
@@ -27,13 +29,16 @@ class TrainAvatar(Settings):
     )
     device: Device = Field("auto", description="Where to train; auto: on a GPU if there is one for each process")
 
-    shading: Literal["transfer", "harmonics", "microfacet"] = Field(
+    shading: Literal["auto", "transfer", "harmonics", "microfacet"] = Field(
         "transfer",
-        description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH, or Lambert and GGX",
+        description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH, or Lambert and GGX "
+        "(auto: transfer if learned_transport is planned, else microfacet with traced visibility and one bounce)",
     )
-    specular: bool = Field(True, description="Build the specular lobe (RFGCA 10-14), or GGX")
-    shadow: bool = Field(True, description="Build shadows, if plan_effects turned them on")
-    deferred: bool = Field(True, description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
+    specular: Mode = Field("auto", description="The specular lobe (RFGCA 10-14), or GGX")
+    shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")
+    near_field: Mode = Field("auto", description="Lights at their distance; off: one direction per light and frame")
+    articulation: Mode = Field("auto", description="Transfer that turns with the limbs; off: SH in the root's frame")
+    deferred: Mode = Field("on", description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
     depth: DepthSource = Field(
         "traced",
         description="How far a pixel's point is that the lobe is evaluated at: splatted depth as it is, divided by "
@@ -110,6 +115,31 @@ class TrainAvatar(Settings):
     weight_gloss: float = Field(0.01, ge=0, description="Weight that keeps the gloss of GGX near a dielectric's")
     weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
+
+    def decided(self, planned: Collection[str]) -> TrainAvatar:
+        """The same settings with what a plan decided in place of every `auto`; what else they say is obeyed.
+
+        Args:
+            planned: the effects that are on.
+        """
+        modes = {
+            name: "on" if name in planned else "off"
+            for name in ("specular", "shadow", "near_field", "articulation", "deferred")
+            if getattr(self, name) == "auto"
+        }
+        decided = self.model_copy(update=modes)
+        if self.shading != "auto":
+            return decided
+        if "learned_transport" in planned:
+            return decided.model_copy(update={"shading": "transfer"})
+        # Where nothing is in the way of a light, nothing sends light to another part either.
+        indirect = "bounce" if decided.shadow == "on" else "none"
+        return decided.model_copy(update={"shading": "microfacet", "visibility": "traced", "indirect": indirect})
+
+    def reads_irradiance(self, planned: Collection[str]) -> bool:
+        """Whether an avatar with these settings has a shadow network."""
+        decided = self.decided(planned)
+        return decided.shadow == "on" and decided.visibility == "learned"
 
     @model_validator(mode="after")
     def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:

@@ -53,14 +53,16 @@ def write_posed_capture(folder: Path, *, ball: bool = True, light_distance: floa
     write_table(
         paths["patterns"], patterns.assign(intensity_r=[1.0, 2, 1], intensity_g=[1.0, 2, 1], intensity_b=[1.0, 2, 1])
     )
-    write_table(paths["frames"], pd.DataFrame({"frame": FRAMES[:3]}))
+    write_table(paths["frames"], pd.DataFrame({"frame": FRAMES[:3], "fully_lit": False, "test_pattern": False}))
     return paths
 
 
 def write_cameras_and_color(folder: Path, k1: float, gain: float) -> dict[str, Path]:
-    """Index, cameras at sensor resolution (twice the image) with one distortion coefficient, and colour matrices."""
+    """Index without images, cameras at sensor resolution (twice the image) with one distortion coefficient, and colour matrices."""
     paths = {"index": folder / "index", "cameras": folder / "cameras.json", "color": folder / "color.json"}
     write_json(folder / "index/capture.json", {"subject": "ball", "images": {"downsample_from_sensor": 2}})
+    columns = ["camera", "frame", "path", "test_camera", "test_frame", "test_segment", "test_pattern"]
+    write_table(paths["index"] / "images.parquet", pd.DataFrame(columns=columns))
     intrinsics = np.array([[100.0, 0, 100], [0, 100, 50], [0, 0, 1]])
     straight = Camera(np.eye(3), np.array([0.3, 0, 5]), intrinsics, np.zeros(5), 200, 100)
     bent = Camera(np.diag([-1.0, -1, 1]), np.array([0, 1.0, 5]), intrinsics, np.array([k1, 0, 0, 0, 0]), 200, 100)

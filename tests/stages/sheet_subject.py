@@ -7,6 +7,7 @@ import json
 import numpy as np
 
 from pipeline.capture.shards import write_frame_shard, write_image_shard
+from pipeline.config.effects import EFFECTS
 from pipeline.geometry.texels import write_atlas
 from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
 
@@ -28,7 +29,7 @@ def write_subject(folder, images=None, shadow=False):
     write_atlas(folder / "atlas.safetensors", make_sheet(8))
     write_frame_shard(folder / "shards/frames/0000.arrow", frames)
     write_image_shard(folder / "shards/train/0000.arrow", images or sheet_images(frames))
-    (folder / "effects.json").write_text(json.dumps({"shadow": {"on": shadow}}))
+    (folder / "effects.json").write_text(json.dumps({name: {"on": name != "shadow" or shadow} for name in EFFECTS}))
 
 
 def arguments_of(folder):

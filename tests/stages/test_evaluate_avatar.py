@@ -15,6 +15,7 @@ from pipeline import evaluate_avatar
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
+from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 
 LEVEL = 0.25
@@ -54,7 +55,7 @@ def results(tmp_path, monkeypatch):
     share = np.ones(4, np.float32)
     frames = [FrameRecord(f, "a", f % 2 == 0, ones, share, share, ones, ones) for f in range(3)]
     write_frame_shard(tmp_path / "shards/frames/0000.arrow", frames)
-    (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": False}}))
+    (tmp_path / "effects.json").write_text(json.dumps({name: {"on": name != "shadow"} for name in EFFECTS}))
     errors = {"good": 0.01, "bad": 0.1}
     for position, name in enumerate(errors):
         folder = tmp_path / "avatars" / name

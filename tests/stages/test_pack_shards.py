@@ -84,7 +84,8 @@ def pack(stage: Path, on: tuple[str, ...] = (), **flags) -> tuple:
     }
     files |= {"effects": "effects.json", "patterns": "patterns.parquet", "frames": "frames.parquet"}
     paths = {flag: stage / name for flag, name in files.items()}
-    options = {"irradiance": stage / "irradiance", "settings": PackShards(margin_px=2), **flags}
+    irradiance = stage / "irradiance" if "shadow" in on else None
+    options = {"irradiance": irradiance, "settings": PackShards(margin_px=2), **flags}
     run(capture=stage, index=stage / "index", lights=stage / "lights.parquet", out=stage / "shards", **paths, **options)
     shards = stage / "shards"
     return *(read_image_shards([shards / split]) for split in ("train", "test")), read_frame_shards([shards / "frames"])

@@ -9,11 +9,14 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json, write_arrays
+from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
-from pipeline.plan_effects import rotation_spread_deg, run
+from pipeline.plan_effects import run
+from pipeline.rendering.scene_evidence import rotation_spread_deg
 from tests.stages.posed_capture import BALL_HEIGHT, BALL_RADIUS, write_cameras_and_color, write_posed_capture
 
-EFFECTS = {"shadow", "articulation", "near_field", "lens_distortion", "color_correction"}
+UNSEEN = {"specular", "deferred", "learned_transport", "eyes"}
+"""What captures without images (and eyes) cannot call for."""
 
 
 def plan(
@@ -22,18 +25,22 @@ def plan(
 ) -> dict[str, dict]:  # fmt: skip
     paths = write_posed_capture(folder, ball=ball, light_distance=light_distance)
     paths |= write_cameras_and_color(folder, k1, gain)
-    del paths["frames"]
-    tracking = (paths.pop("tracking"),)
-    run(**paths, tracking=tracking, out=folder / "effects.json", settings=settings or PlanEffects())
+    run(**arguments(paths), out=folder / "effects.json", settings=settings or PlanEffects())
     return read_json(folder / "effects.json")
+
+
+def arguments(paths: dict[str, Path]) -> dict[str, object]:
+    """Files by name as arguments of the stage."""
+    others = {name: path for name, path in paths.items() if name not in ("frames", "tracking")}
+    return {"capture": paths["atlas"].parent, **others, "booked": paths["frames"], "tracking": (paths["tracking"],)}
 
 
 def test_a_scene_that_calls_for_everything_but_joints(tmp_path: Path) -> None:
     effects = plan(tmp_path)
-    assert set(effects) == EFFECTS
-    assert {name for name, effect in effects.items() if effect["on"]} == EFFECTS - {"articulation"}
+    assert tuple(effects) == EFFECTS
+    assert {name for name, effect in effects.items() if effect["on"]} == set(EFFECTS) - UNSEEN - {"articulation"}
     for effect in effects.values():
-        assert set(effect) == {"on", "mode", "evidence", "threshold", "why"}
+        assert set(effect) == {"on", "mode", "evidence", "threshold", "why", "cost"}
         assert effect["mode"] == "auto"
     # The texels are the floor's. Three quarters of the pairs are with L0: all in one frame, half in the other. Its
     # shadow is a disc; L1, 45 degrees aside, casts an ellipse, at most 2.5 times as large and partly beyond the floor.
@@ -90,13 +97,12 @@ def test_articulation_is_read_from_the_tracking(tmp_path: Path) -> None:
     turns = np.radians([-10.0, 10, -10, 10]) / 2
     rotations = np.stack([np.cos(turns), np.sin(turns), 0 * turns, 0 * turns], 1)[:, None].astype(np.float32)
     write_arrays(paths["tracking"], arrays | {"joint_rotations": rotations})
-    del paths["frames"]
-    run(**{**paths, "tracking": (paths["tracking"],)}, out=tmp_path / "effects.json")
+    run(**arguments(paths), out=tmp_path / "effects.json")
     effect = read_json(tmp_path / "effects.json")["articulation"]
     assert effect["on"]
     assert effect["evidence"] == pytest.approx(10, abs=1e-3)
     with pytest.raises(InputError, match="tracking"):
-        run(**{**paths, "tracking": ()}, out=tmp_path / "effects.json")
+        run(**{**arguments(paths), "tracking": ()}, out=tmp_path / "effects.json")
 
 
 def test_same_seed_same_numbers(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
 from pipeline.base.stopping import Stopped
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
+from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from tests.stages.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
 
@@ -41,7 +42,14 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     assert not any("shadow" in name for name in read_arrays(tmp_path / "off/avatar.safetensors"))
     assert not (tmp_path / "off/checkpoint.safetensors").exists()
     assert len(load_avatar(tmp_path / "off", inputs["atlas"]).avatar.albedo) == 64
-    inputs["effects"].write_text(json.dumps({"shadow": {"on": True}}))
+    inputs["effects"].write_text(json.dumps({name: {"on": True} for name in EFFECTS}))
+    with pytest.raises(InputError, match="expected traced shadows, found none"):
+        stage.run(**inputs, out=tmp_path / "on")
+    shadowed = [
+        replace(frame, irradiance=frame.irradiance / 2)
+        for frame in read_frame_shards([inputs["shards"] / "frames"]).values()
+    ]
+    write_frame_shard(inputs["shards"] / "frames/0000.arrow", shadowed)
     stage.run(**inputs, out=tmp_path / "on")
     assert any("shadow" in name for name in read_arrays(tmp_path / "on/avatar.safetensors"))
 

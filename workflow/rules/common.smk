@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
+from pipeline.config.effects import EFFECTS
 from pipeline.config.flags import flags
 from pipeline.config.loading import has_own_light, load_project, section_of
 from pipeline.config.subjects import (
@@ -121,12 +122,17 @@ def frame_shards(wildcards):
 
 
 def traced_irradiance(wildcards):
-    """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows. It holds the maps'
-    digests and stands for their folder, whose content Snakemake cannot compare."""
-    effects = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
-    is_on = json.loads(Path(effects).read_text())["shadow"]["on"]
-    own = f"variants/{wildcards.variant}/" if "variant" in wildcards.keys() else ""
-    return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if is_on else []
+    """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows and an avatar learns
+    them. It holds the maps' digests and stands for their folder, whose content Snakemake cannot compare."""
+    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
+    effects = json.loads(Path(path).read_text())
+    planned = [name for name in EFFECTS if effects.get(name, {}).get("on")]
+    subject = project.subject(wildcards.subject)
+    is_own = "variant" in wildcards.keys()
+    variants = [wildcards.variant] if is_own else subject.variants
+    read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned) for variant in variants)
+    own = f"variants/{wildcards.variant}/" if is_own else ""
+    return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if read else []
 
 
 def avatars_of(*files):

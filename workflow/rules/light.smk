@@ -4,7 +4,9 @@ checkpoint plan_effects:
         capture="results/{subject}/index/capture.json",
         atlas="results/{subject}/atlas.safetensors",
         tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        images="results/{subject}/index/images.parquet",
         patterns="results/{subject}/patterns.parquet",
+        frames="results/{subject}/frames.parquet",
         lights="results/{subject}/calibration/lights.parquet",
         cameras="results/{subject}/calibration/cameras.json",
         color="results/{subject}/calibration/color.json",
@@ -21,14 +23,16 @@ checkpoint plan_effects:
         mem_mb=2000,
     params:
         code=code_of("plan_effects"),
+        capture=capture_folder,
         index=subpath(input.capture, parent=True),
         settings=settings_of("plan_effects"),
     message:
         "{wildcards.subject}: measuring which effects this capture calls for"
     shell:
-        "python -m pipeline.plan_effects --index {params.index:q} --atlas {input.atlas:q} "
-        "--tracking {input.tracking:q} --patterns {input.patterns:q} --lights {input.lights:q} "
-        "--cameras {input.cameras:q} --color {input.color:q} --out {output.effects:q} "
+        "python -m pipeline.plan_effects --capture {params.capture:q} --index {params.index:q} "
+        "--atlas {input.atlas:q} --tracking {input.tracking:q} --patterns {input.patterns:q} "
+        "--booked {input.frames:q} --lights {input.lights:q} --cameras {input.cameras:q} "
+        "--color {input.color:q} --out {output.effects:q} "
         "{params.settings:q} > {log:q} 2>&1"
 
 

@@ -21,7 +21,7 @@ from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
 
 SMALL = {"code_size": 8, "decoder_channels": (8, 4), "pose_points": 4}
 DECODED = TrainAvatar(steps=4, parameters="decoded", shadow_width=4, **SMALL)
-PLANNED = {"shadow", "articulation", "near_field"}
+PLANNED = {"shadow", "articulation", "near_field", "specular", "deferred"}
 ALBEDO = np.array([0.7, 0.4, 0.2])
 FLOAT32_ROUNDING = 1e-5
 """What float32 leaves of numbers of about 1 after a hundred operations."""
@@ -57,7 +57,9 @@ def test_a_new_avatar_with_networks_is_the_avatar_without_bit_for_bit(deferred):
     image = make_image(frame, ALBEDO, 0.1)
     pictures = []
     for parameters in ("texels", "decoded"):
-        avatar = make_avatar(atlas, DECODED.model_copy(update={"parameters": parameters, "deferred": deferred}))
+        avatar = make_avatar(
+            atlas, DECODED.model_copy(update={"parameters": parameters, "deferred": "on" if deferred else "off"})
+        )
         pictures.append(LoadedAvatar(avatar, atlas).render(frame, image))
     for without, with_networks in zip(*pictures, strict=True):
         assert torch.equal(without, with_networks)
@@ -74,10 +76,10 @@ def test_only_what_the_plan_asks_for_is_built():
 
     assert networks(PLANNED) == {"pose_code", "pose_decoder", "view_decoder"}
     assert networks(PLANNED, parameters="texels") == set()
-    assert networks(PLANNED, specular=False) == {"pose_code", "pose_decoder"}
-    assert networks({"shadow"}) == {"view_decoder"}  # without articulation there is no pose to encode
-    assert networks({"shadow"}, specular=False) == set()
-    assert networks({"shadow"}, face=(0.0, 0.0, 0.0, 1.0)) == {"pose_code", "pose_decoder", "view_decoder"}
+    assert networks(PLANNED, specular="off") == {"pose_code", "pose_decoder"}
+    assert networks({"shadow", "specular"}) == {"view_decoder"}  # without articulation there is no pose to encode
+    assert networks({"shadow", "specular"}, specular="off") == set()
+    assert networks({"shadow", "specular"}, face=(0.0, 0.0, 0.0, 1.0)) == {"pose_code", "pose_decoder", "view_decoder"}
 
 
 def test_every_network_learns_and_every_gradient_is_finite():

@@ -96,10 +96,10 @@ def test_weight_of_normals_falls_in_a_straight_line():
 def test_terms_of_the_parameters_have_their_papers_values():
     atlas = make_sheet(4)
     settings = TrainAvatar(
-        shadow=False, weight_size=1.0, weight_albedo=0.01, weight_offset=0.05, weight_negative=0.01, weight_normal=1.0,
+        shadow="off", weight_size=1.0, weight_albedo=0.01, weight_offset=0.05, weight_negative=0.01, weight_normal=1.0,
         normal_steps=10,
     )  # fmt: skip
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"near_field"}))
+    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"near_field", "articulation", "specular"}))
     with torch.no_grad():
         avatar.albedo.copy_(torch.tensor([0.5, -0.25, 0.0]))
         avatar.log_scale.fill_(math.log(2e-3))

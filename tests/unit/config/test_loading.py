@@ -56,7 +56,7 @@ def test_variants_of_a_subject_replace_those_of_the_project(tmp_path):
     assert list(settings.variants) == ["quick", "plain"]
     assert section_of(settings, "train_avatar", "quick").steps == 5
     assert section_of(settings, "train_avatar", "plain").steps == settings.train_avatar.steps
-    assert not section_of(settings, "train_avatar", "plain").specular
+    assert section_of(settings, "train_avatar", "plain").specular == "off"
 
 
 @pytest.mark.parametrize(("text", "mode"), [("on", "on"), ("off", "off"), ("auto", "auto"), ("'on'", "on")])

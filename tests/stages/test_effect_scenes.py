@@ -1,0 +1,95 @@
+"""Path-traced scenes that call for different effects: what is planned, and what of the avatar and the jobs is left."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.effect_scenes import SCENES, make_scene
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import texel_spacing
+from pipeline.avatar.spec import read_plan, spec_of
+from pipeline.base.files import read_json
+from pipeline.config.effects import EFFECTS
+from pipeline.config.plan_effects import PlanEffects
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.texels import read_atlas
+from pipeline.plan_effects import run
+
+SMALLEST = {
+    "cameras": 4, "frames": 6, "frames_b": 1, "test_cameras": 1, "test_frames": 1, "width": 56, "height": 56, "spp": 16,
+    "spp_fully_lit": 16, "supersampling": 1,
+}  # fmt: skip
+
+CALLED_FOR = {
+    "diffuse": set(),
+    "glossy": {"specular", "deferred"},
+    "bust": {"shadow"},
+    # Opaque plastic: nothing that GGX, traced visibility and a bounce would not explain.
+    "body": set(EFFECTS) - {"learned_transport", "eyes"},
+    "near": {"near_field"},
+}
+
+FULL, AUTO = TrainAvatar(), TrainAvatar(shading="auto", deferred="auto")
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def scene(request, tmp_path_factory):
+    """Name, folder and plan of a scene; made once for all tests."""
+    folder = tmp_path_factory.mktemp(request.param)
+    files = make_scene(folder, request.param, 40, **SMALLEST)
+    given = {key: path for key, path in files.items() if key not in ("tracking", "frames")}
+    settings = PlanEffects(rays=2048, texels=600)
+    run(**given, tracking=(files["tracking"],), booked=files["frames"], out=folder / "effects.json", settings=settings)
+    return request.param, folder, read_json(folder / "effects.json")
+
+
+def test_what_is_called_for_is_on(scene):
+    name, folder, effects = scene
+    assert read_plan(folder / "effects.json") == CALLED_FOR[name]
+    for effect in effects.values():
+        assert effect["on"] == (effect["evidence"] > effect["threshold"])
+        assert set(effect["cost"]) == {"jobs", "channels", "parameters", "seconds"}
+
+
+def parameters(folder, settings):
+    """What the plan leaves of an avatar: name -> how many numbers."""
+    atlas = read_atlas(folder / "atlas.safetensors")
+    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, read_plan(folder / "effects.json")))
+    sizes = {}
+    for name, parameter in avatar.named_parameters():
+        sizes[name.split(".")[0]] = sizes.get(name.split(".")[0], 0) + parameter.numel()
+    return sizes, avatar
+
+
+def test_what_is_off_has_no_parameters(scene):
+    name, folder, _ = scene
+    called_for = CALLED_FOR[name]
+    full, avatar = parameters(folder, FULL)
+    assert ("shadow_net" in full) == ("shadow" in called_for)
+    assert ({"log_roughness", "visibility", "normal_offset"} <= full.keys()) == ("specular" in called_for)
+    assert avatar.spec.distant == ("near_field" not in called_for)
+    assert avatar.spec.shading == ("transfer" if "articulation" in called_for else "harmonics")
+    auto, avatar = parameters(folder, AUTO)
+    assert not {"transfer_color", "transfer_mono", "shadow_net"} & auto.keys()
+    assert avatar.spec.shading == "microfacet"
+    assert avatar.spec.traced == ("shadow" in called_for)
+    assert avatar.spec.indirect == ("bounce" if "shadow" in called_for else "none")
+    assert ("log_gloss" in auto) == ("specular" in called_for)
+    assert sum(auto.values()) < 0.5 * sum(full.values())
+
+
+def test_what_is_off_is_no_job_and_what_it_costs_is_what_it_adds(scene):
+    name, folder, effects = scene
+    planned = read_plan(folder / "effects.json")
+    assert FULL.reads_irradiance(planned) == ("shadow" in CALLED_FOR[name])
+    assert not AUTO.reads_irradiance(planned)
+    # An effect's parameters are those of an avatar with everything less those of one without it.
+    atlas = read_atlas(folder / "atlas.safetensors")
+
+    def count(on):
+        avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(deferred="auto"), on))
+        return sum(parameter.numel() for parameter in avatar.parameters())
+
+    for effect in ("shadow", "near_field", "articulation", "specular", "deferred"):
+        added = count(set(EFFECTS)) - count(set(EFFECTS) - {effect})
+        assert effects[effect]["cost"]["parameters"] == added, effect

@@ -1,0 +1,43 @@
+"""Distant lights in harmonics: against the float64 twin, and against point lights that are far away."""
+
+import pytest
+import torch
+
+from pipeline.lighting.distant import FAR_M, far_lights, gather_distant, light_harmonics
+from pipeline.lighting.environment_sh import gather_environment
+from pipeline.lighting.zonal import gather_light
+from tests.unit.lighting.test_zonal import FLOAT32_SUM, random_scene
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_kernel_equals_float64_twin_forward_and_backward(channels):
+    place, axes, lights, intensity = random_scene(200, 24, channels)
+    axes[0] = torch.eye(3)  # the poles are on z
+    light = light_harmonics(place.mean(0), torch.eye(3), lights, intensity)
+    twin = axes.double().requires_grad_()
+    out = gather_distant(axes.requires_grad_(), light)
+    expected = gather_environment(twin, light.double())
+    assert (out - expected).abs().max() < FLOAT32_SUM
+    cotangent = torch.randn(out.shape, generator=torch.Generator().manual_seed(1))
+    out.backward(cotangent)
+    expected.backward(cotangent.double())
+    assert torch.isfinite(axes.grad).all()
+    assert (axes.grad - twin.grad).norm() / twin.grad.norm() < 1e-5
+
+
+def test_far_point_lights_gather_the_same_up_to_their_distance():
+    place, axes, lights, intensity = random_scene(100, 5, 3, seed=2)
+    center = place.mean(0)
+    gathered = gather_distant(axes, light_harmonics(center, torch.eye(3), lights, intensity))
+    positions, intensities = far_lights(center, lights, intensity)
+    near = gather_light(place, axes, positions, intensities)
+    # Points lie within 2 m: w changes by 2 / FAR_M, P_8 by 36 times that, and 5 lights of 17 / (4 pi) / 2.4^2 add up.
+    assert (gathered - near).abs().max() < 2 * 36 / FAR_M * 5 * 17 / (4 * torch.pi) / 2.4**2 + FLOAT32_SUM
+
+
+def test_turned_light_is_light_seen_from_a_turned_frame():
+    place, axes, lights, intensity = random_scene(50, 7, 1, seed=3)
+    turn = axes[0]
+    turned = light_harmonics(place.mean(0), turn, lights, intensity)
+    straight = light_harmonics(place.mean(0), torch.eye(3), lights, intensity)
+    assert (gather_distant(turn @ axes, turned) - gather_distant(axes, straight)).abs().max() < FLOAT32_SUM
