@@ -13,7 +13,7 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
 from pipeline.avatar.spec import AvatarSpec, spec_of
-from pipeline.avatar.training import make_optimizer, take_step
+from pipeline.avatar.training import Training
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
@@ -42,11 +42,11 @@ def make_avatar(atlas, settings, planned=PLANNED):
 
 def trained(atlas, frames, steps=3):
     avatar = make_avatar(atlas, DECODED)
-    optimizer, inputs = make_optimizer(avatar, DECODED), [FrameInputs(atlas, frame) for frame in frames]
+    training, inputs = Training(avatar, DECODED), [FrameInputs(atlas, frame) for frame in frames]
     images = [make_image(frame, ALBEDO, 0.1) for frame in frames]
     for step in range(steps):
         chosen = step % len(frames)
-        take_step(step, avatar, optimizer, inputs[chosen], [images[chosen]], DECODED)
+        training.take_step(step, inputs[chosen], [images[chosen]])
     return avatar
 
 
@@ -57,9 +57,8 @@ def test_a_new_avatar_with_networks_is_the_avatar_without_bit_for_bit(deferred):
     image = make_image(frame, ALBEDO, 0.1)
     pictures = []
     for parameters in ("texels", "decoded"):
-        avatar = make_avatar(
-            atlas, DECODED.model_copy(update={"parameters": parameters, "deferred": "on" if deferred else "off"})
-        )
+        changes = {"parameters": parameters, "deferred": "on" if deferred else "off"}
+        avatar = make_avatar(atlas, DECODED.model_copy(update=changes))
         pictures.append(LoadedAvatar(avatar, atlas).render(frame, image))
     for without, with_networks in zip(*pictures, strict=True):
         assert torch.equal(without, with_networks)
