@@ -17,7 +17,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
-from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
+from pipeline.lighting.zonal import FAST_MATH, SMALLEST_DISTANCE2_M2
 
 DIELECTRIC_F0 = 0.04
 """Reflectance of skin, cloth and plastic at normal incidence (refractive index 1.5). A factor per point scales it."""
@@ -138,7 +138,7 @@ def gather_reflections_in_torch(
 F0, ONE, PI = np.float32(DIELECTRIC_F0), np.float32(1.0), np.float32(math.pi)
 
 
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _arriving_vectors(points, normals, lights, intensities, seen, out):
     channels = intensities.shape[1]
@@ -158,7 +158,7 @@ def _arriving_vectors(points, normals, lights, intensities, seen, out):
                 out[p, c, 2] += intensities[j, c] * weight * z
 
 
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
 @no_type_check
 def _gather_reflections(points, normals, to_camera, alpha, lights, intensities, seen, value, slope):
     channels = intensities.shape[1]

@@ -22,6 +22,10 @@ from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
 
+FAST_MATH = {"contract", "nsz", "arcp"}
+"""Not "reassoc": numba optimises what it stores once more than what it has just compiled, and sums in another order
+then give other bits. A training that is stopped before its kernels are stored could not go on to the same result."""
+
 DEGREES = 9
 """Degrees 0..8 (RFGCA section 3.2.1)."""
 
@@ -108,7 +112,7 @@ class _GatherLight(torch.autograd.Function):
         return grad_points, grad_axes, None, None, None
 
 
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _gather_forward(points, axes, lights, intensities, seen, normalisation, out):
     channels = intensities.shape[1]
@@ -140,7 +144,7 @@ def _gather_forward(points, axes, lights, intensities, seen, normalisation, out)
                     out[p, a, degree, c] = total[a, degree, c] * normalisation[degree]
 
 
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
+@numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _gather_backward(points, axes, lights, intensities, grad_out, seen, normalisation, grad_points, grad_axes):
     channels = intensities.shape[1]
