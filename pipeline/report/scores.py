@@ -31,8 +31,8 @@ SIGNIFICANT = 0.05
 TESTED = (
     "Differences are of the same images, avatar minus baseline. Images of a frame share pose and light, and frames "
     f"resemble their neighbours, so the standard error is that of up to {BLOCKS} blocks of frames in a row, and p "
-    "comes from a t-test on the blocks (Ibragimov and Müller 2010): would the difference be there in other frames of this "
-    "motion, seen by these cameras? p (Holm) is corrected for all tests of the table; below "
+    "comes from a t-test on the blocks (Ibragimov and Müller 2010): would the difference be there in other frames of "
+    "this motion, seen by these cameras? p (Holm) is corrected for all tests of the table; below "
     f"{SIGNIFICANT:g} an avatar is called better or worse."
 )
 
