@@ -22,7 +22,9 @@ from scipy.stats import t as student
 
 BLOCKS = 8
 """Of consecutive frames. More give the test more power; fewer make the blocks longer and so less alike. From 8 on, a
-critical value (2.36 at 5 %) close to the normal one (1.96) is all there is to win."""
+critical value (2.36 at 5 %) close to the normal one (1.96) is all there is to win. Where nothing is to be found, the
+test finds something at 5 % in about 5 % of drawn captures; in 9 % of those with only 24 frames whose neighbours
+correlate by 0.5, since blocks of three frames are still a little alike (tests/unit/metrics/test_significance.py)."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,9 @@ from pipeline.base.files import read_json, read_table
 from pipeline.config.write_report import WriteReport
 from pipeline.report.pictures import Pictures
 
+NAMES = ("subject", "variant", "dial", "setting")
+"""Columns of names, which may look like numbers."""
+
 
 @dataclass(frozen=True)
 class Found:
@@ -59,7 +62,7 @@ def read_csv(path: Path) -> pd.DataFrame:
     InputError: if the file is missing or not a csv table.
     """
     try:
-        return pd.read_csv(path)
+        return pd.read_csv(path, dtype=dict.fromkeys(NAMES, str))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected a csv table, found: {error}") from error
 

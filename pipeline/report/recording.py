@@ -11,6 +11,7 @@ import pandas as pd
 from pipeline.base.files import read_json
 from pipeline.base.verdicts import Verdict
 from pipeline.capture.color_views import evenly
+from pipeline.figures.calibration import PARTS, read_verdicts
 from pipeline.figures.page import verdict_list, verdict_tiles
 from pipeline.report.found import Found, missing_of
 from pipeline.report.part import Part
@@ -31,11 +32,8 @@ FOLDED_AFTER = 2
 
 def calibration(found: Found) -> Part:
     """Verdicts, and the pictures of review_calibration."""
-    verdicts = [
-        Verdict(*row)
-        for part in ("cameras", "lights", "color")
-        for row in found.csv(f"calibration/verdicts_{part}.csv")[["kind", "name", "grade", "reason"]].astype(str).values
-    ]
+    files = [found.folder / f"calibration/verdicts_{part}.csv" for part in PARTS]
+    verdicts = [verdict for file in files for verdict in read_verdicts(file)]
     html = verdict_tiles(verdicts) + verdict_list(verdicts)
     folder = found.folder / "calibration/review"
     if not folder.is_dir():

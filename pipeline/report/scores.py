@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ import pandas as pd
 from pipeline.base.errors import InputError
 from pipeline.metrics.ablation_table import compare
 from pipeline.metrics.comparison import split_picture
-from pipeline.metrics.evaluation import HIGHER_IS_BETTER, LIT, METRICS, SPLITS, worst_median_best
+from pipeline.metrics.evaluation import HIGHER_IS_BETTER, LIT, METRICS, PSNR_CEILING_DB, SPLITS, worst_median_best
 from pipeline.metrics.significance import BLOCKS, mean_over_images
 from pipeline.report.found import Found
 from pipeline.report.part import Part
@@ -29,9 +30,9 @@ SIGNIFICANT = 0.05
 
 TESTED = (
     "Differences are of the same images, avatar minus baseline. Images of a frame share pose and light, and frames "
-    f"resemble their neighbours, so the standard error is that of {BLOCKS} blocks of consecutive frames, and p comes "
-    "from a t-test on the blocks (Ibragimov and Müller 2010): would the difference be there in other frames of this "
-    "motion, seen by these cameras? p (Holm) is corrected for all tests of the table; below "
+    f"resemble their neighbours, so the standard error is that of up to {BLOCKS} blocks of frames in a row, and p "
+    "comes from a t-test on the blocks (Ibragimov and Müller 2010): would the difference be there in other frames of "
+    "this motion, seen by these cameras? p (Holm) is corrected for all tests of the table; below "
     f"{SIGNIFICANT:g} an avatar is called better or worse."
 )
 
@@ -50,8 +51,9 @@ def headline(found: Found) -> Part:
 def _tiles(metrics: pd.DataFrame, images: pd.DataFrame, variant: str) -> str:
     own, tiles = metrics[(metrics.variant == variant) & (metrics.lit == "all")].set_index("split"), []
     scored = images[images.variant == variant]
+    scored = scored.assign(psnr_db=scored.psnr_db.clip(upper=PSNR_CEILING_DB))
     for split, title in SPLIT_NAMES.items():
-        row, chosen = own.loc[split], scored[SPLITS[split](scored) & np.isfinite(scored.psnr_db)]
+        row, chosen = own.loc[split], scored[SPLITS[split](scored) & scored.psnr_db.notna()]
         if not row.images:
             continue
         error = mean_over_images(chosen.psnr_db.to_numpy(np.float64), chosen.frame.to_numpy()).error
@@ -107,7 +109,7 @@ def pictures(found: Found) -> Part:
         heading = f"<h3>Avatar {variant}</h3>" if len(variants) > 1 else ""
         groups.append(heading + compared(f"pair-{variant}", shown) if shown else "")
     missing = (
-        f"pictures of evaluate_avatar ({', '.join(absent)}), which its setting `pictures` turns off" if absent else ""
+        f"pictures of evaluate_avatar ({', '.join(absent)}), which its setting pictures turns off" if absent else ""
     )
     left_out = variants[found.settings.most_variants :]
     note = paragraph(f"Not shown: {', '.join(left_out)} (most_variants).") if left_out else ""
@@ -115,7 +117,7 @@ def pictures(found: Found) -> Part:
     return Part("Captured and rendered", text + "".join(groups) + note, missing)
 
 
-def _slider(found: Found, path, name: str, row: pd.Series) -> str:
+def _slider(found: Found, path: Path, name: str, row: pd.Series) -> str:
     picture = cv2.imread(str(path))
     if picture is None:
         raise InputError(f"{path}: expected a PNG picture of evaluate_avatar, found none that can be read")

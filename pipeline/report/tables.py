@@ -31,7 +31,7 @@ def p_text(value: float) -> str:
     """A p-value."""
     if not math.isfinite(value):
         return "–"
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+    return "< 0.001" if value < 0.001 else f"{value:.3g}"
 
 
 def html_table(name: str, head: Sequence[str], rows: Iterable[Sequence[object]], kinds: str = "") -> Html:

@@ -12,7 +12,7 @@ from pipeline.report.tables import Html, html_table, number, p_text, significant
 def test_numbers():
     assert [number(1.005, 1), number(-0.5), number(2.0, 3, "+"), number(math.nan)] == ["1.0", "−0.50", "+2.000", "–"]
     assert [significant(0.00001234), significant(1234.5), significant(math.inf)] == ["1.23e−05", "1.23e+03", "–"]
-    assert [p_text(1e-9), p_text(0.04999), p_text(math.nan)] == ["< 0.001", "0.050", "–"]
+    assert [p_text(1e-9), p_text(0.04961), p_text(math.nan)] == ["< 0.001", "0.0496", "–"]
 
 
 def test_cells_are_escaped_unless_they_are_html():
