@@ -27,7 +27,7 @@ class AvatarSpec:
             texel and light.
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
             "bounce": traced to the texels it comes from.
-        distant: lights have a direction and no distance: the same for all texels of a frame.
+        near_field: lights at their distance; if not, one direction and strength each for all texels of a frame.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
         normals: "learned": bent away from the Gaussian's axis (RFGCA 10), or those of the "mesh".
     """
@@ -44,7 +44,7 @@ class AvatarSpec:
     indirect: Literal["none", "ambient", "bounce"] = "none"
     deferred: bool = True
     normals: Literal["learned", "mesh"] = "learned"
-    distant: bool = False
+    near_field: bool = True
 
     @property
     def shadow_net(self) -> bool:
@@ -97,9 +97,9 @@ def spec_of(settings: TrainAvatar, planned: Collection[str]) -> AvatarSpec:
     """
 
     decided = settings.decided(planned)
-    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec) if field.name != "distant"}
+    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec) if field.name != "near_field"}
     chosen |= {name: chosen[name] == "on" for name in ("specular", "shadow", "deferred")}
-    spec = AvatarSpec(**chosen, distant=decided.near_field == "off")
+    spec = AvatarSpec(**chosen, near_field=decided.near_field == "on")
     # Light in the root's frame has no place for one texel's shadows.
     turns = decided.articulation == "on" or spec.traced
     return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")

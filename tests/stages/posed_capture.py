@@ -58,7 +58,8 @@ def write_posed_capture(folder: Path, *, ball: bool = True, light_distance: floa
 
 
 def write_cameras_and_color(folder: Path, k1: float, gain: float) -> dict[str, Path]:
-    """Index without images, cameras at sensor resolution (twice the image) with one distortion coefficient, and colour matrices."""
+    """Index without images, cameras at sensor resolution (twice the image) with one distortion coefficient, and colour
+    matrices."""
     paths = {"index": folder / "index", "cameras": folder / "cameras.json", "color": folder / "color.json"}
     write_json(folder / "index/capture.json", {"subject": "ball", "images": {"downsample_from_sensor": 2}})
     columns = ["camera", "frame", "path", "test_camera", "test_frame", "test_segment", "test_pattern"]
