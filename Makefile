@@ -7,8 +7,10 @@ FLAGS ?=
 
 BIN := .venv/bin
 READY := .venv/.ready
-# Waiting threads sleep, and small matrices stay on one thread: spinning slows everything else many times.
-QUIET := OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1
+# Waiting threads sleep, and small matrices stay on one thread: spinning slows everything else many times. Memory that
+# was given back is kept for the next array: fetching it from the system anew costs as much as filling it.
+QUIET := OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1 \
+    MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824
 
 MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
@@ -21,7 +23,7 @@ help:
 	@echo 'make test                          run all tests'
 	@echo 'make hard-cases                    run the table of hard cases'
 	@echo 'make lint                          check style of code and workflow'
-	@echo 'make schema                        write config/config.yaml and its schema from the models'
+	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
 test: $(READY)
@@ -38,6 +40,7 @@ lint: $(READY)
 
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema
+	$(BIN)/python -m pipeline.capture.format_page
 
 $(READY): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv

@@ -3,8 +3,9 @@
     python -m benchmarks.bench_irradiance [--repeats 5] [--threads 2] [--frames 64]
 
 Sides are timed alternately in one process, wall clock, frames spread over `--threads` threads. `raw embreex` answers
-the very rays of the job, made beforehand, in trees built beforehand; `trimesh` is the plain loop of `intersects_any`
-over frames. `bits` lines give the cost of tracing and of visibility bits, and what the cost model of
+the very rays of the job, made beforehand, in trees built beforehand; `whole` makes them, traces them and adds up. The
+jobs of the next lines begin with posed vertices, texels and trees included; `trimesh` is the plain loop of
+`intersects_any` over frames. `bits` lines give the cost of tracing and of visibility bits, and what the cost model of
 pipeline.lighting.visibility_bits chose. The last lines are the memory of the largest map, and a projection to 5,000
 frames of 1024 x 1024 texels.
 """
@@ -17,7 +18,7 @@ import json
 import resource
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -25,9 +26,14 @@ import numpy as np
 import trimesh
 from scipy.spatial import KDTree
 
-from pipeline.geometry.mesh import area_vectors, unit_or
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.geometry.texel_surface import texel_surface
+from pipeline.geometry.texels import Atlas
+from pipeline.lighting.draws import spread_uniforms
+from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, draw_lights, light_scene
 from pipeline.lighting.irradiance import trace_irradiance as trace
+from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, light_blocks
 from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits
 
@@ -39,13 +45,16 @@ PAPER_FRAMES, PAPER_SIDE = 5000, 1024
 
 @dataclass(frozen=True)
 class Pose:
-    """A dented ball, and points spread over it row by row as the texels of a chart are."""
+    """A dented ball, and points spread over it row by row as the texels of a chart are: each in a face's middle."""
 
     vertices: np.ndarray
-    faces: np.ndarray
+    atlas: Atlas
     points: np.ndarray
     face_normals: np.ndarray
-    texel: np.ndarray
+
+    @property
+    def faces(self) -> np.ndarray:
+        return self.atlas.faces
 
     def occluders(self) -> Occluders:
         return Occluders(self.vertices, self.faces)
@@ -60,9 +69,14 @@ def make_pose(side: int, phase: float = 0.0) -> Pose:
     around = np.arange(side * side) * (2 * np.pi / side)
     toward = np.stack([np.sqrt(1 - height**2) * np.cos(around), height, np.sqrt(1 - height**2) * np.sin(around)], 1)
     face = KDTree(unit[faces].mean(1)).query(toward)[1]
-    normals = unit_or(area_vectors(vertices, faces), 0.0)[face]
-    texel = np.stack(np.divmod(np.arange(side * side), side), 1)
-    return Pose(vertices, faces, vertices[faces[face]].mean(1), normals, texel)
+    texel = np.stack(np.divmod(np.arange(side * side), side), 1).astype(np.int32)
+    thirds, none = np.full((len(face), 3), 1 / 3, np.float32), np.zeros((len(faces), 3, 2), np.float32)
+    atlas = Atlas(
+        side, faces.astype(np.int32), none, np.arange(len(vertices), dtype=np.int32), unit.astype(np.float32), texel,
+        face.astype(np.int32), thirds, np.zeros(len(face), np.int32), np.zeros_like(thirds),
+    )  # fmt: skip
+    points, _, normals = texel_surface(atlas, vertices)
+    return Pose(vertices, atlas, points, normals)
 
 
 def dome(count: int) -> Lights:
@@ -73,15 +87,21 @@ def dome(count: int) -> Lights:
     return Lights(2.4 * np.stack([across * np.cos(around), height, across * np.sin(around)], 1), np.ones(count))
 
 
+@functools.cache
+def blocks_of(side: int) -> TexelBlocks:
+    """Where the texels of a map lie: known once for all frames."""
+    return TexelBlocks(np.stack(np.divmod(np.arange(side * side), side), 1).astype(np.int32))
+
+
 def trace_map(pose: Pose, occluders: Occluders, lights: Lights, samples: int | None) -> IrradianceMap:
     """Ray set-up, tracing and reduction."""
     drawn = None
     if samples is not None:
-        drawn = Samples(samples, "power", "low_discrepancy", pose.texel, np.random.default_rng(0))
+        drawn = Samples(samples, "power", "low_discrepancy", blocks_of(pose.atlas.size), np.random.default_rng(0))
     return trace(occluders, pose.points, pose.face_normals, lights, samples=drawn)
 
 
-def spread_over(pool: ThreadPoolExecutor, function: Callable, *arguments: list) -> list:
+def spread_over(pool: ThreadPoolExecutor, function: Callable, *arguments: Iterable) -> list:
     """Results of a function over lists of arguments, on the pool's threads."""
     return list(pool.map(function, *arguments))
 
@@ -101,8 +121,8 @@ def rays_of(pose: Pose, lights: Lights, samples: int | None) -> tuple[Occluders,
         return scene.occluders, [aim(scene.receivers, scene.lights, block=block) for block in blocks]
     rng, rays = np.random.default_rng(0), []
     for n in range(samples):
-        uniform = (n + rng.random(len(pose.points))) / samples
-        chosen, _ = draw_lights(scene, "power", uniform, np.ones_like(uniform))
+        uniform = (n + spread_uniforms("low_discrepancy", pose.atlas.texel, rng)) / samples
+        chosen, _ = draw_lights(scene, "power", uniform)
         rays.append(aim(scene.receivers, scene.lights, chosen=chosen))
     return scene.occluders, rays
 
@@ -111,10 +131,11 @@ def trimesh_loop(poses: list[Pose], lights: Lights) -> None:
     """1 sample per texel the plain way: draw, subtract, normalise, ask."""
     for frame, pose in enumerate(poses):
         mesh = trimesh.Trimesh(pose.vertices, pose.faces, process=False)
-        chosen = np.random.default_rng(frame).integers(len(lights.places), size=len(pose.points))
-        way = lights.places[chosen] - pose.points
+        points, normals = mesh.triangles_center[pose.atlas.face], mesh.face_normals[pose.atlas.face]
+        chosen = np.random.default_rng(frame).integers(len(lights.places), size=len(points))
+        way = lights.places[chosen] - points
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        hit = mesh.ray.intersects_any(pose.points + 1e-4 * pose.face_normals, way)
+        hit = mesh.ray.intersects_any(points + 1e-4 * normals, way)
         np.where(hit, 0.0, 1.0)
 
 
@@ -158,11 +179,14 @@ def against_raw_rays(pool: ThreadPoolExecutor, threads: int, repeats: int) -> di
 
 def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None:
     lights, poses = dome(24), [make_pose(512, 0.1 * frame) for frame in range(frames)]
-    sides = {
-        "ours": lambda: list(pool.map(lambda pose: trace_map(pose, pose.occluders(), lights, 1), poses)),
-        "trimesh": lambda: trimesh_loop(poses, lights),
-    }
-    seconds = interleaved(sides, repeats)
+    stage = StageLights(lights.places, dict.fromkeys(range(frames), lights.luminances))
+
+    def ours() -> None:
+        tracer = FrameTracer(poses[0].atlas, stage, TraceIrradiance(samples="1", visibility="traced"))
+        seeds = [np.random.default_rng(frame) for frame in range(frames)]
+        spread_over(pool, tracer.trace, range(frames), [pose.vertices for pose in poses], seeds)
+
+    seconds = interleaved({"ours": ours, "trimesh": lambda: trimesh_loop(poses, lights)}, repeats)
     ratio = statistics.median(t / o for t, o in zip(seconds["trimesh"], seconds["ours"], strict=True))
     medians = {f"{k}_s": statistics.median(s) for k, s in seconds.items()}
     tell("trimesh intersects_any loop / ours, 1 sample", value=ratio, frames=frames, map="512 x 512", **medians)
@@ -183,7 +207,7 @@ def bits_against_rays(repeats: int) -> None:
                 occluders: Occluders = occluders, rows: np.ndarray = brightness, n: int | None = samples
             ) -> None:
                 for row in rows:
-                    drawn = n and Samples(n, "power", "random", pose.texel, np.random.default_rng(0))
+                    drawn = n and Samples(n, "power", "random", TexelBlocks(pose.atlas.texel), np.random.default_rng(0))
                     trace(occluders, pose.points, pose.face_normals, Lights(lights.places, row), samples=drawn)
 
             def by_bits(occluders: Occluders = occluders, rows: np.ndarray = brightness) -> None:

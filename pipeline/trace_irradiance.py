@@ -27,7 +27,7 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texels import Atlas, read_atlas
 from pipeline.geometry.tracked import TrackedChunk, read_tracked
 from pipeline.lighting.environment import read_environment
-from pipeline.lighting.frame_irradiance import StageLights, environment_lights, read_stage_lights, trace_frame
+from pipeline.lighting.frame_irradiance import FrameTracer, StageLights, environment_lights, read_stage_lights
 from pipeline.lighting.irradiance import IrradianceMap
 
 log = logging.getLogger("trace_irradiance")
@@ -74,11 +74,11 @@ def run(
         stage = read_stage_lights(lights, patterns)
     else:
         stage = environment_lights(read_environment(environment).reduced(settings.environment_height), chunk.frames)
-    rows = booked_rows(chunk, frames, tracking)
+    rows, tracer = booked_rows(chunk, frames, tracking), FrameTracer(texels, stage, settings, cache)
 
     def trace(row: int) -> IrradianceMap:
         random = generator_for(subject, "trace_irradiance", int(chunk.frames[row]))
-        return trace_frame(texels, chunk.vertices[row], stage, int(chunk.frames[row]), settings, random, cache)
+        return tracer.trace(int(chunk.frames[row]), chunk.vertices[row], random)
 
     table, sheet = [], []
     shown = set(rows[np.linspace(0, len(rows) - 1, min(SHEET_FRAMES, len(rows))).astype(int)])

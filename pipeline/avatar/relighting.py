@@ -28,7 +28,7 @@ from pipeline.geometry.cameras import Camera
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.environment_lobes import prefilter
 from pipeline.lighting.environment_sh import project_environment
-from pipeline.lighting.frame_irradiance import StageLights, trace_frame
+from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
 from pipeline.lighting.irradiance import LUMINANCE
 
@@ -110,7 +110,7 @@ class Relighter:
             ones = np.ones(self.atlas.texel_count, np.float32)
             return ones, ones
         stage = StageLights(places, {0: intensities @ LUMINANCE}, distant)
-        traced = trace_frame(self.atlas, vertices, stage, 0, self.trace, generator_for("relight_avatar"))
+        traced = FrameTracer(self.atlas, stage, self.trace).trace(0, vertices, generator_for("relight_avatar"))
         return traced.values.astype(np.float32), traced.falling.astype(np.float32)
 
     def _record(self, vertices: np.ndarray, lights: FrameLights, maps: tuple[np.ndarray, np.ndarray]) -> FrameRecord:

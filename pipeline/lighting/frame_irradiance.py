@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 
 from pipeline.base.files import read_table
 from pipeline.config.trace_irradiance import TraceIrradiance
-from pipeline.geometry.mesh import area_vectors, unit_or
-from pipeline.geometry.texels import Atlas, texel_frames
+from pipeline.geometry.texel_surface import texel_surface
+from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import CHANNELS, read_frame_lights
 from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, trace_irradiance
-from pipeline.lighting.visibility import Occluders
-from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits
+from pipeline.lighting.standard_error import TexelBlocks
+from pipeline.lighting.visibility import Occluders, face_rows
+from pipeline.lighting.visibility_bits import VisibilityBits, bits_are_cheaper, irradiance_from_bits, trace_bits
 from pipeline.lighting.visibility_cache import keep_bits, load_bits, visibility_key
 
 
@@ -63,35 +65,56 @@ def environment_lights(environment: Environment, frames: np.ndarray) -> StageLig
     return StageLights(lights.places, dict.fromkeys(frames.tolist(), lights.luminances), True)
 
 
-def trace_frame(
-    atlas: Atlas,
-    vertices: np.ndarray,
-    stage: StageLights,
-    frame: int,
-    settings: TraceIrradiance,
-    random: np.random.Generator,
-    cache: Path | None = None,
-) -> IrradianceMap:
-    """Irradiance per texel of one frame; `cache`: where visibility bits are kept, if they are."""
-    posed, lights = vertices.astype(np.float64), stage.at(frame)
-    points, frames = texel_frames(atlas, posed)
-    # A degenerate face has no horizon: a normal of zero leaves its texels dark, without rays.
-    face_normals = unit_or(area_vectors(posed, atlas.faces), 0.0)[atlas.face]
-    occluders, normals, count = Occluders(posed, atlas.faces), frames[..., 2], settings.samples_or_none
-    samples = None if count is None else Samples(count, settings.sampling, settings.spread, atlas.texel, random)
-    patterns = [int((lights.luminances > 0).sum())] * settings.relightings
-    wanted = settings.visibility == "cached" or (
-        settings.visibility == "auto" and bits_are_cheaper(len(lights.places), patterns, count)
-    )
-    rays, known = 0, None
-    if cache is not None and settings.visibility != "traced":
-        key = visibility_key(points, posed, atlas.faces, lights.places)
-        known = load_bits(cache, key)
-    if known is None and wanted:
-        known = trace_bits(occluders, points, face_normals, lights.places, lights.distant)
-        rays = known.rays
-        if cache is not None:
-            keep_bits(cache, key, known)
-    if known is None:
+@dataclass
+class FrameTracer:
+    """Traces one frame after another; what all frames share is made once.
+
+    Attributes:
+        cache: folder where visibility bits are kept, if they are.
+    """
+
+    atlas: Atlas
+    stage: StageLights
+    settings: TraceIrradiance
+    cache: Path | None = None
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """The faces as embreex reads them fastest."""
+        return face_rows(self.atlas.faces)
+
+    @cached_property
+    def blocks(self) -> TexelBlocks:
+        """Where the texels lie on the map."""
+        return TexelBlocks(self.atlas.texel)
+
+    def trace(self, frame: int, vertices: Float[np.ndarray, "v 3"], random: np.random.Generator) -> IrradianceMap:
+        """Irradiance per texel of a frame of the stage, whose mesh has these vertices."""
+        posed, lights, settings = vertices.astype(np.float64), self.stage.at(frame), self.settings
+        # A degenerate face has no horizon: a normal of zero leaves its texels dark, without rays.
+        points, normals, face_normals = texel_surface(self.atlas, posed)
+        occluders, count = Occluders(posed, self.atlas.faces, self.rows), settings.samples_or_none
+        known, rays = self.visibility(occluders, points, face_normals, posed, lights)
+        if known is not None:
+            return replace(irradiance_from_bits(known, occluders, points, face_normals, lights, normals), rays=rays)
+        samples = None if count is None else Samples(count, settings.sampling, settings.spread, self.blocks, random)
         return trace_irradiance(occluders, points, face_normals, lights, normals=normals, samples=samples)
-    return replace(irradiance_from_bits(known, occluders, points, face_normals, lights, normals), rays=rays)
+
+    def visibility(
+        self, occluders: Occluders, points: np.ndarray, face_normals: np.ndarray, posed: np.ndarray, lights: Lights
+    ) -> tuple[VisibilityBits | None, int]:
+        """Bits, kept from earlier or traced if that pays, and the rays that this took now."""
+        settings, key = self.settings, ""
+        if self.cache is not None and settings.visibility != "traced":
+            key = visibility_key(points, posed, self.atlas.faces, lights.places)
+            known = load_bits(self.cache, key)
+            if known is not None:
+                return known, 0
+        lit = [int((lights.luminances > 0).sum())] * settings.relightings
+        cheaper = settings.visibility == "auto" and bits_are_cheaper(len(lights.places), lit, settings.samples_or_none)
+        if not cheaper and settings.visibility != "cached":
+            return None, 0
+        known = trace_bits(occluders, points, face_normals, lights.places, lights.distant)
+        if self.cache is not None:
+            keep_bits(self.cache, key, known)
+        return known, known.rays

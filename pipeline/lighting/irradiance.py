@@ -19,18 +19,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int
+from jaxtyping import Float, Float64, Int
 
 from pipeline.lighting.draws import Spread, spread_uniforms
-from pipeline.lighting.ray_kernels import add_clear_rays, arriving_sums, draw_by_arrival, draw_by_weight
-from pipeline.lighting.standard_error import BlockVariance
+from pipeline.lighting.ray_kernels import add_clear_rays, draw_by_arrival, draw_by_weight, share_of_arriving
+from pipeline.lighting.standard_error import BlockVariance, TexelBlocks
 from pipeline.lighting.visibility import Occluders, Rays, Receivers, light_blocks
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of linear RGB with Rec. 709 primaries (ITU-R BT.709, item 3.2)."""
 
 MIN_DISTANCE = 1e-6
-"""Least distance to a light, relative to the scene's half extent: a light on the surface is finite, and outshines all
+"""Least distance to a light, relative to the mesh's half extent: a light on the surface is finite, and outshines all
 others there all the same."""
 
 NOT_DRAWN = np.empty(0)
@@ -67,13 +67,13 @@ class Samples:
         count: per texel.
         sampling: probability of a light: the same for all; by luminance; by what would arrive at the point unoccluded.
         spread: how the draws of neighbouring texels hang together, see `pipeline.lighting.draws`.
-        texel: row and column of each point on the map.
+        blocks: where the points lie on the map.
     """
 
     count: int
     sampling: Sampling
     spread: Spread
-    texel: Int[np.ndarray, "t 2"]
+    blocks: TexelBlocks
     random: np.random.Generator
 
 
@@ -100,7 +100,12 @@ class IrradianceMap:
 
 @dataclass(frozen=True)
 class Scene:
-    """Lit lights, the brightest of luminance 1, and the points they shine on, in Embree's scaled scene."""
+    """Lit lights, the brightest of luminance 1, and the points they shine on.
+
+    Attributes:
+        normals: of the smooth surface, for the cosine.
+        least2: bound of squared distances to lights from below.
+    """
 
     occluders: Occluders
     receivers: Receivers
@@ -108,17 +113,22 @@ class Scene:
     lights: Float64[np.ndarray, "m 3"]
     luminances: Float64[np.ndarray, " m"]
     distant: bool
+    least2: float
 
-    def denominators(
-        self, wanted: Bool[np.ndarray, " t"]
-    ) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
-        """Sums of L_j, and of L_j max(0, n . w_j), over all lights, to `arriving_sums`' 7e-7; 1 where not wanted."""
-        arriving, falling = np.ones((2, len(self.receivers)))
-        arriving_sums(
-            self.receivers.points, self.normals, np.ascontiguousarray(self.lights.T, np.float32),
-            self.luminances.astype(np.float32), self.distant, MIN_DISTANCE**2, wanted, arriving, falling,
-        )  # fmt: skip
-        return arriving, falling
+    def share(
+        self, arrived: Float64[np.ndarray, " t"], fallen: Float64[np.ndarray, " t"], number: type = np.float64
+    ) -> None:
+        """Divide sums over what is seen by those over all lights, summed in the type `number`; in place."""
+        axes, luminances = np.ascontiguousarray(self.lights.T, number), self.luminances.astype(number)
+        share_of_arriving(
+            self.receivers.points, self.normals, axes, luminances, self.distant, self.least2, arrived, fallen
+        )
+
+    def per_arriving(self) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
+        """One over the sums of L_j, and of L_j max(0, n . w_j), over all lights."""
+        arrived, fallen = np.ones((2, len(self.receivers)))
+        self.share(arrived, fallen)
+        return arrived, fallen
 
 
 def trace_irradiance(
@@ -156,11 +166,14 @@ def light_scene(
     lit = lights.lit()
     if not len(lit.luminances):
         return None
-    receivers = occluders.receivers(points, face_normals)
-    normals = receivers.normals if normals is None else np.ascontiguousarray(normals, np.float64)
-    places = np.ascontiguousarray(lit.places if lit.distant else occluders.scaled(lit.places))
+    face_normals = np.ascontiguousarray(face_normals, np.float64)
+    normals = face_normals if normals is None else np.ascontiguousarray(normals, np.float64)
     # Only ratios of lights matter, and these fit into float32.
-    return Scene(occluders, receivers, normals, places, lit.luminances / lit.luminances.max(), lit.distant)
+    return Scene(
+        occluders, Receivers(np.ascontiguousarray(points, np.float64), face_normals), normals,
+        np.ascontiguousarray(lit.places, np.float64), lit.luminances / lit.luminances.max(), lit.distant,
+        (MIN_DISTANCE * occluders.half_extent) ** 2,
+    )  # fmt: skip
 
 
 def _trace_all(scene: Scene) -> IrradianceMap:
@@ -174,64 +187,64 @@ def _trace_all(scene: Scene) -> IrradianceMap:
 
 def exact_map(scene: Scene, arrived: np.ndarray, fallen: np.ndarray, rays: int, pairs: int) -> IrradianceMap:
     """The map from the sums over what is seen; `pairs`: of point and light that rays were asked for."""
-    # Where nothing arrived both are 0, and what might have arrived does not matter.
-    arriving, falling = scene.denominators(arrived > 0)
-    return IrradianceMap(
-        arrived / arriving, _share(fallen, falling), np.zeros_like(arrived), rays, pairs - rays, False
-    )  # fmt: skip
+    scene.share(arrived, fallen)
+    return IrradianceMap(arrived, fallen, np.zeros_like(arrived), rays, pairs - rays, False)
 
 
 def _trace_drawn(scene: Scene, samples: Samples) -> IrradianceMap:
+    """A single draw often brings nothing, and then no sum over all lights is needed; several mostly bring something."""
     values, fallen, rays = *np.zeros((2, len(scene.receivers))), 0
-    variance = BlockVariance(samples.texel)
-    # A single draw often brings nothing, and nothing needs no denominator; several draws mostly bring something.
-    lazy = samples.count == 1 and samples.sampling != "arriving"
-    arriving, falling = scene.denominators(np.full(len(values), not lazy))
-    for n in range(samples.count):
-        uniform = (n + spread_uniforms(samples.spread, samples.texel, samples.random)) / samples.count
-        chosen, probability = draw_lights(scene, samples.sampling, uniform, arriving)
+    variance, count = BlockVariance(samples.blocks), samples.count
+    single = count == 1 and samples.sampling != "arriving"
+    per_arriving, per_falling = (None, None) if single else scene.per_arriving()
+    for n in range(count):
+        uniform = spread_uniforms(samples.spread, samples.blocks.texel, samples.random)
+        if count > 1:
+            uniform = (n + uniform) / count
+        chosen, probability = draw_lights(scene, samples.sampling, uniform, per_arriving)
         aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, chosen=chosen)
         one = np.zeros_like(values)
         rays += _add(scene, aimed, one, fallen, probability)
-        if lazy:
-            arriving, falling = scene.denominators(one > 0)
-        one /= arriving
+        if single:
+            # The draw's own error hides that of float32.
+            scene.share(one, fallen, np.float32)
+        else:
+            one *= per_arriving
         values += one
         variance.add(one)
-    count = samples.count
-    share = _share(fallen / count, falling)
-    return IrradianceMap(
-        values / count, share, np.sqrt(variance.total) / count, rays, values.size * count - rays, False
-    )
-
-
-def _share(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """part / whole, 0 where there is nothing to have a share of."""
-    return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0)
+    if not single:
+        values /= count
+        fallen *= per_falling / count
+    error = np.sqrt(variance.total, out=variance.total)
+    error /= count
+    return IrradianceMap(values, fallen, error, rays, values.size * count - rays, False)
 
 
 def _add(scene: Scene, rays: Rays, arrived: np.ndarray, fallen: np.ndarray, probability: np.ndarray = NOT_DRAWN) -> int:
     """Trace rays and add what arrives along the clear ones; returns how many there were."""
     add_clear_rays(
-        scene.receivers.points, scene.normals, scene.lights, scene.luminances, scene.distant, MIN_DISTANCE**2,
+        scene.receivers.points, scene.normals, scene.lights, scene.luminances, scene.distant, scene.least2,
         probability, rays.rows, scene.occluders.occluded(rays), arrived, fallen,
     )  # fmt: skip
     return len(rays.rows)
 
 
 def draw_lights(
-    scene: Scene, sampling: Sampling, uniform: Float64[np.ndarray, " t"], arriving: Float64[np.ndarray, " t"]
+    scene: Scene,
+    sampling: Sampling,
+    uniform: Float64[np.ndarray, " t"],
+    per_arriving: Float64[np.ndarray, " t"] | None = None,
 ) -> tuple[Int[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
     """One light per point, by inversion of the cumulative distribution, and the probability it had.
 
     Args:
         uniform: numbers in [0, 1), one per point.
-        arriving: sum of what would arrive at each point; needed for `arriving`.
+        per_arriving: one over the sum of what would arrive at each point; needed for `arriving`.
     """
     chosen, probability = np.empty(len(uniform), np.int32), np.empty(len(uniform))
     if sampling == "arriving":
         draw_by_arrival(
-            scene.receivers.points, scene.lights, scene.luminances, scene.distant, MIN_DISTANCE**2, arriving,
+            scene.receivers.points, scene.lights, scene.luminances, scene.distant, scene.least2, per_arriving,
             uniform, chosen, probability,
         )  # fmt: skip
     else:

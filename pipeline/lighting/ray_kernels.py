@@ -3,8 +3,7 @@
 Embree answers a ray in about a hundred nanoseconds, as long as a few NumPy operations on it take; these loops keep all
 of the rest below a quarter of that. They run on one thread each and without the interpreter's lock, so frames are
 computed side by side. Lights are rows [x, y, z] of positions, or, with `distant`, of unit directions towards them: then
-they have no distance, and light does not fall off. Everything is in Embree's scaled scene (half extent 1), where
-`least2` bounds squared distances from below.
+they have no distance, and light does not fall off. `least2` bounds squared distances to lights from below.
 """
 
 from __future__ import annotations
@@ -21,23 +20,27 @@ gives infinity where Python's raises: a loop that may raise is not vectorised (e
 
 @kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def arriving_sums(points, normals, axes, luminances, distant, least2, wanted, arriving, falling):
-    """Over all lights, at each point that is wanted: sum of L_j, and of L_j max(0, n . w_j).
+def share_of_arriving(points, normals, axes, luminances, distant, least2, arrived, fallen):
+    """Divide, in place, what arrived at each point by the sum of L_j over all lights, and what fell on it by the sum of
+    L_j max(0, n . w_j). Where nothing arrived, nothing is summed; where nothing can fall, the share is 0.
 
-    In float32, which takes eight lights at a time: with a thousand lights this is dearer than the rays. The relative
-    error is below (4 + m / 8) 2^-24 for m lights, 8e-6 for a thousand: a half float, as maps are stored, has 5e-4.
+    The sums are in the number type of the lights: float64, or where a single drawn light is all that is known of a
+    point, float32: eight lights at a time, four times as fast, and with a thousand lights the sums are dearer than the
+    rays. The relative error then is below (4 + m / 8) 2^-24 for m lights, 8e-6 for a thousand: a half float, as maps
+    are stored, has 5e-4.
 
     Args:
-        axes: the lights' x, then y, then z [3, lights], float32; luminances: float32, the largest of them 1.
+        axes: the lights' x, then y, then z [3, lights]; luminances: the largest of them 1.
     """
-    one, nothing, least = np.float32(1), np.float32(0), np.float32(least2)
+    number = luminances.dtype.type
+    one, nothing, least = number(1), number(0), number(least2)
     x, y, z = axes[0], axes[1], axes[2]
     for i in range(points.shape[0]):
-        if not wanted[i]:
+        if not arrived[i] > 0:
             continue
         total, cosine_total = nothing, nothing
-        px, py, pz = np.float32(points[i, 0]), np.float32(points[i, 1]), np.float32(points[i, 2])
-        nx, ny, nz = np.float32(normals[i, 0]), np.float32(normals[i, 1]), np.float32(normals[i, 2])
+        px, py, pz = number(points[i, 0]), number(points[i, 1]), number(points[i, 2])
+        nx, ny, nz = number(normals[i, 0]), number(normals[i, 1]), number(normals[i, 2])
         if distant:
             for j in range(luminances.shape[0]):
                 along = nx * x[j] + ny * y[j] + nz * z[j]
@@ -51,7 +54,8 @@ def arriving_sums(points, normals, axes, luminances, distant, least2, wanted, ar
                 light, along = luminances[j] * inverse * inverse, nx * dx + ny * dy + nz * dz
                 total += light
                 cosine_total += light * inverse * (along if along > nothing else nothing)
-        arriving[i], falling[i] = total, cosine_total
+        arrived[i] /= total
+        fallen[i] = fallen[i] / cosine_total if cosine_total > nothing else 0.0
 
 
 @kernel
@@ -88,25 +92,38 @@ def block_variances(values, block, count, variance):
 @kernel
 @no_type_check
 def draw_by_weight(weights, uniform, chosen, probability):
-    """One light per point with probability proportional to its weight, by inversion of the cumulative distribution."""
+    """One light per point with probability proportional to its weight, by inversion of the cumulative distribution.
+
+    A table tells where in it to start looking (Chen and Asau 1974): a step or two from there is the light.
+    """
     cumulative = np.cumsum(weights)
-    last = len(weights) - 1
+    last, cells = len(weights) - 1, 4 * len(weights)
+    total = cumulative[last]
+    start, light = np.empty(cells + 1, np.int32), 0
+    for c in range(cells + 1):
+        while light < last and cumulative[light] <= c / cells * total:
+            light += 1
+        start[c] = light
     for i in range(uniform.shape[0]):
-        # Rounding may carry the target up to the very end of the distribution.
-        j = min(np.searchsorted(cumulative, uniform[i] * cumulative[last], side="right"), last)
+        j, target = start[int(uniform[i] * cells)], uniform[i] * total
+        # Rounding may put the start one light too far, and carry the target up to the very end.
+        while j > 0 and cumulative[j - 1] > target:
+            j -= 1
+        while j < last and cumulative[j] <= target:
+            j += 1
         chosen[i] = j
-        probability[i] = weights[j] / cumulative[last]
+        probability[i] = weights[j] / total
 
 
 @kernel
 @no_type_check
-def draw_by_arrival(points, lights, luminances, distant, least2, arriving, uniform, chosen, probability):
-    """One light per point with probability proportional to what would arrive; `arriving` is the sum over all lights.
+def draw_by_arrival(points, lights, luminances, distant, least2, per_arriving, uniform, chosen, probability):
+    """One light per point with probability proportional to what would arrive; `per_arriving`: 1 over the sum of all.
 
     A second pass over the lights instead of a table of points x lights: memory does not grow with the lights.
     """
     for i in range(points.shape[0]):
-        target, reached, j, light = uniform[i] * arriving[i], 0.0, -1, 0.0
+        target, reached, j, light = uniform[i] / per_arriving[i], 0.0, -1, 0.0
         while j + 1 < lights.shape[0] and reached <= target:
             j += 1
             light = luminances[j]
@@ -115,44 +132,63 @@ def draw_by_arrival(points, lights, luminances, distant, least2, arriving, unifo
                 light /= max(dx * dx + dy * dy + dz * dz, least2)
             reached += light
         chosen[i] = j
-        probability[i] = light / arriving[i]
+        probability[i] = light * per_arriving[i]
 
 
 @kernel
 @no_type_check
-def aim(points, normals, lights, chosen, first, distant, offset, clearance, farthest, rows, sources, ways, lengths):
+def aim(
+    points,
+    normals,
+    lights,
+    chosen,
+    first,
+    distant,
+    center,
+    half_extent,
+    offset,
+    clearance,
+    farthest,
+    rows,
+    sources,
+    ways,
+    lengths,
+):
     """Rays from points to lights, of the pairs whose light is above the horizon; returns how many were written.
 
     Args:
         chosen: a light per point; or empty: lights from `first` on, as many as there is room for in `rows`.
-        offset: how far along its normal a ray starts.
+        center, half_extent: of Embree's scene, where rays are written: centred, the half extent 1.
+        offset: how far along its normal a ray starts, in that scene.
         clearance: share of the way that a ray leaves out at its end.
-        farthest: length of rays to distant lights.
+        farthest: length of rays to distant lights, in that scene.
         rows: point and light of each ray [., 2]; written, as are all that follow, the first n entries.
         sources, ways: origins and unit directions.
     """
-    n, count = 0, points.shape[0]
-    several = chosen.shape[0] > 0
+    n, count, several = 0, points.shape[0], chosen.shape[0] > 0
+    shrink, step = 1.0 / half_extent, offset * half_extent
+    cx, cy, cz = center[0], center[1], center[2]
     for block in range(1 if several else rows.shape[0] // max(count, 1)):
         for i in range(count):
             j = chosen[i] if several else first + block
             nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
             dx, dy, dz = lights[j, 0], lights[j, 1], lights[j, 2]
             if not distant:
-                dx, dy, dz = dx - points[i, 0], dy - points[i, 1], dz - points[i, 2]
+                dx, dy, dz = dx - px, dy - py, dz - pz
             if not dx * nx + dy * ny + dz * nz > 0:
                 continue
             length = farthest
             if not distant:
-                dx, dy, dz = dx - offset * nx, dy - offset * ny, dz - offset * nz
+                dx, dy, dz = dx - step * nx, dy - step * ny, dz - step * nz
                 full = np.sqrt(dx * dx + dy * dy + dz * dz)
                 inverse = 1.0 / max(full, 1e-300)
                 dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
-                length = full * (1.0 - clearance)
+                length = full * shrink * (1.0 - clearance)
             rows[n, 0], rows[n, 1] = i, j
-            sources[n, 0] = points[i, 0] + offset * nx
-            sources[n, 1] = points[i, 1] + offset * ny
-            sources[n, 2] = points[i, 2] + offset * nz
+            sources[n, 0] = (px - cx) * shrink + offset * nx
+            sources[n, 1] = (py - cy) * shrink + offset * ny
+            sources[n, 2] = (pz - cz) * shrink + offset * nz
             ways[n, 0], ways[n, 1], ways[n, 2] = dx, dy, dz
             lengths[n] = length
             n += 1

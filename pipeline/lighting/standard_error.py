@@ -18,18 +18,26 @@ BLOCK = 1 << BLOCK_BITS
 """Side of the blocks of texels that share an estimate: 16 numbers, whose deviation is good to 18 %."""
 
 
-class BlockVariance:
-    """Sum over draws of the variance among the texels of each block."""
+class TexelBlocks:
+    """Which block of a map each texel lies in: the same for all frames."""
 
     def __init__(self, texel: Int[np.ndarray, "t 2"]) -> None:
         """Args:
         texel: row and column of each texel on the map.
         """
+        self.texel = texel
         row, column = texel.T >> BLOCK_BITS
-        self._block = (row * (column.max(initial=0) + 1) + column).astype(np.uint32)
-        self._count = np.bincount(self._block).astype(np.float64)
-        self.total = np.zeros(len(texel))
+        self.block = (row * (column.max(initial=0) + 1) + column).astype(np.uint32)
+        self.count = np.bincount(self.block).astype(np.float64)
+
+
+class BlockVariance:
+    """Sum over draws of the variance among the texels of each block."""
+
+    def __init__(self, blocks: TexelBlocks) -> None:
+        self._blocks = blocks
+        self.total = np.zeros(len(blocks.texel))
 
     def add(self, draws: Float64[np.ndarray, " t"]) -> None:
         """Add one draw of every texel to `total`."""
-        block_variances(draws, self._block, self._count, self.total)
+        block_variances(draws, self._blocks.block, self._blocks.count, self.total)

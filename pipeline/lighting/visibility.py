@@ -36,7 +36,7 @@ RAYS_AT_ONCE = 16384
 
 @dataclass(frozen=True)
 class Receivers:
-    """Points of a mesh that light falls on, in Embree's scaled scene, and the outward unit normals of their faces.
+    """Points of a mesh that light falls on, and the outward unit normals of their faces.
 
     The normals are geometric, not smoothed (see `ORIGIN_OFFSET`).
     """
@@ -64,6 +64,14 @@ def light_blocks(points: int, lights: int) -> list[range]:
     return [range(start, min(start + size, lights)) for start in range(0, lights, size)]
 
 
+def face_rows(faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
+    """Faces as an array of tuples [f]. embreex reads a mesh entry by entry through Python, which makes a number object
+    of each, and of each row of indices an array first, unless objects and tuples are what it finds."""
+    rows = np.empty(len(faces), object)
+    rows[:] = list(map(tuple, faces.tolist()))
+    return rows
+
+
 class Occluders:
     """A triangle mesh to cast shadow rays against. Both sides of a face occlude; faces without area never do.
 
@@ -71,9 +79,15 @@ class Occluders:
     releases the interpreter's lock.
     """
 
-    def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
-        """Raises:
-        ValueError: if a vertex is not finite (Embree would silently lose its faces), or there are no faces.
+    def __init__(
+        self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], rows: np.ndarray | None = None
+    ) -> None:
+        """Args:
+            vertices, faces: the mesh.
+            rows: `face_rows` of the faces, if they are at hand: building then takes half as long.
+
+        Raises:
+            ValueError: if a vertex is not finite (Embree would silently lose its faces), or there are no faces.
         """
         if not len(faces) or not np.isfinite(vertices).all():
             raise ValueError(f"expected faces with finite vertices, found {len(faces)} faces")
@@ -81,17 +95,14 @@ class Occluders:
         self.center = (used.min(0) + used.max(0)) / 2
         self.half_extent = float(np.ptp(used, axis=0).max() / 2) or 1.0
         self._scene = EmbreeScene(robust=True)
-        TriangleMesh(self._scene, self.scaled(vertices).astype(np.float32), faces.astype(np.int32))
+        corners = self.scaled(vertices).astype(np.float32).astype(object)
+        TriangleMesh(self._scene, corners, face_rows(faces) if rows is None else rows)
         # The first query builds the tree; done here so that threads find it built.
         self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 1, 0]], np.float32), query="OCCLUDED")
 
     def scaled(self, points: Float[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
         """Points in Embree's scene: centred, the half extent 1."""
         return (np.asarray(points, np.float64) - self.center) / self.half_extent
-
-    def receivers(self, points: Float[np.ndarray, "n 3"], face_normals: Float[np.ndarray, "n 3"]) -> Receivers:
-        """The points made ready for `aim`; `face_normals` are geometric, outward, of unit length."""
-        return Receivers(self.scaled(points), np.ascontiguousarray(face_normals, np.float64))
 
     def aim(
         self,
@@ -107,7 +118,7 @@ class Occluders:
         A light on or below it is hidden by the face itself, on open meshes as well: known without a ray.
 
         Args:
-            lights: positions in the scaled scene, or with `distant` unit directions towards them.
+            lights: positions, or with `distant` unit directions towards them.
             chosen: index of each receiver's light; or, if not given,
             block: lights that all receivers are joined with.
         """
@@ -116,8 +127,8 @@ class Occluders:
         rows, lengths = np.empty((count, 2), np.int32), np.empty(count, np.float32)
         origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
         n = aim(
-            receivers.points, receivers.normals, lights, chosen, block.start, distant, ORIGIN_OFFSET, LIGHT_CLEARANCE,
-            FARTHEST, rows, origins, directions, lengths,
+            receivers.points, receivers.normals, lights, chosen, block.start, distant, self.center, self.half_extent,
+            ORIGIN_OFFSET, LIGHT_CLEARANCE, FARTHEST, rows, origins, directions, lengths,
         )  # fmt: skip
         return Rays(rows[:n], origins[:n], directions[:n], lengths[:n])
 
@@ -183,4 +194,6 @@ class Occluders:
 
     def _rays(self, points: np.ndarray, face_normals: np.ndarray, lights: np.ndarray) -> Rays:
         chosen = np.arange(len(points)) if lights.ndim == 2 else np.zeros(len(points), np.int64)
-        return self.aim(self.receivers(points, face_normals), self.scaled(np.atleast_2d(lights)), chosen=chosen)
+        arrays = (np.ascontiguousarray(array, np.float64) for array in (points, face_normals, np.atleast_2d(lights)))
+        points, face_normals, lights = arrays
+        return self.aim(Receivers(points, face_normals), lights, chosen=chosen)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
 
-from pipeline.lighting.irradiance import MIN_DISTANCE, IrradianceMap, Lights, exact_map, light_scene, unlit_map
+from pipeline.lighting.irradiance import IrradianceMap, Lights, exact_map, light_scene, unlit_map
 from pipeline.lighting.ray_kernels import add_seen_bits
-from pipeline.lighting.visibility import Occluders, light_blocks
+from pipeline.lighting.visibility import Occluders, Receivers, light_blocks
 
 RAY_NS, PAIR_NS, BIT_NS = 130.0, 2.0, 1.5
 """Cost of a shadow ray with its set-up, of adding a light at a point, and of adding it by its bit. Measured on two
@@ -44,11 +44,11 @@ def trace_bits(
     distant: bool = False,
 ) -> VisibilityBits:
     """Visibility of all points to all lights (`places`: positions, or directions of distant ones), lit or not."""
-    receivers, count = occluders.receivers(points, face_normals), len(points)
-    scaled = np.ascontiguousarray(places if distant else occluders.scaled(places))
+    points, face_normals, places = (np.ascontiguousarray(a, np.float64) for a in (points, face_normals, places))
+    receivers, count = Receivers(points, face_normals), len(points)
     bits, traced = np.zeros((len(places), (count + 7) // 8), np.uint8), 0
     for block in light_blocks(count, len(places)):
-        rays = occluders.aim(receivers, scaled, distant, block=block)
+        rays = occluders.aim(receivers, places, distant, block=block)
         seen = np.zeros((len(block), count), bool)
         seen[rays.rows[:, 1] - block.start, rays.rows[:, 0]] = occluders.occluded(rays) == -1
         bits[block.start : block.stop], traced = np.packbits(seen, axis=1), traced + len(rays.rows)
@@ -77,7 +77,7 @@ def irradiance_from_bits(
         scene.lights, scene.luminances, np.flatnonzero(lights.luminances > 0), strict=True
     ):
         add_seen_bits(
-            scene.receivers.points, scene.normals, place, luminance, scene.distant, MIN_DISTANCE**2,
+            scene.receivers.points, scene.normals, place, luminance, scene.distant, scene.least2,
             visibility.bits[light], arrived, fallen,
         )  # fmt: skip
     return exact_map(scene, arrived, fallen, 0, 0)

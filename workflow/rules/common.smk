@@ -20,8 +20,12 @@ from pipeline.config.subjects import (
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
 # Snakemake tells the linear algebra libraries how many threads a job has; numba has its own word for it. Threads that
-# wait must sleep: spinning, they slow training ten times as soon as another process wants a core.
-shell.prefix("export NUMBA_NUM_THREADS=$OMP_NUM_THREADS OMP_WAIT_POLICY=passive; ")
+# wait must sleep: spinning, they slow training ten times as soon as another process wants a core. Memory that was given
+# back is kept for the next array: fetching it from the system anew costs as much as filling it.
+shell.prefix(
+    "export NUMBA_NUM_THREADS=$OMP_NUM_THREADS OMP_WAIT_POLICY=passive"
+    " MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824; "
+)
 
 
 def validated_project():

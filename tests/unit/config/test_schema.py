@@ -1,4 +1,4 @@
-"""config/config.yaml and the JSON schema say what the models say."""
+"""config/config.yaml, the JSON schema and the page about captures say what the models say."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
+from pipeline.capture.format_page import format_page
 from pipeline.config.loading import load_project
 from pipeline.config.project import SECTIONS, ProjectSettings
 from pipeline.config.schema import config_schema, config_yaml
 
 
 def test_generated_files_are_in_step_with_the_models(repo_root):
-    mend = "run `python -m pipeline.config.schema`"
+    mend = "run `make schema`"
     assert (repo_root / "config/config.yaml").read_text() == config_yaml(), mend
     assert (repo_root / "workflow/schemas/config.schema.json").read_text() == config_schema(), mend
+    assert (repo_root / "config/capture_format.md").read_text() == format_page(), mend
 
 
 def test_defaults_file_reads_back_to_the_defaults():

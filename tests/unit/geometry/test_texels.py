@@ -12,6 +12,7 @@ import trimesh
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
 from pipeline.geometry.atlas import rasterize_faces, tangent_weights
+from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas, any_tangent, read_atlas, texel_frames, write_atlas
 
 SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -168,3 +169,24 @@ def test_file_round_trip_and_complaints(tmp_path: Path) -> None:
         write_arrays(path, broken)
         with pytest.raises(InputError, match=message):
             read_atlas(path)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_surface_is_that_of_the_frames(scale: float) -> None:
+    """Its kernel against NumPy's broadcasting, on one mesh with a face without area and one whose normals cancel."""
+    atlas, vertices = bent_sphere()
+    flat = atlas.faces.copy()
+    flat[7] = flat[7, [0, 0, 1]]
+    atlas = Atlas(**{**vars(atlas), "faces": flat})
+    vertices = vertices * scale
+    points, normals, face_normals = texel_surface(atlas, vertices)
+    expected, frames = texel_frames(atlas, vertices)
+    np.testing.assert_allclose(points, expected, rtol=1e-12, atol=1e-12 * scale)
+    np.testing.assert_allclose(normals, frames[..., 2], atol=1e-12)
+    edges = vertices[flat[:, 1:]] - vertices[flat[:, :1]]
+    across = np.cross(edges[:, 0], edges[:, 1]) / scale**2
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    wanted = np.divide(across, length, out=np.zeros_like(across), where=length > 0)[atlas.face]
+    np.testing.assert_allclose(face_normals, wanted, atol=1e-9)
+    assert (face_normals[atlas.face == 7] == 0).all()
+    assert (atlas.face == 7).any()

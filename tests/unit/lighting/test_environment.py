@@ -13,6 +13,7 @@ from pipeline.base.errors import InputError
 from pipeline.capture.images import write_exr
 from pipeline.lighting.environment import Environment, read_environment
 from pipeline.lighting.irradiance import LUMINANCE, Lights, Samples, trace_irradiance
+from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.unit.lighting.test_visibility import plate, sphere, together
 
@@ -95,7 +96,7 @@ def test_drawing_pixels_by_their_light_is_unbiased() -> None:
     texel = np.stack(np.divmod(np.arange(4000), 80), 1)
     here = np.zeros((4000, 3))
     drawn = trace_irradiance(
-        over, here, np.repeat(UP, 4000, 0), sky, samples=Samples(1, "power", "random", texel, rng)
+        over, here, np.repeat(UP, 4000, 0), sky, samples=Samples(1, "power", "random", TexelBlocks(texel), rng)
     ).values  # fmt: skip
     assert abs(drawn.mean() - exact) < 4 * drawn.std(ddof=1) / np.sqrt(4000)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.lighting.irradiance import Lights, Samples, trace_irradiance
-from pipeline.lighting.standard_error import BLOCK, BlockVariance
+from pipeline.lighting.standard_error import BLOCK, BlockVariance, TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.unit.lighting.test_visibility import plate, sphere, together
 
@@ -36,10 +36,14 @@ def test_error_is_what_seeds_show(sampling: str, count: int) -> None:
     rng = np.random.default_rng(5)
     drawn = [
         trace_irradiance(
-            occluders, points, normals, ring_of_lights(), samples=Samples(count, sampling, "random", TEXEL, rng)
+            occluders,
+            points,
+            normals,
+            ring_of_lights(),
+            samples=Samples(count, sampling, "random", TexelBlocks(TEXEL), rng),
         )
         for _ in range(200)
-    ]  # fmt: skip
+    ]
     shown = np.sqrt(np.stack([one.values for one in drawn]).var(0, ddof=1).mean())
     stated = np.sqrt(np.mean([one.error**2 for one in drawn]))
     assert 0.9 < stated / shown < 1.5
@@ -52,11 +56,11 @@ def test_all_lights_leave_no_error() -> None:
 
 def test_known_variances() -> None:
     """A checkerboard of 0 and 1: 8 of each in a block, variance 8 x 8 / 16 / 15."""
-    checkers = BlockVariance(TEXEL)
+    checkers = BlockVariance(TexelBlocks(TEXEL))
     checkers.add(TEXEL.sum(1) % 2.0)
     np.testing.assert_allclose(checkers.total, 8 * 8 / BLOCK**2 / (BLOCK**2 - 1), rtol=1e-12)
     checkers.add(np.full(SIDE**2, 1 / 3))  # a second draw that varies nowhere
     np.testing.assert_allclose(checkers.total, 8 * 8 / BLOCK**2 / (BLOCK**2 - 1), rtol=1e-12)
-    alone = BlockVariance(np.array([[5, 9]]))
+    alone = BlockVariance(TexelBlocks(np.array([[5, 9]])))
     alone.add(np.array([0.7]))
     assert alone.total[0] == 0
