@@ -105,7 +105,7 @@ def run(
     )
     effects = {
         name: {
-            **decide(getattr(settings, name), evidence[name], getattr(settings, THRESHOLDS.get(name, ""), 0)),
+            **decide(getattr(settings, name), evidence[name], getattr(settings, THRESHOLDS.get(name, ""), 0.0)),
             "cost": effect_cost(name, texels.texel_count, len(tracking)),
         }
         for name in EFFECTS

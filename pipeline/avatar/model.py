@@ -131,7 +131,7 @@ class Avatar(nn.Module):
 
     def prepare(self, inputs: FrameInputs) -> dict:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15)."""
-        posed, (positions, intensities) = inputs.posed, inputs.far_lights if self.spec.distant else inputs.lights
+        posed, (positions, intensities) = inputs.posed, inputs.lights if self.spec.near_field else inputs.far_lights
         frame = self.decode(inputs)
         axes, quaternions = self.orient(frame, posed)
         frame |= {
@@ -174,9 +174,9 @@ class Avatar(nn.Module):
             return shade_matte(self.albedo, frame["means"].detach(), frame["bent_normals"], *lights)
         transfer = (frame["transfer_color"], frame["transfer_mono"])
         if self.spec.shading == "harmonics":
-            light = inputs.body_light[None] if self.spec.distant else inputs.harmonics
+            light = inputs.harmonics if self.spec.near_field else inputs.body_light[None]
             return shade_harmonics(self.albedo, *transfer, light)
-        if self.spec.distant and not self.spec.traced and len(lights[0]) >= LIGHTS_THAT_PAY:
+        if not (self.spec.near_field or self.spec.traced) and len(lights[0]) >= LIGHTS_THAT_PAY:
             return shade_diffuse(self.albedo, *transfer, gather_distant(axes, inputs.world_light))
         return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
 

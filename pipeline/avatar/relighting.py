@@ -42,7 +42,7 @@ class Relighter:
     def __init__(self, loaded: LoadedAvatar, trace: TraceIrradiance) -> None:
         self.avatar, self.atlas, self.trace = loaded.avatar, loaded.atlas, trace
         # A new light may be nearer than those of the stage, whose distance did not matter.
-        self.avatar.spec = replace(self.avatar.spec, distant=False)
+        self.avatar.spec = replace(self.avatar.spec, near_field=True)
         self._under_sky: EnvironmentAvatar | None = None
 
     @property

@@ -17,6 +17,12 @@ COLOR_DEGREES = 4
 """Degrees 0..3 of the transfer are coloured, 4..8 monochrome (RGCA section 3.3, RFGCA 9)."""
 
 
+UNTURNED_SCALE = 3.43
+"""Unturned coefficients are stored this much larger. The harmonics of a light's direction have absolute values that sum
+to 18.0 on average, those that three zonal lobes multiply, to 5.25: with the ratio taken out, a step of Adam moves both
+kinds of transfer as far, and both are held to their start about as strongly."""
+
+
 def start_transfer() -> tuple[Float[Tensor, "3 4 3"], Float[Tensor, "3 5"]]:
     """Zonal coefficients of a Lambertian texel, coloured and monochrome: tangent and bitangent lobes are empty."""
     transfer = torch.zeros(3, DEGREES)
@@ -27,10 +33,10 @@ def start_transfer() -> tuple[Float[Tensor, "3 4 3"], Float[Tensor, "3 5"]]:
 def start_harmonics(
     normals: Float[Tensor, "texels 3"],
 ) -> tuple[Float[Tensor, "texels 16 3"], Float[Tensor, "texels 65"]]:
-    """SH coefficients of a Lambertian texel with these normals, in the frame that they are in: z_l Y_lm(n)."""
+    """SH coefficients of a Lambertian texel, z_l Y_lm(n) in the frame of its normal n, times `UNTURNED_SCALE`."""
     lobe = torch.as_tensor(clamped_cosine_coefficients(), dtype=torch.float32)
     orders = torch.arange(1, 2 * DEGREES, 2)
-    transfer = spherical_harmonics(normals) * lobe.repeat_interleave(orders)
+    transfer = UNTURNED_SCALE * spherical_harmonics(normals) * lobe.repeat_interleave(orders)
     return transfer[:, : COLOR_DEGREES**2, None].repeat(1, 1, 3), transfer[:, COLOR_DEGREES**2 :].clone()
 
 
@@ -69,10 +75,11 @@ def shade_harmonics(
     transfer_mono: Float[Tensor, "texels 65"],
     light: Float[Tensor, "#texels 81 channels"],
 ) -> Float[Tensor, "texels 3"]:
-    """c_d with 113 SH coefficients per texel instead of 51 zonal ones (RGCA 5), both in the frame of `light`."""
+    """c_d with 113 SH coefficients per texel instead of 51 zonal ones (RGCA 5), in the frame of `light`; these are
+    stored times `UNTURNED_SCALE`."""
     color = (transfer_color * light[:, : COLOR_DEGREES**2]).sum(1)
     mono = (transfer_mono[..., None] * light[:, COLOR_DEGREES**2 :]).sum(1)
-    return albedo * (color + mono)
+    return albedo / UNTURNED_SCALE * (color + mono)
 
 
 @torch.no_grad()

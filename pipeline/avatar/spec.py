@@ -28,7 +28,7 @@ class AvatarSpec:
             texel and light.
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
             "bounce": traced to the texels it comes from.
-        distant: lights have a direction and no distance: the same for all texels of a frame.
+        near_field: lights at their distance; if not, one direction and strength each for all texels of a frame.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
         depth: how far away a pixel's point is; see `pipeline.avatar.pixel_depth`.
         normals: "learned": bent away from the Gaussian's axis (RFGCA 10), or those of the "mesh".
@@ -60,7 +60,7 @@ class AvatarSpec:
     pose_points: int = 64
     code_size: int = 64
     decoder_channels: tuple[int, ...] = (32, 32, 16)
-    distant: bool = False
+    near_field: bool = True
 
     @property
     def shadow_net(self) -> bool:
@@ -132,9 +132,9 @@ def spec_of(settings: TrainAvatar, planned: Collection[str]) -> AvatarSpec:
         planned: the effects that are on in effects.json.
     """
     decided = settings.decided(planned)
-    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec) if field.name != "distant"}
-    chosen |= {name: chosen[name] == "on" for name in ("specular", "shadow", "articulation", "deferred")}
-    spec = AvatarSpec(**chosen, distant=decided.near_field == "off")
+    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec)}
+    modes = ("specular", "shadow", "near_field", "articulation", "deferred")
+    spec = AvatarSpec(**chosen | {name: chosen[name] == "on" for name in modes})
     # Light in the root's frame has no place for one texel's shadows.
     turns = spec.articulation or spec.traced
     return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")

@@ -67,14 +67,15 @@ def observe_texels(
         vertices: posed template of each frame, metres.
     """
     surface = SurfacePoints(atlas.corners[texels].astype(np.int64), atlas.barycentric[texels].astype(np.float64))
+    faces, weld = atlas.faces.astype(np.int64), atlas.weld.astype(np.int64)
     frames = np.unique(images.frame.to_numpy(np.int64))
     meshes = [vertices[int(frame)].astype(np.float64) for frame in frames]
     points = np.stack([surface.carried(mesh) for mesh in meshes]) if meshes else np.zeros((0, len(texels), 3))
-    normals = [smooth_normals(mesh, atlas.faces, atlas.weld, surface) for mesh in meshes]
+    normals = [smooth_normals(mesh, faces, weld, surface) for mesh in meshes]
     columns: dict[str, list[np.ndarray]] = {name: [] for name in ("frame", "point", "color", "to_camera", "pixel_m")}
     for row in images.itertuples():
         at, camera = int(np.searchsorted(frames, row.frame)), cameras[row.camera]
-        seen = seen_well(camera, draw_depth(camera, meshes[at], atlas.faces), points[at], normals[at])
+        seen = seen_well(camera, draw_depth(camera, meshes[at], faces), points[at], normals[at])
         chosen = np.flatnonzero(seen)
         image = read_image(folder / row.path, facts["transfer"], facts["black_level"])
         pixels, depth = camera.project(points[at, chosen])
@@ -96,7 +97,7 @@ def observe_texels(
 def texel_turns(atlas: Atlas, normals: Float[np.ndarray, "t 3"]) -> Float64[np.ndarray, " t"]:
     """Root mean square angle, radians, between the normal of each texel and those to its right and below; 0 where
     neither belongs to the same piece of surface."""
-    index = atlas.to_map(np.arange(len(normals)), outside=-1)
+    index = atlas.to_map(np.arange(len(normals)), outside=-1.0)
     total, count = np.zeros((2, len(normals)))
     for here, there in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
         both = (here >= 0) & (there >= 0)

@@ -67,7 +67,7 @@ def test_what_is_off_has_no_parameters(scene):
     full, avatar = parameters(folder, FULL)
     assert ("shadow_net" in full) == ("shadow" in called_for)
     assert ({"log_roughness", "visibility", "normal_offset"} <= full.keys()) == ("specular" in called_for)
-    assert avatar.spec.distant == ("near_field" not in called_for)
+    assert avatar.spec.near_field == ("near_field" in called_for)
     assert avatar.spec.shading == ("transfer" if "articulation" in called_for else "harmonics")
     auto, avatar = parameters(folder, AUTO)
     assert not {"transfer_color", "transfer_mono", "shadow_net"} & auto.keys()

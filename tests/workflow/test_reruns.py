@@ -189,6 +189,12 @@ def test_effect_that_is_off_has_no_job(workflow):
     assert workflow.planned(TARGET) == {}
 
 
+def test_shadows_that_no_avatar_learns_have_no_job(workflow):
+    workflow.append("config/subjects/subjectA.yaml", "variants: {auto: {shading: auto}}\n")
+    shutil.rmtree(workflow.folder / "results/subjectA/irradiance")
+    assert workflow.ran(TARGET) == ["pack_shards", "pack_shards", "train_avatar", "evaluate_avatar"]
+
+
 def test_shards_of_other_chunks_are_refused(workflow):
     shutil.copy(*(workflow.folder / f"results/subjectA/shards/train/{name}.arrow" for name in ("0001", "0002")))
     printed = workflow.refused(TARGET)
