@@ -29,6 +29,8 @@ from pipeline.rendering.splat_conventions import Splatted
 from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
 from tests.unit.avatar.test_training import VARIANTS
 
+PLANNED = {"shadow", "near_field", "articulation", "specular", "deferred"}
+
 ELSEWHERE = torch.device("meta")
 COVERED_PIXELS = 7
 
@@ -74,7 +76,7 @@ def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(
     atlas = make_sheet(8)
     record = make_frame(atlas, np.array([[0.5, 0.3, 1.5], [0.1, 0.2, 1.4]]), np.array([[3.0, 2, 1], [1, 1, 1]]))
     image = make_image(record, np.array([0.7, 0.4, 0.2]))
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"shadow"})).to(ELSEWHERE)
+    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, PLANNED)).to(ELSEWHERE)
     inputs = FrameInputs(atlas, record, device=ELSEWHERE)
     with OneDevice():
         gradients = FlatGradients(avatar)
@@ -87,7 +89,7 @@ def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(
 @pytest.mark.usefixtures("no_numbers")
 def test_relit_pictures_are_on_the_device_of_the_parameters():
     atlas = make_sheet(8)
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(), {"shadow"})).to(ELSEWHERE)
+    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(), PLANNED)).to(ELSEWHERE)
     relighter = Relighter(LoadedAvatar(avatar, atlas), TraceIrradiance())
     camera = Camera(R=np.diag([1.0, -1, -1]), t=np.array([0, 0, 1.0]), K=np.eye(3), dist=np.zeros(5), width=4, height=4)
     lights = FrameLights(np.array([[0.5, 0.3, 1.5]]), np.ones((1, 3)))
