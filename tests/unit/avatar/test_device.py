@@ -65,6 +65,8 @@ def no_numbers(monkeypatch):
     """Stand-ins for what has to know numbers."""
     monkeypatch.setattr(model, "splat_supersampled", empty_picture)
     monkeypatch.setattr(torch, "nonzero", covered_pixels)
+    # The mesh is drawn on the CPU, from numbers; its depth comes back to the picture's device.
+    monkeypatch.setattr(model, "depth_of_pixels", lambda source, picture, *rest: picture.depth)
     for module in (model, pose):
         monkeypatch.setattr(module, "white_once", lambda intensities: intensities)
 
