@@ -1,11 +1,7 @@
-"""The networks of RFGCA 3, 4 and 14: a pose becomes a code, the code what every texel adds to its own parameters.
+"""From a pose's code to what every texel adds to its own parameters: the decoders of RFGCA 4 and 14.
 
-    l_b, l_f = E(K_b, K_f)                      PoseEncoder: body and face points, each moved by its root's inverse
-    dt, dR, s, o, z, dn = D_ci(l_b, l_f)        PoseDecoder: does not know the camera
-    v = D_cv(l_b, l_f, w_o)                     ViewDecoder: w_o in the frame of each Gaussian
-
-What the decoders say is added to parameters that each texel has anyway, and it starts at zero: a new avatar with
-networks is the avatar without them. The texels' own parameters are the untied bias of the decoder's last layer.
+Transposed convolutions on the atlas (RGCA supplement A), whose last layer starts at zero. It has no bias: what stands
+for its untied bias are the parameters that each texel has anyway.
 """
 
 from __future__ import annotations
@@ -21,29 +17,14 @@ from torch import Tensor, nn
 from torch.nn.functional import embedding_bag, leaky_relu
 from torch.nn.utils.parametrizations import weight_norm
 
-from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.pose_encoder import GAIN, SLOPE, linear
 from pipeline.geometry.texels import Atlas
-
-SLOPE = 0.2
-"""Of the leaky ReLU below zero (RGCA supplement A)."""
-
-GAIN = math.sqrt(2 / (1 + SLOPE**2))
-"""Weights of variance GAIN^2 / inputs keep the size of what passes a leaky ReLU (He et al. 2015)."""
 
 FIRST_SIDE = 8
 """Texels per side of the map that a code is reshaped to; every layer doubles it (RGCA supplement A)."""
 
 TAPS = 4
 """Weights of a 4x4 kernel of stride 2 that reach one output texel, per input channel."""
-
-
-def linear(inputs: int, outputs: int) -> nn.Linear:
-    """A weight-normalised linear layer for what a leaky ReLU follows."""
-    layer = nn.Linear(inputs, outputs)
-    nn.init.normal_(layer.weight, std=GAIN / math.sqrt(inputs))
-    nn.init.zeros_(layer.bias)
-    return weight_norm(layer)
 
 
 class Upsampling(nn.Module):
@@ -110,48 +91,6 @@ class AtlasDecoder(nn.Module):
         rows = features[0].flatten(1).T.contiguous()
         # Sums of weighted rows; three times as fast as drawing the whole map at the atlas' size.
         return embedding_bag(self.nearest, rows, per_sample_weights=self.weights, mode="sum")
-
-
-class PoseEncoder(nn.Module):
-    """E of RFGCA 3 for one set of points: two layers on how far each point has moved.
-
-    Args:
-        atlas: for its template at rest.
-        chosen: the template's vertices that are looked at.
-        code: numbers of the code.
-    """
-
-    def __init__(self, atlas: Atlas, chosen: np.ndarray, code: int) -> None:
-        super().__init__()
-        self.register_buffer("chosen", torch.as_tensor(chosen))
-        self.rest = atlas.rest_vertices[chosen]
-        self.hidden, self.last = linear(3 * len(chosen), code), linear(code, code)
-
-    def forward(self, vertices: Float32[np.ndarray, "vertices 3"]) -> Float[Tensor, " code"]:
-        """The code of a posed template, metres."""
-        offsets = pose_offsets(self.rest, vertices[self.chosen.cpu().numpy()])
-        points = torch.as_tensor(offsets.ravel(), dtype=torch.float32, device=self.chosen.device)
-        return leaky_relu(self.last(leaky_relu(self.hidden(points), SLOPE)), SLOPE)
-
-
-class PoseCode(nn.Module):
-    """l_b and l_f beside each other: a body's if the limbs move, a face's if one is declared."""
-
-    def __init__(self, atlas: Atlas, spec: AvatarSpec) -> None:
-        super().__init__()
-        parts = {}
-        if spec.articulation:
-            parts["body"] = PoseEncoder(atlas, body_points(atlas, spec.pose_points), spec.code_size)
-        if spec.face:
-            parts["face"] = PoseEncoder(atlas, face_points(atlas, spec.face, spec.pose_points), spec.code_size)
-        self.parts = nn.ModuleDict(parts)
-        self.size = max(1, len(parts) * spec.code_size)
-        self.register_buffer("constant", torch.ones(1), persistent=False)
-
-    def forward(self, vertices: Float32[np.ndarray, "vertices 3"]) -> Float[Tensor, " code"]:
-        """The codes of a posed template; a constant if its pose never changes."""
-        codes = [part(vertices) for part in self.parts.values()]
-        return torch.cat(codes) if codes else self.constant
 
 
 class PoseDecoder(nn.Module):

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pipeline.avatar.decoders import PoseCode, PoseDecoder, ViewDecoder
+from pipeline.avatar.networks import POSED, Networks
 from pipeline.avatar.pixel_depth import depth_of_pixels
 from pipeline.avatar.pose import FrameInputs, PosedTexels, rest_normals, white_once
 from pipeline.avatar.shading import (
@@ -49,9 +49,6 @@ a constant, so the start surface is closed and even."""
 START_THICKNESS = 0.1
 """Standard deviation along the normal, in texel spacings: a thin disc."""
 
-POSED = ("offset", "rotation", "log_scale", "opacity", "transfer_color", "transfer_mono", "normal_offset")
-"""Parameters of a texel that a pose may change (RFGCA 4), if the avatar has them; albedo and roughness never do."""
-
 SMALLEST_ALPHA = 1 / 255
 """Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
 
@@ -88,35 +85,8 @@ class Avatar(nn.Module):
             self.shadow_net = ShadowNet(atlas, spec.shadow_width)
         if spec.indirect == "ambient":
             self.ambient = nn.Parameter(torch.full((texels, 3), START_AMBIENT))
-        self.build_networks(atlas)
-
-    def build_networks(self, atlas: Atlas) -> None:
-        """What pose and view add to the parameters (RFGCA 3, 4, 14); nothing at first. A pose moves a Gaussian by
-        about a texel's size: in metres a step of the optimiser would be too long."""
-        spec = self.spec
-        if spec.pose_decoder or spec.view_decoder:
-            self.pose_code = PoseCode(atlas, spec)
-        if spec.pose_decoder:
-            units = {"offset": float(self.spacing.mean())}
-            self.pose_decoder = PoseDecoder(atlas, self.pose_code.size, spec.decoder_channels, self.own(), units)
-        if spec.view_decoder:
-            self.view_decoder = ViewDecoder(atlas, self.pose_code.size, spec.decoder_channels)
-
-    def own(self) -> dict[str, Tensor]:
-        """The parameters that a pose may change, as all poses share them."""
-        return {name: self.get_parameter(name) for name in POSED if hasattr(self, name)}
-
-    def decode(self, inputs: FrameInputs) -> dict[str, Tensor]:
-        """The parameters of all texels in a frame's pose, and what its cameras share of the view decoder."""
-        frame = self.own()
-        if not (self.spec.pose_decoder or self.spec.view_decoder):
-            return frame
-        code = self.pose_code(inputs.record.vertices)
-        if self.spec.pose_decoder:
-            frame = {name: frame[name] + added for name, added in self.pose_decoder(code).items()}
-        if self.spec.view_decoder:
-            frame["view_features"] = self.view_decoder.prepare(code)
-        return frame
+        if spec.decoded:
+            self.networks = Networks(atlas, spec, self.shared(), float(spacing.mean()))
 
     def build_transfer(self, atlas: Atlas, texels: int) -> None:
         """Transfer coefficients, started at the Lambertian lobe of the normal; buffer `start_*` keeps where."""
@@ -129,10 +99,16 @@ class Avatar(nn.Module):
             repeats = (texels, *[1] * values.ndim) if zonal else [1] * values.ndim
             setattr(self, name, nn.Parameter(values.repeat(repeats)))
 
+    def shared(self) -> dict[str, Tensor]:
+        """The parameters that networks may add to, as all poses share them."""
+        return {name: self.get_parameter(name) for name in POSED if hasattr(self, name)}
+
     def prepare(self, inputs: FrameInputs) -> dict:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15)."""
         posed, (positions, intensities) = inputs.posed, inputs.lights if self.spec.near_field else inputs.far_lights
-        frame = self.decode(inputs)
+        frame = self.shared()
+        if self.spec.decoded:
+            frame = self.networks.decode(frame, inputs.record.vertices)
         axes, quaternions = self.orient(frame, posed)
         frame |= {
             "means": posed.points + (posed.frames @ frame["offset"][..., None])[..., 0],
@@ -238,12 +214,8 @@ class Avatar(nn.Module):
 
     def specular_visibility(self, frame: dict, center: Float[Tensor, "3"]) -> Float[Tensor, " texels"]:
         """v_k as a camera sees it (RFGCA 14)."""
-        if not self.spec.view_decoder:
-            return torch.sigmoid(self.visibility)
-        # Where a Gaussian is and how it lies is decided by what it looks like, not by how far it reflects.
-        toward = unit(center - frame["means"].detach())
-        directions = (frame["axes"].detach().mT @ toward[..., None])[..., 0]
-        return torch.sigmoid(self.visibility + self.view_decoder(frame["view_features"], directions))
+        added = self.networks.visibility(frame, center) if self.spec.view_decoder else 0
+        return torch.sigmoid(self.visibility + added)
 
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor

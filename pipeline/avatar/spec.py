@@ -102,6 +102,11 @@ class AvatarSpec:
         """Whether the specular visibility is seen differently by each camera."""
         return self.parameters == "decoded" and self.lobe
 
+    @property
+    def decoded(self) -> bool:
+        """Whether any network of pose or view is built."""
+        return self.pose_decoder or self.view_decoder
+
     def as_json(self) -> dict:
         """The fields by name, for config.json."""
         return asdict(self)

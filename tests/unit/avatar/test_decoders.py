@@ -8,9 +8,10 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.checkpoint import LoadedAvatar, load_avatar, save_avatar
-from pipeline.avatar.decoders import AtlasDecoder, PoseCode, PoseDecoder, bilinear
+from pipeline.avatar.decoders import AtlasDecoder, PoseDecoder, bilinear
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.pose_encoder import PoseCode
 from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
 from pipeline.avatar.spec import AvatarSpec, spec_of
 from pipeline.avatar.training import Training
@@ -70,15 +71,14 @@ def test_only_what_the_plan_asks_for_is_built():
 
     def networks(planned, **choices):
         avatar = make_avatar(atlas, DECODED.model_copy(update=choices), planned)
-        names = {name.split(".")[0] for name, _ in avatar.named_parameters()}
-        return names & {"pose_code", "pose_decoder", "view_decoder"}
+        return {name.split(".")[1] for name, _ in avatar.named_parameters() if name.startswith("networks.")}
 
-    assert networks(PLANNED) == {"pose_code", "pose_decoder", "view_decoder"}
+    assert networks(PLANNED) == {"code", "pose", "view"}
     assert networks(PLANNED, parameters="texels") == set()
-    assert networks(PLANNED, specular="off") == {"pose_code", "pose_decoder"}
-    assert networks({"shadow", "specular"}) == {"view_decoder"}  # without articulation there is no pose to encode
+    assert networks(PLANNED, specular="off") == {"code", "pose"}
+    assert networks({"shadow", "specular"}) == {"view"}  # without articulation there is no pose to encode
     assert networks({"shadow", "specular"}, specular="off") == set()
-    assert networks({"shadow", "specular"}, face=(0.0, 0.0, 0.0, 1.0)) == {"pose_code", "pose_decoder", "view_decoder"}
+    assert networks({"shadow", "specular"}, face=(0.0, 0.0, 0.0, 1.0)) == {"code", "pose", "view"}
 
 
 def test_every_network_learns_and_every_gradient_is_finite():
@@ -88,7 +88,7 @@ def test_every_network_learns_and_every_gradient_is_finite():
     new = make_avatar(atlas, DECODED).state_dict()
     for name, parameter in avatar.named_parameters():
         assert torch.isfinite(parameter).all() and torch.isfinite(parameter.grad).all(), name
-        if name.split(".")[0] in ("pose_code", "pose_decoder", "view_decoder"):
+        if name.startswith("networks."):
             assert not torch.equal(parameter, new[name]), name
     poses = [avatar.prepare(FrameInputs(atlas, frame)) for frame in frames]
     assert not torch.equal(poses[0]["transfer_color"], poses[1]["transfer_color"])
