@@ -3,7 +3,8 @@
 The coat reflects `COAT_SHARE` of the light as a rough mirror, on both of its sides; the rest crosses it straight on, as
 where the medium's refractive index is that of its surroundings. That is the choice that makes such pictures affordable:
 through a boundary that refracts, `volpath` cannot connect a scattering inside with a lamp outside, so that only the few
-paths that arrive at the boundary carry light, and equal time buys 11 to 16 dB less (measured on the head).
+paths that arrive at the boundary carry light: measured on the head, PSNR for equal time is 10 dB less for a rough
+dielectric of GGX width 1 and 17 dB less for one of 0.3.
 
 Scattering is isotropic. By the similarity relation that stands for a medium of any phase function whose mean cosine is
 g: with 1 - g of its scattering and the same absorption it looks the same after a few scatterings, so `mean_free_path_m`
