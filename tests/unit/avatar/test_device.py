@@ -66,7 +66,7 @@ def no_numbers(monkeypatch):
     monkeypatch.setattr(model, "splat_supersampled", empty_picture)
     monkeypatch.setattr(torch, "nonzero", covered_pixels)
     # The mesh is drawn on the CPU, from numbers; its depth comes back to the picture's device.
-    monkeypatch.setattr(model, "depth_of_pixels", lambda source, picture, *rest: picture.depth)
+    monkeypatch.setattr(model, "depth_of_pixels", lambda source, picture, *rest: picture.depth.detach())
     for module in (model, pose):
         monkeypatch.setattr(module, "white_once", lambda intensities: intensities)
 
