@@ -75,7 +75,7 @@ class TrainAvatar(Settings):
         "gaussian", description="How splatted samples are averaged to a pixel"
     )
     filter_std_px: float = Field(0.5, gt=0, description="Standard deviation of the Gaussian pixel filter [pixel]")
-    dilation_px2: float = Field(0.1, ge=0, description="Variance added to each projected Gaussian [splatted pixel^2]")
+    dilation_px2: float = Field(0.03, ge=0, description="Variance added to each projected Gaussian [splatted pixel^2]")
     compensate_opacity: bool = Field(
         False,
         description="Lower opacities so that the dilation spreads Gaussians without adding to them: 2.5 dB better "

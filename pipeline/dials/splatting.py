@@ -27,7 +27,7 @@ SHORT_TRAINING = CostedStage(
 )
 
 SPLATTING_DIALS = [
-    Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.03), {"steps": STEPS}),
+    Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.03, 0.01), {"steps": STEPS}),
     Dial("compensation", SHORT_TRAINING, "compensate_opacity", lambda subject: (True, False), {"steps": STEPS}),
     Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), {"steps": STEPS}),
     Dial("depth", SHORT_TRAINING, "depth", lambda subject: get_args(DepthSource), {"steps": STEPS}),
