@@ -44,10 +44,10 @@ class TrainAvatar(Settings):
     filter_std_px: float = Field(0.5, gt=0, description="Standard deviation of the Gaussian pixel filter [pixel]")
     dilation_px2: float = Field(0.1, ge=0, description="Variance added to each projected Gaussian [splatted pixel^2]")
 
-    learning_rate_texture: float = Field(1e-2, gt=0, description="Adam's rate of albedo, roughness, opacity")
+    learning_rate_texture: float = Field(3e-2, gt=0, description="Adam's rate of albedo, roughness, opacity")
     learning_rate_transfer: float = Field(4e-3, gt=0, description="Adam's rate of the zonal transfer coefficients")
-    learning_rate_shape: float = Field(3e-3, gt=0, description="Adam's rate of log scales, rotations and normals")
-    learning_rate_offset: float = Field(1e-4, gt=0, description="Adam's rate of the Gaussians' offsets [m]")
+    learning_rate_shape: float = Field(6e-3, gt=0, description="Adam's rate of log scales, rotations and normals")
+    learning_rate_offset: float = Field(3e-4, gt=0, description="Adam's rate of the Gaussians' offsets [m]")
     learning_rate_network: float = Field(1e-3, gt=0, description="Adam's rate of the shadow network")
     final_rate: float = Field(0.05, gt=0, le=1, description="Rates fall exponentially to this share of their start")
 
