@@ -61,6 +61,7 @@ def test_presets_are_valid_and_change_something(repo_root):
         changes = yaml.safe_load(path.read_text())
         project = load_project(yaml.safe_load(config_yaml()) | {}, changes, repo_root / "config/subjects")
         assert changes
+        assert project.subject("subjectA").variants == changes.pop("variants", {"full": {}})
         for section, values in changes.items():
             assert values.keys() <= SECTIONS[section].model_fields.keys(), path
             assert getattr(project.subject("subjectA"), section).model_dump().items() >= values.items(), path
