@@ -82,10 +82,10 @@ class TrainAvatar(Settings):
         "without supersampling at 0.3 px^2, even with the defaults",
     )
 
-    learning_rate_texture: float = Field(1e-2, gt=0, description="Adam's rate of albedo, roughness, opacity")
+    learning_rate_texture: float = Field(3e-2, gt=0, description="Adam's rate of albedo, roughness, opacity")
     learning_rate_transfer: float = Field(4e-3, gt=0, description="Adam's rate of the zonal transfer coefficients")
-    learning_rate_shape: float = Field(3e-3, gt=0, description="Adam's rate of log scales, rotations and normals")
-    learning_rate_offset: float = Field(1e-4, gt=0, description="Adam's rate of the Gaussians' offsets [m]")
+    learning_rate_shape: float = Field(6e-3, gt=0, description="Adam's rate of log scales, rotations and normals")
+    learning_rate_offset: float = Field(3e-4, gt=0, description="Adam's rate of the Gaussians' offsets [m]")
     learning_rate_network: float = Field(1e-3, gt=0, description="Adam's rate of the shadow network")
     final_rate: float = Field(0.05, gt=0, le=1, description="Rates fall exponentially to this share of their start")
 
