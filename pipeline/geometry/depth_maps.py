@@ -63,8 +63,10 @@ def seen_well(
     depth_map: Float32[np.ndarray, "height width"],
     points: Float64[np.ndarray, "points 3"],
     normals: Float64[np.ndarray, "points 3"],
+    step_m: float = DEPTH_STEP_M,
 ) -> Bool[np.ndarray, " points"]:
-    """Points that face the camera and around whose pixel (3 x 3) the depth map shows their own surface only."""
+    """Points that face the camera and around whose pixel (3 x 3) the depth map shows their own surface only: what is
+    within `step_m` of their depth."""
     pixels, depth = camera.project(points)
     way = camera.center - points
     facing = (way * normals).sum(1) > LEAST_COSINE * np.linalg.norm(way, axis=1)
@@ -74,7 +76,7 @@ def seen_well(
     own = np.ones(len(seen), bool)
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
-            own &= np.abs(depth_map[row + down, column + right] - depth[seen]) < DEPTH_STEP_M
+            own &= np.abs(depth_map[row + down, column + right] - depth[seen]) < step_m
     result = np.zeros(len(points), bool)
     result[seen[own]] = True
     return result

@@ -36,6 +36,10 @@ TURNS = 4
 """Turns of albedo, light bounced off other texels' albedo, and which observations count: each bounce adds a tenth of
 the last, and the rest settles about as fast."""
 
+RIDGE = 1e-3
+"""Of the square of each column: neighbouring pieces of transport look nearly alike in few observations, and their
+difference would be fitted to noise."""
+
 STRAY_SIGMAS = 8.0
 """Residuals longer than this many robust standard deviations, measured with everything in the fit, are no noise and no
 effect of light, which all are well below: three in a hundred on a tracked body, and they would drown the rest."""
@@ -175,8 +179,14 @@ def solve_shared(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def solve_apart(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Coefficients of any sign, each colour its own."""
-    return np.stack([np.linalg.lstsq(columns[..., c], target[:, 0, c], rcond=1e-6)[0] for c in range(3)], 1)
+    """Coefficients of any sign, each colour its own, held to 0 where the columns say little about them."""
+    coefficients = np.zeros(columns.shape[1:])
+    for c in range(3):
+        size = np.maximum(np.sqrt((columns[..., c] ** 2).sum(0)), np.finfo(float).tiny)
+        scaled = columns[..., c] / size
+        normal = scaled.T @ scaled + RIDGE * np.eye(len(size))
+        coefficients[:, c] = np.linalg.solve(normal, scaled.T @ target[:, 0, c]) / size
+    return coefficients
 
 
 def crossed(target: np.ndarray, columns: np.ndarray, point: np.ndarray, solve: Solver) -> float:
