@@ -14,7 +14,7 @@ from torch import Tensor
 
 from pipeline.avatar.model import SMALLEST_ALPHA, Avatar
 from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.shading import points_of_pixels, shade_diffuse
+from pipeline.avatar.shading import grazing_gain, points_of_pixels, shade_diffuse
 from pipeline.lighting.environment_lobes import LobeLadder
 from pipeline.lighting.environment_sh import gather_environment
 from pipeline.lighting.lobes import mirror_direction, unit
@@ -66,9 +66,11 @@ class EnvironmentAvatar(Avatar):
             )
             # All of a sky is as far away as its horizon: only the direction of a pixel's ray matters, not its depth.
             points = points_of_pixels(row, column, R.new_ones(len(row)), R, center, K)
-            mirrored = mirror_direction(unit(normal), unit(center - points)) @ frame["sky"].world_from_map
+            normal, to_camera = unit(normal), unit(center - points)
+            mirrored = mirror_direction(normal, to_camera) @ frame["sky"].world_from_map
             width = roughness[:, 0] / picture.alpha[row, column]
-            specular = visibility * frame["sky"].ladder.look_up(mirrored, width)
+            gained = visibility * grazing_gain(normal, to_camera)[:, None]
+            specular = gained * frame["sky"].ladder.look_up(mirrored, width)
             pixels = {name: layer for name, layer in pixels.items() if name != "normal"}
             pixels["color"] = pixels["color"].index_put((row, column), specular, accumulate=True)
         return super().shade_pixels(pixels, picture, frame, R, center, K)

@@ -10,7 +10,7 @@ from torch import Tensor
 from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.glints import gather_glints
 from pipeline.lighting.lobes import mirror_direction, unit
-from pipeline.lighting.microfacet import arriving_vectors, gather_reflections
+from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, clamped_cosine_coefficients
 
 COLOR_DEGREES = 4
@@ -61,12 +61,23 @@ def shade_specular(
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
 ) -> Float[Tensor, "pixels channels"]:
-    """c_s = v sum over lights of (I / d^2) G(w_i; q, sigma): RFGCA 11-12 with point lights as Diracs.
+    """c_s = v F(n . w_o) sum over lights of (I / d^2) G(w_i; q, sigma): RFGCA 11-12 with point lights as Diracs.
 
-    Points in metres, normals of any length (they are blended averages), linear radiance out.
+    Points in metres, normals of any length (they are blended averages), linear radiance out. F: see `grazing_gain`.
     """
-    lobe_centers = mirror_direction(unit(normals), unit(camera_center - points))
-    return visibility[:, None] * gather_glints(points, lobe_centers, roughness, light_positions, intensities)
+    normals, to_camera = unit(normals), unit(camera_center - points)
+    glints = gather_glints(points, mirror_direction(normals, to_camera), roughness, light_positions, intensities)
+    return (visibility * grazing_gain(normals, to_camera))[:, None] * glints
+
+
+def grazing_gain(normals: Float[Tensor, "pixels 3"], to_camera: Float[Tensor, "pixels 3"]) -> Float[Tensor, " pixels"]:
+    """How much more a dielectric mirrors towards w_o than straight back: 1 at normal incidence, 25 at grazing.
+
+    v depends on the view in RFGCA 14. This is the part of it that all dielectrics share (Schlick 1994, divided by its
+    value at normal incidence); at the lobe's centre the half vector is the normal. Unit vectors.
+    """
+    cosine = (normals * to_camera).sum(-1).clamp(0, 1)
+    return 1 + (1 / DIELECTRIC_F0 - 1) * (1 - cosine) ** 5
 
 
 def shade_harmonics(

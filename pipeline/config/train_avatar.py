@@ -18,7 +18,7 @@ DepthSource = Literal["expected", "normalised", "median", "traced"]
 class TrainAvatar(Settings):
     """How an avatar is trained; the loss weights are those of RFGCA 17-18 and its Appendix B where named there."""
 
-    steps: int = Field(2000, ge=1, description="Optimisation steps [steps]")
+    steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
     cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
     checkpoint_every: int = Field(250, ge=1, description="Steps between two checkpoints [steps]")
     log_every: int = Field(50, ge=1, description="Steps between two rows of the log [steps]")

@@ -46,7 +46,7 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     with pytest.raises(InputError, match="expected traced shadows, found none"):
         stage.run(**inputs, out=tmp_path / "on")
     shadowed = [
-        replace(frame, irradiance=frame.irradiance / 2)
+        dataclasses.replace(frame, irradiance=frame.irradiance / 2)
         for frame in read_frame_shards([inputs["shards"] / "frames"]).values()
     ]
     write_frame_shard(inputs["shards"] / "frames/0000.arrow", shadowed)
@@ -55,9 +55,9 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
 
 
 def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
-    inputs["effects"].write_text(json.dumps({"shadow": {"on": True}}))
+    inputs["effects"].write_text(json.dumps({name: {"on": True} for name in EFFECTS}))
     dimmed = [
-        dataclasses.replace(frame, falling=0.3 * frame.falling)
+        dataclasses.replace(frame, irradiance=0.5 * frame.irradiance, falling=0.3 * frame.falling)
         for frame in read_frame_shards([tmp_path / "shards/frames"]).values()
     ]
     write_frame_shard(tmp_path / "dim/0000.arrow", dimmed)

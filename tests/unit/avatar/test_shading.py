@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from pipeline.avatar.shading import COLOR_DEGREES, shade_diffuse, shade_specular
+from pipeline.avatar.shading import COLOR_DEGREES, grazing_gain, shade_diffuse, shade_specular
 from pipeline.avatar.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light
 from tests.unit.avatar.sheet import make_sheet
@@ -37,6 +37,24 @@ def test_glint_sits_where_the_mirror_law_puts_it():
     ones = torch.ones(401)
     radiance = shade_specular(points, normals, 0.02 * ones, ones, camera, light, torch.ones(1, 1))
     assert x[radiance[:, 0].argmax()].item() == pytest.approx(-0.2, abs=0.011)
+
+
+SCHLICK_ERROR = 0.036
+"""Of the reflectance of glass, index 1.5: the most that Schlick's polynomial differs by, at 85 degrees."""
+
+
+def test_lobe_grows_towards_grazing_views_as_glass_does():
+    """Against Fresnel's equations for an index of 1.5, over their value at normal incidence, 0.04."""
+    angle = torch.linspace(0, math.pi / 2, 91, dtype=torch.float64)
+    cos_i, cos_t = angle.cos(), (1 - (angle.sin() / 1.5) ** 2).sqrt()
+    across = ((cos_i - 1.5 * cos_t) / (cos_i + 1.5 * cos_t)) ** 2
+    along = ((cos_t - 1.5 * cos_i) / (cos_t + 1.5 * cos_i)) ** 2
+    to_camera = torch.stack([angle.sin(), torch.zeros_like(angle), cos_i], -1).requires_grad_()
+    gain = grazing_gain(torch.tensor([0.0, 0, 1.0], dtype=torch.float64).expand(91, 3), to_camera)
+    assert ((gain * 0.04 - (across + along) / 2).abs() < SCHLICK_ERROR).all()
+    assert [gain[0].item(), gain[-1].item()] == pytest.approx([1, 25])
+    gain.sum().backward()
+    assert torch.isfinite(to_camera.grad).all()
 
 
 def test_specular_is_finite_in_the_mirror_direction_at_the_smallest_roughness():
