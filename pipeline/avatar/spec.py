@@ -58,8 +58,8 @@ class AvatarSpec:
     articulation: bool = False
     face: tuple[float, ...] = ()
     pose_points: int = 64
-    code_size: int = 64
-    decoder_channels: tuple[int, ...] = (32, 32, 16)
+    code_size: int = 16
+    decoder_channels: tuple[int, ...] = (16, 8)
     near_field: bool = True
 
     @property

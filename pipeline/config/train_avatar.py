@@ -63,9 +63,9 @@ class TrainAvatar(Settings):
         description="For networks: x y z and radius of the face on the template at rest; none: no code for it [m]",
     )
     pose_points: int = Field(64, ge=4, description="Points of the surface that the networks know a pose by [points]")
-    code_size: int = Field(64, ge=1, description="Numbers that a pose is encoded to")
+    code_size: int = Field(16, ge=1, description="Numbers that a pose is encoded to")
     decoder_channels: tuple[int, ...] = Field(
-        (32, 32, 16),
+        (16, 8),
         min_length=1,
         description="Channels that each layer of a decoder reads; n layers decode 8 * 2^n texels a side",
     )
