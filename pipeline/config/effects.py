@@ -14,8 +14,8 @@ EFFECTS = (
 
 
 def word(value: Any) -> Any:
-    """`on` and `off`, which YAML reads as true and false."""
-    return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
+    """`on` and `off`, which YAML reads as true and false, and the command line hands on as these words."""
+    return {"true": "on", "false": "off"}.get(str(value).lower(), value)
 
 
 Mode = Annotated[Literal["auto", "on", "off"], BeforeValidator(word)]

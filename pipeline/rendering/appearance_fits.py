@@ -41,7 +41,7 @@ RIDGE = 1e-3
 difference would be fitted to noise."""
 
 STRAY_SIGMAS = 8.0
-"""Residuals longer than this many robust standard deviations, measured with everything in the fit, are no noise and no
+"""Residuals longer than this many robust standard deviations, with or without transport in the fit, are no noise and no
 effect of light, which all are well below: three in a hundred on a tracked body, and they would drown the rest."""
 
 
@@ -86,8 +86,13 @@ def explain_colors(
         target = fit.residual(seen.color[:, None])
         strengths = solve_shared(target, fit.residual(gloss))
         columns = np.concatenate([(gloss * strengths).sum(1)[:, None], transport * albedo[:, None]], 1)
-        found = solve_apart(target, fit.residual(columns))
-        kept = without_strays(fit.residual((seen.color - (columns * found).sum(1))[:, None], everywhere=True)[:, 0])
+        # What is a stray with and without transport under test: neither side may choose what it is judged by.
+        judged = []
+        for some in (columns[:, :1], columns):
+            found = solve_apart(target, fit.residual(some))
+            left = fit.residual((seen.color - (some * found).sum(1))[:, None], everywhere=True)
+            judged.append(without_strays(left[:, 0]))
+        kept = judged[0] * judged[1]
 
     columns = fit.residual(columns)
     matte = float((target**2).mean())
@@ -122,14 +127,14 @@ def mean_sent(sent: Float64[np.ndarray, "some 3"], hits: Int64[np.ndarray, "P ra
 def fit_albedo(
     seen: SeenTexels, shading: Float64[np.ndarray, "F P 3"], weight: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "P 3"]:
-    """Of each texel, times 1 / pi; 0 where a texel is not seen or not lit."""
+    """Of each texel, times 1 / pi: at most white, whatever little light says; 0 where not seen or not lit."""
     shaded, albedo = shading[seen.frame, seen.point], np.zeros((len(seen.texels), 3))
     for c in range(3):
         dot, norm = (
             np.bincount(seen.point, x, len(albedo)) for x in (shaded[:, c] * seen.color[:, c], shaded[:, c] ** 2)
         )
         albedo[:, c] = np.divide(dot, norm, out=np.zeros_like(dot), where=norm > 0)
-    return albedo.clip(0)
+    return albedo.clip(0, 1 / np.pi)
 
 
 def srgb_slope(linear: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:

@@ -1,11 +1,18 @@
 """Distant lights in harmonics: against the float64 twin, and against point lights that are far away."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 import torch
 
-from pipeline.lighting.distant import FAR_M, far_lights, gather_distant, light_harmonics
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import AvatarSpec
+from pipeline.lighting.distant import FAR_M, LIGHTS_THAT_PAY, far_lights, gather_distant, light_harmonics
 from pipeline.lighting.environment_sh import gather_environment
 from pipeline.lighting.zonal import gather_light
+from tests.unit.avatar.sheet import make_frame, make_sheet
 from tests.unit.lighting.test_zonal import FLOAT32_SUM, random_scene
 
 
@@ -41,3 +48,19 @@ def test_turned_light_is_light_seen_from_a_turned_frame():
     turned = light_harmonics(place.mean(0), turn, lights, intensity)
     straight = light_harmonics(place.mean(0), torch.eye(3), lights, intensity)
     assert (gather_distant(turn @ axes, turned) - gather_distant(axes, straight)).abs().max() < FLOAT32_SUM
+
+
+def test_few_or_many_lights_give_one_picture_of_an_avatar_far_from_them():
+    """Without near field, light comes by a sum over lights or by harmonics; with it, from where it is."""
+    atlas = make_sheet(8)
+    near = AvatarSpec(specular=False, shadow=False, shadow_width=4, supersample=1, dilation_px2=0.1)
+    for count in (LIGHTS_THAT_PAY - 1, LIGHTS_THAT_PAY):
+        lights = np.random.default_rng(count).normal((0, 0, 3), 1, (count, 3))
+        inputs = FrameInputs(atlas, make_frame(atlas, 1e4 * lights, np.full((count, 3), 1e8)))
+        shown = [
+            Avatar(atlas, texel_spacing(atlas), spec).prepare(inputs)["diffuse"]
+            for spec in (near, replace(near, near_field=False), replace(near, near_field=False, shading="harmonics"))
+        ]
+        # The sheet is 0.4 m wide, the lights are further than 1e4 m away: directions differ by 3e-5.
+        for other in shown[1:]:
+            assert (other - shown[0]).abs().max() < 1e-3 * shown[0].abs().max()
