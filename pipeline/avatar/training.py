@@ -174,7 +174,7 @@ class Training:
         self.gradients.clear()
         part = self._add_gradients(step, inputs, images, batch or len(images), stopping)
         self.processes.sum_in_place(self.gradients.flat)
-        parts = self.processes.gather(part)
+        parts = [Part(**one) for one in self.processes.gather(asdict(part))]
         values: dict[str, float] = defaultdict(float)
         for name, value in (item for part in parts for item in part.values.items()):
             values[name] += value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -27,7 +28,9 @@ def write_subject(folder, images=None, shadow=False):
     """Write all that the stage reads."""
     frames = sheet_frames()
     write_atlas(folder / "atlas.safetensors", make_sheet(8))
-    write_frame_shard(folder / "shards/frames/0000.arrow", frames)
+    share = 0.5 if shadow else 1.0
+    dimmed = [dataclasses.replace(frame, irradiance=share * frame.irradiance) for frame in frames]
+    write_frame_shard(folder / "shards/frames/0000.arrow", dimmed)
     write_image_shard(folder / "shards/train/0000.arrow", images or sheet_images(frames))
     (folder / "effects.json").write_text(json.dumps({name: {"on": name != "shadow" or shadow} for name in EFFECTS}))
 
