@@ -9,7 +9,8 @@ import pandas as pd
 from jaxtyping import Float64
 
 from pipeline.geometry.texels import Atlas, texel_frames
-from pipeline.rendering.appearance_fits import GLOSS_WIDTHS, Explained, decibels
+from pipeline.rendering.appearance_columns import GLOSS_WIDTHS
+from pipeline.rendering.appearance_fits import Explained, decibels
 from pipeline.rendering.seen_texels import SeenTexels, texel_turns
 
 FLAGS = ["test_camera", "test_frame", "test_segment", "test_pattern"]
