@@ -63,4 +63,4 @@ def light_texels(
 
 def as_float32(*arrays: np.ndarray) -> list[torch.Tensor]:
     """Tensors for the kernels of shading."""
-    return [torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32) for array in arrays]
+    return [torch.tensor(array, dtype=torch.float32) for array in arrays]
