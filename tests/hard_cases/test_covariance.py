@@ -82,7 +82,7 @@ def test_needles_of_rank_1(case: HardCase, long_px: float, wide_px: float, dilat
     assert all(torch.isfinite(slope).all() for slope in slopes)
     used = max(dilation, MIN_DILATION_PX2)
     # The scales that float32 holds, in pixels; and the turn that its quaternion stands for.
-    held = tuple(float(s) / px for s in scales[0, :2])
+    held = tuple(float(s) / px for s in scales.detach()[0, :2])
     turn = 2 * math.degrees(math.atan2(float(gaussian[1][0, 3]), float(gaussian[1][0, 0])))
     exact = exact_alphas(held, turn, used)
     decided = np.abs(exact / MIN_ALPHA - 1) > 1e-4
