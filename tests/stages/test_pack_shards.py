@@ -61,7 +61,9 @@ def stage(tmp_path) -> Path:
     vertices = corners + np.arange(4, dtype=np.float32)[:, None, None] * 0.01
     write_arrays(tmp_path / "0000.safetensors", {"frames": np.array(FRAMES), "vertices": vertices})
     for i, frame in enumerate(FRAMES):
-        write_exr(tmp_path / f"irradiance/{frame:06d}.exr", {"Y": MAP + np.diag([0, i]), "falling": MAP / 2})
+        write_exr(
+            tmp_path / f"irradiance/{frame:06d}.exr", {"Y": MAP + np.diag([0, i]), "falling": MAP / 2, "error": 0 * MAP}
+        )
     booked = {"frame": FRAMES[:3], "segment": "a", "fully_lit": [False, True, False], "test_pattern": False}
     pd.DataFrame(booked).to_parquet(tmp_path / "frames.parquet")  # frame 13 was dropped by the bookkeeping
     lit = [(10, "B", 1.0), (11, "A", 2.0), (11, "B", 3.0)]
@@ -132,7 +134,7 @@ def test_frames_carry_light_and_geometry(stage):
 def test_frames_alone_take_other_maps_and_leave_the_images(stage):
     pack(stage, on=("shadow",))
     for frame in FRAMES:
-        write_exr(stage / f"other/{frame:06d}.exr", {"Y": MAP + 1, "falling": MAP})
+        write_exr(stage / f"other/{frame:06d}.exr", {"Y": MAP + 1, "falling": MAP, "error": 0 * MAP})
         for camera in (0, 1):
             (stage / f"c{camera}/{frame}.exr").unlink()  # so that no image can be packed
     train, _, frames = pack(stage, on=("shadow",), only_frames=True, irradiance=stage / "other")
