@@ -25,6 +25,7 @@ from pipeline.base.seeds import generator_for
 from pipeline.capture.records import FrameRecord
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.cameras import Camera
+from pipeline.lighting.distant import FAR_M
 from pipeline.lighting.drawn_maps import smooth_drawn
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.environment_lobes import prefilter
@@ -32,9 +33,6 @@ from pipeline.lighting.environment_sh import project_environment
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
 from pipeline.lighting.irradiance import LUMINANCE
-
-FAR_M = 1e5
-"""Distance of a map's pixels as point lights: over a subject of 2 m, falloff and direction change by 2e-5."""
 
 
 class Relighter:

@@ -29,13 +29,18 @@ FAR_M = 1e5
 2e-5."""
 
 
+def _seen_from(center: Tensor, light_positions: Tensor, intensities: Tensor) -> tuple[Tensor, Tensor]:
+    """Unit directions to the lights, and their irradiances I / d^2."""
+    offset = light_positions - center
+    return unit(offset), intensities / offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
+
+
 def far_lights(
     center: Float[Tensor, "3"], light_positions: Float[Tensor, "lights 3"], intensities: Float[Tensor, "lights c"]
 ) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights c"]]:
     """The lights moved away from `center` to `FAR_M`, as bright as they were there: positions, radiant intensities."""
-    offset = light_positions - center
-    irradiances = intensities / offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
-    return center + FAR_M * unit(offset), FAR_M**2 * irradiances
+    toward, irradiances = _seen_from(center, light_positions, intensities)
+    return center + FAR_M * toward, FAR_M**2 * irradiances
 
 
 def light_harmonics(
@@ -45,9 +50,8 @@ def light_harmonics(
     intensities: Float[Tensor, "lights c"],
 ) -> Float[Tensor, "81 c"]:
     """L_lm = sum_j I_j / d_j^2 Y_lm(w_j) as seen from `center`, the directions w_j turned by `turn`."""
-    offset = light_positions - center
-    irradiances = intensities / offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
-    return spherical_harmonics(unit(offset) @ turn.T).T @ irradiances
+    toward, irradiances = _seen_from(center, light_positions, intensities)
+    return spherical_harmonics(toward @ turn.T).T @ irradiances
 
 
 def gather_distant(
