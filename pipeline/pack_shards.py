@@ -27,7 +27,6 @@ from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_
 from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.texels import read_atlas
-from pipeline.lighting.drawn_maps import smooth_drawn
 
 log = logging.getLogger("pack_shards")
 
@@ -191,8 +190,7 @@ def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
     irradiance = falling = np.ones(inputs.atlas.texel_count, np.float32)
     if inputs.irradiance is not None:
         path = irradiance_file(inputs.irradiance, frame)
-        maps = (inputs.atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling", "error"))
-        irradiance, falling = smooth_drawn(inputs.atlas, *maps)
+        irradiance, falling = (inputs.atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling"))
     row = inputs.booked.loc[frame]
     return FrameRecord(
         frame,

@@ -26,7 +26,6 @@ from pipeline.capture.records import FrameRecord
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.cameras import Camera
 from pipeline.lighting.distant import FAR_M
-from pipeline.lighting.drawn_maps import smooth_drawn
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.environment_lobes import prefilter
 from pipeline.lighting.environment_sh import project_environment
@@ -122,8 +121,7 @@ class Relighter:
             return ones, ones
         stage = StageLights(places, {0: intensities @ LUMINANCE}, distant)
         traced = FrameTracer(self.atlas, stage, self.trace).trace(0, vertices, generator_for("relight_avatar"))
-        maps = (values.astype(np.float32) for values in (traced.values, traced.falling, traced.error))
-        return smooth_drawn(self.atlas, *maps)
+        return traced.values.astype(np.float32), traced.falling.astype(np.float32)
 
     def _record(self, vertices: np.ndarray, lights: FrameLights, maps: tuple[np.ndarray, np.ndarray]) -> FrameRecord:
         lit = lights.intensities.any(1)

@@ -22,6 +22,11 @@ class TraceIrradiance(Settings):
         description="draws of neighbouring texels: independent, one in each sixteenth per 4 x 4 texels, or a shifted "
         "lattice over the map",
     )
+    share_rays: bool = Field(
+        True,
+        description="whether texels that draw fewer lights than there are also use what their neighbours' rays found; "
+        "if not, maps are unbiased single draws, too noisy to learn from without a blur",
+    )
     visibility: Literal["auto", "traced", "cached"] = Field(
         "auto",
         description="whether every texel's visibility to every light of the stage is kept as bits, from which any "

@@ -16,7 +16,8 @@ from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import CHANNELS, read_frame_lights
-from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, trace_irradiance
+from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, light_scene, trace_irradiance
+from pipeline.lighting.shared_rays import Neighbours, share_rays, sharing_pays
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, face_rows
 from pipeline.lighting.visibility_bits import VisibilityBits, bits_are_cheaper, irradiance_from_bits, trace_bits
@@ -88,6 +89,11 @@ class FrameTracer:
         """Where the texels lie on the map."""
         return TexelBlocks(self.atlas.texel)
 
+    @cached_property
+    def neighbours(self) -> Neighbours:
+        """Which texels lend each other their rays."""
+        return Neighbours(self.atlas)
+
     def trace(self, frame: int, vertices: Float[np.ndarray, "v 3"], random: np.random.Generator) -> IrradianceMap:
         """Irradiance per texel of a frame of the stage, whose mesh has these vertices."""
         posed, lights, settings = vertices.astype(np.float64), self.stage.at(frame), self.settings
@@ -98,6 +104,9 @@ class FrameTracer:
         if known is not None:
             return replace(irradiance_from_bits(known, occluders, points, face_normals, lights, normals), rays=rays)
         samples = None if count is None else Samples(count, settings.sampling, settings.spread, self.blocks, random)
+        scene = light_scene(occluders, points, face_normals, lights, normals)
+        if samples and settings.share_rays and scene and sharing_pays(scene, samples):
+            return share_rays(scene, samples, self.neighbours)
         return trace_irradiance(occluders, points, face_normals, lights, normals=normals, samples=samples)
 
     def visibility(
