@@ -182,7 +182,7 @@ def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None
     stage = StageLights(lights.places, dict.fromkeys(range(frames), lights.luminances))
 
     def ours() -> None:
-        tracer = FrameTracer(poses[0].atlas, stage, TraceIrradiance(samples="1", visibility="traced"))
+        tracer = FrameTracer(poses[0].atlas, stage, TraceIrradiance(samples="1", visibility="traced", share_rays=False))
         seeds = [np.random.default_rng(frame) for frame in range(frames)]
         spread_over(pool, tracer.trace, range(frames), [pose.vertices for pose in poses], seeds)
 
@@ -190,6 +190,29 @@ def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None
     ratio = statistics.median(t / o for t, o in zip(seconds["trimesh"], seconds["ours"], strict=True))
     medians = {f"{k}_s": statistics.median(s) for k, s in seconds.items()}
     tell("trimesh intersects_any loop / ours, 1 sample", value=ratio, frames=frames, map="512 x 512", **medians)
+
+
+def shared_against_all(repeats: int) -> None:
+    """One ray per texel, alone and shared with its neighbours, against all rays: time, and error of the map."""
+    pose = make_pose(256)
+    for count in (8, 24, 96):
+        stage = StageLights(dome(count).places, {0: dome(count).luminances})
+        ways = {
+            "alone": TraceIrradiance(samples="1", visibility="traced", share_rays=False),
+            "shared": TraceIrradiance(samples="1", visibility="traced"),
+            "all": TraceIrradiance(samples="full", visibility="traced"),
+        }
+        tracers = {name: FrameTracer(pose.atlas, stage, settings) for name, settings in ways.items()}
+
+        def one(tracer: FrameTracer) -> np.ndarray:
+            return tracer.trace(0, pose.vertices, np.random.default_rng(0)).falling
+
+        seconds = interleaved({name: functools.partial(one, tracer) for name, tracer in tracers.items()}, repeats)
+        exact = one(tracers["all"])
+        facts = {f"{k}_ms": 1e3 * statistics.median(s) for k, s in seconds.items()}
+        facts |= {f"{k}_rms": float(np.sqrt(np.mean((one(tracers[k]) - exact) ** 2))) for k in ("alone", "shared")}
+        ratio = statistics.median(a / s for a, s in zip(seconds["all"], seconds["shared"], strict=True))
+        tell("all lights / one shared ray", value=ratio, lights=count, map="256 x 256", **facts)
 
 
 def bits_against_rays(repeats: int) -> None:
@@ -262,6 +285,7 @@ def main() -> None:
     with ThreadPoolExecutor(arguments.threads) as pool:
         cost = against_raw_rays(pool, arguments.threads, arguments.repeats)
         against_trimesh(pool, arguments.frames, max(1, arguments.repeats // 2))
+    shared_against_all(arguments.repeats)
     bits_against_rays(arguments.repeats)
     projection(cost)
 

@@ -74,8 +74,8 @@ def sharing_pays(scene: Scene, samples: Samples) -> bool:
 def share_rays(scene: Scene, samples: Samples, neighbours: Neighbours) -> IrradianceMap:
     """Irradiance of every texel from the rays of `samples` and of its neighbours.
 
-    `error` is what chance leaves: which lights were drawn, and how often each was found blocked. That a shadow's edge
-    lies elsewhere for a neighbour is not in it. Needs 5 bytes per texel and draw.
+    `error` is what chance leaves of independent draws: which lights were drawn, and how often each was found blocked.
+    That a shadow's edge lies elsewhere for a neighbour is not in it. Needs 5 bytes per texel and draw.
 
     Args:
         scene: the texels of `neighbours`, in their order, and their lights.
@@ -155,9 +155,8 @@ def gather(
             known += weight
             seen_fall += fall[j] / drawn * share
             known_fall += fall[j] / drawn
-            # Laplace's rule: a light that was never found blocked may be, next time.
-            likely = (several * share + 1) / (several + 2)
-            noise += weight * weight * likely * (1 - likely) / several
+            if several > 1:  # the unbiased variance of the mean; what one draw found varies in no way that it shows
+                noise += weight * weight * share * (1 - share) / (several - 1)
             lost = (1 - drawn) * weight * weight
             noise += lost * share * share
             mixed += lost * share
@@ -165,7 +164,9 @@ def gather(
         # Where no ray says anything, nothing is known to be in the way.
         ratio = seen / known if known > 0 else 1.0
         values[i] = ratio * above / sent
-        falling[i] = (seen_fall / known_fall if known_fall > 0 else ratio) * fallen_above / fallen if fallen > 0 else 0.0
+        falling[i] = (
+            (seen_fall / known_fall if known_fall > 0 else ratio) * fallen_above / fallen if fallen > 0 else 0.0
+        )
         variance = max(noise - 2 * ratio * mixed + ratio * ratio * missing, 0.0)
         error[i] = np.sqrt(variance) / known * above / sent if known > 0 else 0.0
 

@@ -10,7 +10,8 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
-from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, trace_irradiance
+from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
+from pipeline.lighting.shared_rays import Neighbours, share_rays
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.hard_case import HardCase, worst
@@ -179,3 +180,28 @@ def test_drawn_lights_stay_finite_under_extreme_weights() -> None:
         assert np.isfinite(result.values).all(), sampling
         assert np.isfinite(result.error).all(), sampling
         assert result.values.min() >= 0
+
+
+def test_shared_rays_stay_finite_under_extreme_weights() -> None:
+    """Weights 600 decades apart, a light on the surface, a texel alone in its chart, faces of no area."""
+    vertices, faces, points, normals = ball()
+    texel = np.stack(np.divmod(np.arange(len(points)), 20), 1).astype(np.int32)
+    none = np.zeros((len(points), 3), np.float32)
+    chart = (np.arange(len(points)) == 7).astype(np.int32)
+    atlas = Atlas(
+        20, faces.astype(np.int32), np.zeros((len(faces), 3, 2), np.float32), np.arange(len(vertices), dtype=np.int32),
+        vertices.astype(np.float32), texel, np.zeros(len(points), np.int32), none, chart, none,
+    )  # fmt: skip
+    normals = np.where(np.arange(len(points))[:, None] == 3, 0.0, normals)
+    places = np.array([[0, 5.0, 0], [0, -5.0, 0], points[11], [1.0, 0, 0]])
+    for sampling in ("uniform", "power", "arriving"):
+        for weights in ([1e-300, 1e300, 1e-30, 1e-5], [1.0, 1.0, 1e-9, 0.0]):
+            samples = Samples(1, sampling, "low_discrepancy", TexelBlocks(texel), np.random.default_rng(0))
+            lights = Lights(places, np.array(weights))
+            scene = light_scene(Occluders(vertices, faces), points, normals, lights, None)
+            result = share_rays(scene, samples, Neighbours(atlas))
+            for values in (result.values, result.falling, result.error):
+                assert np.isfinite(values).all(), sampling
+                assert values.min() >= 0
+            assert max(result.values.max(), result.falling.max()) <= 1 + ROUNDING
+            assert result.values[3] == result.falling[3] == 0

@@ -78,7 +78,7 @@ def test_standard_error_is_written_beside_the_map(tmp_path: Path) -> None:
     paths = write_posed_capture(tmp_path)
 
     def error_of(samples: str) -> np.ndarray:
-        settings = TraceIrradiance(samples=samples, sampling="uniform")
+        settings = TraceIrradiance(samples=samples, sampling="uniform", share_rays=False)
         run(**paths, out=tmp_path / samples, settings=settings)
         return read_exr_channel(tmp_path / samples / "000010.exr", "error")
 
