@@ -56,13 +56,17 @@ def main() -> None:
         for case in CASES:
             if case.stage.startswith(options.only):
                 runs += measure(case, Path(folder), options.repeats)
-    table = pd.DataFrame(runs)
-    exponents = exponent_table(table)
-    write_table(options.out / "runs.csv", table)
-    write_table(options.out / "exponents.csv", exponents)
-    write_table(options.out / "projection.csv", project(table, exponents))
-    draw_growth(options.out / "growth.png", table, exponents)
-    print(exponents.drop(columns="reason").round(3).to_string(index=False))
+    write_results(options.out, pd.DataFrame(runs))
+
+
+def write_results(out: Path, runs: pd.DataFrame) -> None:
+    """Everything that follows from the runs, and the runs."""
+    exponents = exponent_table(runs)
+    write_table(out / "runs.csv", runs)
+    write_table(out / "exponents.csv", exponents)
+    write_table(out / "projection.csv", project(runs, exponents))
+    draw_growth(out / "growth.png", runs, exponents)
+    print(exponents.drop(columns=["reason", "factor", "held"]).round(3).to_string(index=False))
 
 
 def measure(case: Case, folder: Path, repeats: int) -> list[dict]:

@@ -1,19 +1,20 @@
-"""What the papers' captures would take, by the laws that were measured.
+"""What the papers' captures would take, by a sum of terms that is fitted to all runs of a stage.
 
-A job's cost is the law of its first size, times, for each other size, how much that one's law grows from where it was
-held. Exponents are the predicted ones where the measured interval holds them, else the measured ones. The range is that
-of the intervals, whose logarithms are added in squares.
+The terms are those that the predicted exponents speak of: what is done once, per frame, per texel of a frame, per texel
+and light ... Each is linear in its sizes; coefficients are not negative and have the least relative error. The range
+adds, in squares of logarithms, that error and what the measured intervals of the exponents leave open beyond the
+largest size that was measured.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
-
-from pipeline.metrics.growth import Growth, law_with_exponent
+from scipy.optimize import nnls
 
 CHUNK = 64
 """Frames of one job, the workflow's default."""
@@ -50,6 +51,49 @@ CAPTURES = {
 }
 
 
+ONCE: tuple[str, ...] = ()
+TRACED = {
+    "CPU seconds": [ONCE, ("frames",), ("frames", "texels"), ("frames", "texels", "lights")],
+    "peak MB": [ONCE, ("texels",), ("frames",)],
+}
+TRAINED = [ONCE, ("texels",), ("pixels",)]
+TERMS = {
+    "trace_irradiance, all lights": TRACED,
+    "trace_irradiance, 1 sample": TRACED,
+    "pack_shards": {"CPU seconds": [ONCE, ("images",), ("images", "pixels")], "peak MB": [ONCE, ("pixels",)]},
+    "train_avatar, 2 steps": {"CPU seconds": TRAINED, "peak MB": TRAINED},
+    "track_mesh, 5 cameras": {"CPU seconds": [ONCE, ("frames",)], "peak MB": [ONCE, ("frames",)]},
+}
+"""Stage -> cost -> products of sizes that it is a sum of."""
+
+
+@dataclass(frozen=True)
+class TermFit:
+    """Coefficients of the terms, and the root mean square relative error that they leave."""
+
+    terms: Sequence[tuple[str, ...]]
+    coefficients: np.ndarray
+    relative_error: float
+
+    def cost(self, sizes: Mapping[str, float]) -> float:
+        """Of a job, in the unit of the runs."""
+        return float(sum(c * product(sizes, term) for c, term in zip(self.coefficients, self.terms, strict=True)))
+
+
+def product(sizes: Mapping[str, float], term: tuple[str, ...]) -> float:
+    """Of the sizes that a term names; 1 for none."""
+    return math.prod(sizes[name] for name in term)
+
+
+def fit_terms(runs: pd.DataFrame, cost: str, terms: Sequence[tuple[str, ...]]) -> TermFit:
+    """Fit a cost of all runs of a stage; columns of `runs` are sizes and costs."""
+    rows = np.array([[product(sizes, term) for term in terms] for sizes in runs.to_dict("records")], float)
+    relative = rows / runs[cost].to_numpy(float)[:, None]
+    scale = relative.max(0)  # Sizes differ by powers of ten, which the solver's tolerance does not know of.
+    found, left = nnls(relative / scale, np.ones(len(rows)))
+    return TermFit(terms, found / scale, float(left / math.sqrt(len(rows))))
+
+
 def project(runs: pd.DataFrame, exponents: pd.DataFrame) -> pd.DataFrame:
     """A row per capture and stage.
 
@@ -63,39 +107,34 @@ def project(runs: pd.DataFrame, exponents: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for capture, stages in CAPTURES.items():
         for stage, work in stages.items():
-            own = runs[runs.stage == stage]
+            own, known = runs[runs.stage == stage], exponents[exponents.stage == stage]
             if own.empty:
                 continue
-            hours = [seconds * work.jobs / 3600 for seconds in _range(own, exponents, "CPU seconds", work.sizes)]
-            peaks = [mb / 1024 for mb in _range(own, exponents, "peak MB", work.sizes)]
             beyond = math.prod(max(1.0, size / own[name].max()) for name, size in work.sizes.items())
-            rows.append({
+            row = {
                 "capture": capture, "stage": stage, "jobs": work.jobs,
-                "sizes": ", ".join(f"{size:g} {name}" for name, size in work.sizes.items()), "beyond": beyond,
-                "cpu_hours": hours[0], "cpu_hours_low": hours[1], "cpu_hours_high": hours[2],
-                "peak_gb": peaks[0], "peak_gb_low": peaks[1], "peak_gb_high": peaks[2],
-            })  # fmt: skip
+                "sizes": ", ".join(f"{size:,.0f} {name}" for name, size in work.sizes.items()), "beyond": beyond,
+            }  # fmt: skip
+            for name, cost, unit in (
+                ("cpu_hours", "CPU seconds", work.jobs / 3600),
+                ("peak_gb", "peak MB", 1 / 1024),
+            ):
+                fit = fit_terms(own, cost, TERMS[stage][cost])
+                low, high = log_range(own, known[known.cost == cost], work.sizes, fit.relative_error)
+                middle = fit.cost(work.sizes) * unit
+                ends = {f"{name}_low": middle * math.exp(-low), f"{name}_high": middle * math.exp(high)}
+                row |= {name: middle, **ends}
+            rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _range(own: pd.DataFrame, exponents: pd.DataFrame, cost: str, sizes: Mapping[str, float]) -> list[float]:
-    """What one job costs, and the ends of its range."""
-    rows = exponents[(exponents.stage == own.stage.iloc[0]) & (exponents.cost == cost)].set_index("varied")
-    logs, squares = 0.0, [0.0, 0.0]
-    for position, (varied, row) in enumerate(rows.iterrows()):
-        runs = own[own.varied == varied]
-        first_held = own[own.varied == rows.index[0]][varied].iloc[0] if position else None
-        inside = row.low <= row.predicted <= row.high
-        grown = [
-            _grown(law_with_exponent(runs[varied], runs[cost], max(k, 0.0)), sizes[varied], first_held)
-            for k in (row.predicted if inside else row.exponent, row.low, row.high)
-        ]
-        logs += grown[0]
-        squares = [total + (end - grown[0]) ** 2 for total, end in zip(squares, grown[1:], strict=True)]
-    low, high = (math.sqrt(total) for total in squares)
-    return [math.exp(logs), math.exp(logs - low), math.exp(logs + high)]
-
-
-def _grown(law: Growth, size: float, held: float | None) -> float:
-    """Logarithm of the cost at a size, or of how much more that is than where it was held."""
-    return math.log(law.cost(size)) - (math.log(law.cost(held)) if held else 0.0)
+def log_range(
+    runs: pd.DataFrame, exponents: pd.DataFrame, sizes: Mapping[str, float], relative_error: float
+) -> tuple[float, float]:
+    """How far, in logarithms, a projection may be too high and too low."""
+    low, high = relative_error**2, relative_error**2
+    for row in exponents.itertuples():
+        beyond = math.log(max(1.0, sizes[row.varied] / runs[row.varied].max()))
+        low += (beyond * min(row.low - row.predicted, 0)) ** 2
+        high += (beyond * max(row.high - row.predicted, 0)) ** 2
+    return math.sqrt(low), math.sqrt(high)

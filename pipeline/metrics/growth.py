@@ -90,17 +90,6 @@ def fit_growth(
     return _profile(z, y, middle, level) if with_fixed else _line(np.log(z), y, middle, level)
 
 
-def law_with_exponent(
-    size: Float64[np.ndarray, " runs"], cost: Float64[np.ndarray, " runs"], exponent: float
-) -> Growth:
-    """The law whose exponent is known: its fixed cost and factor are fitted, arguments and errors as of `fit_growth`.
-
-    An exponent of 0 leaves a cost that does not grow.
-    """
-    z, y, middle = _medians(size, cost, unknowns=2)
-    return _law(exponent, exponent, exponent, _best_share(exponent, z, y)[0], z, y, middle)
-
-
 def _medians(size: np.ndarray, cost: np.ndarray, unknowns: int) -> tuple[np.ndarray, np.ndarray, float]:
     """The different sizes over their geometric mean, log of the median cost of each, and that mean."""
     size, cost = np.asarray(size, np.float64), np.asarray(cost, np.float64)
@@ -154,9 +143,7 @@ def _profile(z: np.ndarray, y: np.ndarray, middle: float, level: float) -> Growt
     best = int(tried.argmin())
     around = grid[max(best - 1, 0)], grid[min(best + 1, GRID - 1)]
     found = minimize_scalar(misfit, bounds=around, method="bounded", options={"xatol": 1e-9})
-    exponent, least = (
-        (float(found.x), found.fun) if found.fun < tried[best] else (float(grid[best]), float(tried[best]))
-    )
+    least, exponent = min((float(found.fun), float(found.x)), (float(tried[best]), float(grid[best])))
     degrees = len(z) - 3
     limit = least * (1 + fisher.ppf(level, 1, degrees) / degrees) + len(z) * ROUNDING**2
     low = _crossing(misfit, limit, exponent, grid[grid < exponent][::-1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.metrics.growth import MOST_EXPONENT, Growth, fit_growth, law_with_exponent
+from pipeline.metrics.growth import MOST_EXPONENT, Growth, fit_growth
 
 SIZES = 100 * 2.0 ** np.arange(6)
 
@@ -89,15 +89,6 @@ def test_verdicts():
     predicted = {1.1: "as predicted", 1.0: "faster than predicted", 2.0: "slower than predicted"}
     assert {k: known.verdict(k) for k in predicted} == predicted
     assert Growth(1.1, 0.5, 1.6, 0.0, 1.0).verdict(1.0) == "cannot tell"
-
-
-@pytest.mark.parametrize("exponent", [0.0, 0.5, 1.0])
-def test_law_with_a_known_exponent(exponent):
-    cost = planted(exponent, 3.0)
-    law = law_with_exponent(SIZES, cost, exponent)
-    assert law.exponent == exponent
-    assert [law.cost(size) for size in SIZES] == pytest.approx(cost, rel=1e-5)
-    assert law.cost(1e4 * SIZES[0]) == pytest.approx(3 + 1e4**exponent, rel=1e-3)
 
 
 @pytest.mark.parametrize(
