@@ -35,7 +35,7 @@ def count_jobs(
     """Plan `results/NAME/metrics.csv` of several scenes, each with one avatar.
 
     Args:
-        folder: empty; a project is made there.
+        folder: a project is made there; it need not exist.
         plans: name -> content of effects.json.
         variants: name -> what its avatar changes in train_avatar.
         frames: of each scene.
@@ -46,6 +46,7 @@ def count_jobs(
     Raises:
         InputError: if Snakemake fails, with what it printed.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     for name in COPIED:
         source = ROOT / name
         shutil.copytree(source, folder / name) if source.is_dir() else shutil.copy(source, folder)
