@@ -119,13 +119,18 @@ def exponent_table(runs: pd.DataFrame) -> pd.DataFrame:
             medians = own.groupby("size")[cost].median()
             rows.append({
                 "stage": case.stage, "varied": case.varied, "smallest": medians.index[0], "largest": medians.index[-1],
-                "held": ", ".join(f"{value:g} {name}" for name, value in held.items()), "cost": cost,
+                "held": ", ".join(sized(value, name) for name, value in held.items()), "cost": cost,
                 "at_smallest": medians.iloc[0], "at_largest": medians.iloc[-1],
                 "fixed": growth.fixed, "factor": growth.factor,
                 "predicted": predicted, "exponent": growth.exponent, "low": growth.low, "high": growth.high,
                 "verdict": growth.verdict(predicted), "reason": reason,
             })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def sized(value: float, name: str) -> str:
+    """`1 frame`, `16,384 texels`."""
+    return f"{value:,.0f} {name.removesuffix('s') if value == 1 else name}"
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ def _write_growth(folder: Path) -> None:
     plot(folder / "growth.png")
     sizes = {"stage": "pack_shards", "varied": "images", "smallest": 4, "largest": 256, "held": "9216 pixels"}
     costs = {"cost": ["CPU seconds", "peak MB"], "predicted": [1.0, 0.0], "exponent": [0.98, 0.31], "low": [0.9, 0.2]}
-    more = {"high": [1.1, 0.4], "verdict": ["as predicted", "faster than predicted"], "reason": "one <b> by one"}
+    more = {"high": [1.1, 0.4], "verdict": ["as predicted", "more than predicted"], "reason": "one <b> by one"}
     pd.DataFrame(sizes | costs | more).to_csv(folder / "exponents.csv", index=False)
     job = {"capture": "RFGCA", "stage": "pack_shards", "sizes": "32768 images, 1.5e+06 pixels", "beyond": 1000.0}
     cost = {"cpu_hours": 123.0, "cpu_hours_low": 100.0, "cpu_hours_high": 150.0, "peak_gb": 1.5}

@@ -37,7 +37,7 @@ ROUNDING = 1e-9
 TELLING = 1.0
 """Width of an interval beyond which nothing is told: it holds two whole exponents."""
 
-Verdict = Literal["as predicted", "slower than predicted", "faster than predicted", "cannot tell"]
+Verdict = Literal["as predicted", "less than predicted", "more than predicted", "cannot tell"]
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Growth:
             return "cannot tell"
         if self.low <= predicted <= self.high:
             return "as predicted"
-        return "slower than predicted" if predicted > self.high else "faster than predicted"
+        return "less than predicted" if predicted > self.high else "more than predicted"
 
 
 def fit_growth(

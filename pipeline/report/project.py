@@ -17,7 +17,7 @@ GROWTH, EFFECTS = "growth", "effects_comparison.csv"
 
 GROWTH_FILES = ("exponents.csv", "projection.csv", "growth.png")
 
-GRADES = {"as predicted": "good", "cannot tell": "weak", "slower than predicted": "weak"}
+GRADES = {"as predicted": "good", "cannot tell": "weak", "less than predicted": "weak"}
 """Of verdicts; any other is a failure."""
 
 
@@ -37,7 +37,7 @@ def cost_growth(found: Found) -> Part:
     text = (
         f"{len(table)} costs, on one thread. Of {len(told)} exponents that are known well enough, "
         f"{int((told.verdict == 'as predicted').sum())} are as predicted. An exponent is that of the part that grows, "
-        "beside a fixed cost; in brackets is its 95 % interval."
+        "beside a fixed cost; in brackets is its 95 % interval. A narrow one is missed by little."
     )
     caution = (
         "The laws, taken further: hours of one core of the machine they were measured on, without a GPU. Beyond says "
@@ -77,6 +77,11 @@ def _projection(table: pd.DataFrame) -> Html:
             rows.append([row.stage, row.sizes, hours, significant(row.peak_gb), significant(row.beyond)])
     head = ["stage", "sizes of a job", "CPU hours in all", "peak of a job [GB]", "beyond"]
     return html_table("projection to the papers' captures", head, rows, "stnnn")
+
+
+def _hours(value: float) -> str:
+    """Whole hours of a long time, with a comma at thousands."""
+    return f"{value:,.0f}" if value >= 100 else significant(value)
 
 
 def effects_comparison(found: Found) -> Part:

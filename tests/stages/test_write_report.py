@@ -93,7 +93,7 @@ def test_every_part_is_there_with_what_was_planted(results):
         text in parts["Growth of cost"]
         for text in (
             "0.98 [0.90, 1.10]",
-            "faster than predicted",
+            "more than predicted",
             "one <b> by one",
             "123 [100, 150]",
             "1 are as predicted",

@@ -86,7 +86,7 @@ def test_cost_that_does_not_grow():
 
 def test_verdicts():
     known = Growth(1.1, 1.05, 1.2, 0.0, 1.0)
-    predicted = {1.1: "as predicted", 1.0: "faster than predicted", 2.0: "slower than predicted"}
+    predicted = {1.1: "as predicted", 1.0: "more than predicted", 2.0: "less than predicted"}
     assert {k: known.verdict(k) for k in predicted} == predicted
     assert Growth(1.1, 0.5, 1.6, 0.0, 1.0).verdict(1.0) == "cannot tell"
 
