@@ -16,12 +16,14 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases lint schema FORCE
+.PHONY: help test hard-cases growth effects lint schema FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
 	@echo 'make test                          run all tests'
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
+	@echo 'make growth                        measure how time and memory grow with sizes, into results/growth'
+	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
@@ -31,6 +33,15 @@ test: $(READY)
 
 hard-cases: $(READY)
 	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv
+
+# On one thread: more would count what they wait for.
+ONE_THREAD := OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1
+
+growth: $(READY)
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_growth --out results/growth
+
+effects: $(READY)
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --out results/effects_comparison.csv
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -49,6 +60,10 @@ $(READY): pyproject.toml
 
 # Everything else is Snakemake's to make, and to decide whether it is up to date.
 Makefile pyproject.toml: ;
+
+# A report's folder is its page.
+results/%/report: $(READY) FORCE
+	$(BIN)/snakemake --cores $(CORES) $(FLAGS) -- '$@/index.html'
 
 %: $(READY) FORCE
 	$(BIN)/snakemake --cores $(CORES) $(FLAGS) -- '$@'

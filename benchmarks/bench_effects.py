@@ -1,28 +1,35 @@
-"""What a plan saves, and what it costs in quality: one JSON line per scene and avatar.
+"""What a plan saves, and what it costs in quality: a table of scenes and avatars.
 
-    python -m benchmarks.bench_effects [--steps 300] [--scenes diffuse glossy bust body near]
+    python -m benchmarks.bench_effects [--out results/effects_comparison.csv] [--steps 300] [--scenes diffuse ...]
 
 Each scene of `benchmarks.effect_scenes` is photographed and planned. Three avatars are trained on it alike:
 `everything` (the papers' model with every effect on, whatever the plan says), `full` (the default settings under the
-plan) and `auto` (the plan decides learned transport and deferred shading, too). A line has the effects that are on, the
+plan) and `auto` (the plan decides learned transport and deferred shading, too). A row has the effects that are on, the
 PSNR of held-out images and what it loses against everything on, CPU seconds of preparing light and training on one
-thread, jobs that trace shadows, and parameters. CPU seconds hardly depend on what else the machine does.
+thread, the jobs that the workflow has left after the plan, counted by Snakemake, and parameters. CPU seconds hardly
+depend on what else the machine does.
+
+Scenes are drawn twice: cameras, lights, patterns and noise. Settings are chosen on `--draw validation`; the table is of
+`report`, which no setting was chosen by.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import logging
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
 import torch
 
-from benchmarks.effect_scenes import SCENES, make_scene
+from benchmarks.effect_jobs import count_jobs
+from benchmarks.effect_scenes import SCENES, SMALL, make_scene
 from pipeline import evaluate_avatar, pack_shards, plan_effects, trace_irradiance, train_avatar
-from pipeline.base.files import read_json
+from pipeline.base.files import read_json, write_table
 from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.plan_effects import PlanEffects
@@ -33,31 +40,64 @@ AVATARS = {"everything": EVERYTHING, "full": {}, "auto": {"shading": "auto", "de
 ALL_ON = PlanEffects(**dict.fromkeys([name for name in EFFECTS if name != "eyes"], "on"))
 
 
+DRAWS = {"report": " report", "validation": ""}
+"""What is added to a scene's name, which seeds what is drawn."""
+
+
 def main() -> None:
-    """Print the lines."""
+    """Print the rows as JSON, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("results/effects_comparison.csv"), help="table to write")
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
+    parser.add_argument("--draw", choices=DRAWS, default="report")
     options = parser.parse_args()
+    logging.basicConfig(level=logging.WARNING)
     torch.set_num_threads(1)
-    with tempfile.TemporaryDirectory() as folder:
-        for name in options.scenes:
-            bench_scene(Path(folder) / name, name, options.steps)
+    with tempfile.TemporaryDirectory() as name:
+        folder, rows = Path(name), []
+        scenes = {scene: photograph_and_plan(folder / scene, scene, options.draw) for scene in options.scenes}
+        jobs = jobs_of(folder, list(scenes))
+        for scene, files in scenes.items():
+            for row in bench_scene(folder / scene, scene, files, options.steps):
+                left = jobs[f"{scene}-{row['avatar']}"]
+                row |= {"jobs": sum(left.values()), "tracing_jobs": left.get("trace_irradiance", 0)}
+                rows.append({**row, "steps": options.steps, "draw": options.draw})
+                print(json.dumps({"bench": "effects", **rows[-1]}), flush=True)
+    write_table(options.out, pd.DataFrame(rows))
 
 
-def bench_scene(folder: Path, name: str, steps: int) -> None:
-    """Photograph and plan a scene, then train and score its avatars."""
-    files = make_scene(folder, name)
+def photograph_and_plan(folder: Path, name: str, draw: str) -> dict[str, Path]:
+    """A scene's files, and beside them its plan and one with everything on."""
+    files = make_scene(folder, name, draw=DRAWS[draw])
     plan(files, folder / "planned.json", PlanEffects())
     plan(files, folder / "everything.json", ALL_ON)
+    return files
+
+
+def plan_for(folder: Path, avatar: str) -> Path:
+    """The plan that an avatar is built by."""
+    return folder / ("everything.json" if avatar == "everything" else "planned.json")
+
+
+def jobs_of(folder: Path, scenes: list[str]) -> dict[str, dict[str, int]]:
+    """SCENE-AVATAR -> rule -> jobs that the workflow has left after the plan."""
+    pairs = [(scene, avatar) for scene in scenes for avatar in AVATARS]
+    plans = {f"{scene}-{avatar}": read_json(plan_for(folder / scene, avatar)) for scene, avatar in pairs}
+    variants = {f"{scene}-{avatar}": AVATARS[avatar] for scene, avatar in pairs}
+    return count_jobs(folder / "project", plans, variants, SMALL["frames"])
+
+
+def bench_scene(folder: Path, name: str, files: dict[str, Path], steps: int) -> Iterator[dict]:
+    """Train and score a scene's avatars."""
     reference = None
     for avatar, choices in AVATARS.items():
-        effects = folder / ("everything.json" if avatar == "everything" else "planned.json")
-        row = bench_avatar(files, effects, folder / avatar, name, TrainAvatar(steps=steps, **choices))
+        settings = TrainAvatar(steps=steps, **choices)
+        row = bench_avatar(files, plan_for(folder, avatar), folder / avatar, name, settings)
         reference = row if reference is None else reference
         row["psnr_lost_db"] = round(reference["psnr_db"] - row["psnr_db"], 3)
         row["cpu_ratio"] = round(row["cpu_seconds"] / reference["cpu_seconds"], 3)
-        print(json.dumps({"bench": "effects", "scene": name, "avatar": avatar, **row}), flush=True)
+        yield {"scene": name, "avatar": avatar, **row}
 
 
 def plan(files: dict[str, Path], out: Path, settings: PlanEffects) -> None:
@@ -86,10 +126,10 @@ def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str,
     evaluate_avatar.run(**inputs, avatars=(out / "avatar",), out=out, settings=EvaluateAvatar(pictures=False))
     table, trained = pd.read_csv(out / "metrics.csv"), read_json(out / "avatar/config.json")
     scored = table[(table.split == "test") & (table.lit == "all")].iloc[0]
-    built = {"shading": trained["spec"]["shading"], "effects": [name for name in EFFECTS if name in planned]}
+    built = {"shading": trained["spec"]["shading"], "effects": " ".join(name for name in EFFECTS if name in planned)}
     return {
         **built, "psnr_db": round(float(scored.psnr_db), 3), "cpu_seconds": round(seconds, 2),
-        "parameters": trained["parameters"], "irradiance_jobs": int(traced),
+        "parameters": trained["parameters"],
     }  # fmt: skip
 
 

@@ -123,13 +123,16 @@ SCENES = {
 """By name."""
 
 
-def make_scene(folder: Path, name: str, atlas_size: int = 48, **changes: object) -> dict[str, Path]:
+def make_scene(
+    folder: Path, name: str, atlas_size: int = 48, draw: str = "", **changes: object
+) -> dict[str, Path]:  # fmt: skip
     """Photograph a scene and write what the stages before plan_effects would.
 
     Args:
         folder: everything goes there.
         name: of `SCENES`.
         atlas_size: texels per side of the map.
+        draw: another one draws other cameras, lights, patterns and noise: images that no setting was chosen by.
         changes: to the settings of its stage.
 
     Returns:
@@ -137,16 +140,17 @@ def make_scene(folder: Path, name: str, atlas_size: int = 48, **changes: object)
     """
     settings = SynthesizeCapture(**{**SCENES[name].settings.model_dump(), **changes})
     scene = replace(SCENES[name], settings=settings)
-    shape, rig = scene.shape(), build_stage_rig(name, settings)
-    patterns = light_patterns(name, rig, settings)
+    shape, drawn = scene.shape(), name + draw
+    rig = build_stage_rig(drawn, settings)
+    patterns = light_patterns(drawn, rig, settings)
     powers = patterns.pivot(index="frame", columns="light", values="intensity").fillna(0.0)
     powers = powers.reindex(columns=list(rig.light_positions), fill_value=0.0).to_numpy()
     moments = [
         shape.at(time_s, segment) for segment, time_s in (segment_of(f, settings) for f in range(settings.frames))
     ]
     for frame, (vertices, _) in enumerate(moments):
-        photograph(folder, name, scene, shape, rig, frame, vertices, powers[frame])
-    return write_stage_files(folder, name, shape, rig, patterns, moments, settings, atlas_size)
+        photograph(folder, drawn, scene, shape, rig, frame, vertices, powers[frame])
+    return write_stage_files(folder, drawn, shape, rig, patterns, moments, settings, atlas_size)
 
 
 def photograph(

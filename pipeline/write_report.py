@@ -14,7 +14,7 @@ from pathlib import Path
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.config.write_report import WriteReport
-from pipeline.report import costs, recording, scores
+from pipeline.report import costs, project, recording, scores
 from pipeline.report.found import Found
 from pipeline.report.part import Part, write_parts
 from pipeline.report.pictures import Pictures
@@ -23,9 +23,9 @@ from pipeline.report.provenance import provenance
 log = logging.getLogger("write_report")
 
 PARTS: list[Callable[[Found], Part]] = [
-    scores.headline, scores.pictures, recording.relit, scores.ablations, recording.effects, recording.calibration,
-    recording.patterns, recording.tracking, recording.atlas, costs.accuracy_cost, costs.hard_cases, costs.stages,
-    provenance,
+    scores.headline, scores.pictures, recording.relit, scores.ablations, recording.effects, project.effects_comparison,
+    recording.calibration, recording.patterns, recording.tracking, recording.atlas, costs.accuracy_cost,
+    project.cost_growth, costs.hard_cases, costs.stages, provenance,
 ]  # fmt: skip
 """In the order of the page: the result first, then what it rests on."""
 
@@ -34,20 +34,22 @@ FIRST_LIMIT, LAST_LIMIT = 600_000, 2_000
 
 
 def run(
-    *, results: Path, hard_cases: Path, out: Path, subject_settings: str = "{}", settings: WriteReport = WriteReport()
-) -> None:
+    *, results: Path, project_results: Path, out: Path, subject_settings: str = "{}",
+    settings: WriteReport = WriteReport(),
+) -> None:  # fmt: skip
     """Write the report of one subject.
 
     Args:
         results: the subject's results, results/SUBJECT, up to metrics.csv; what else there is, is shown.
-        hard_cases: csv of the hard cases; it need not exist.
+        project_results: folder of what belongs to no subject: hard_cases.csv, effects_comparison.csv, growth/; what is
+            not there is named as missing.
         out: HTML file to write.
         subject_settings: JSON, what differs from the defaults in the subject's settings, for the page.
     """
     changed = read_changes(subject_settings)
     limit = FIRST_LIMIT
     while True:
-        found = Found(results, hard_cases, changed, settings, Pictures(limit))
+        found = Found(results, project_results, changed, settings, Pictures(limit))
         parts = [part(found) for part in PARTS]
         size_mb = sum(len(part.html) for part in parts) / 1e6
         if size_mb <= settings.page_mb:

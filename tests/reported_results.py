@@ -21,6 +21,7 @@ CAPTURED, RENDERED = (0.9, 0.1, 0.1), (0.1, 0.8, 0.1)
 
 PROTOCOL = {"color_space": "sRGB", "region": "psnr: <planted>", "lpips_net": "alex", "lpips_weights": "none"}
 OPTIONAL = ("accuracy_cost.csv", "accuracy_cost.png", "calibration/review", "tracking/review", "relit")
+OF_THE_PROJECT = ("hard_cases.csv", "effects_comparison.csv", "growth")
 
 
 def plot(path: Path, seed: int = 0) -> None:
@@ -48,7 +49,7 @@ def scores(variants: dict[str, float], subject: str = "someone", frames: int = 1
 
 
 def write_results(folder: Path, variants: dict[str, float] | None = None) -> Path:
-    """Fill results/SUBJECT with everything that a report may show; returns the csv of the hard cases."""
+    """Fill results/SUBJECT, and results, with everything that a report may show; returns the folder results."""
     variants = variants or {"full": 0.0, "matte": -1.0}
     _write_scores(folder, scores(variants), variants)
     _write_recording(folder)
@@ -64,9 +65,33 @@ def write_results(folder: Path, variants: dict[str, float] | None = None) -> Pat
     pd.DataFrame([cost | times | row for row in rows]).to_csv(folder / "accuracy_cost.csv", index=False)
     cases = {"case": ["q = -p", "a < b"], "group": "lobes", "value_error": [1e-9, 2e-3], "value_bound": 1e-6}
     more = {"gradient_error": 1e-8, "gradient_bound": 1e-5, "verdict": ["PASS", "FAIL"], "naive_error": [np.inf, 1]}
-    hard_cases = folder.parent / "hard_cases.csv"
-    pd.DataFrame(cases | more).to_csv(hard_cases, index=False)
-    return hard_cases
+    pd.DataFrame(cases | more).to_csv(folder.parent / "hard_cases.csv", index=False)
+    _write_growth(folder.parent / "growth")
+    _write_effects(folder.parent / "effects_comparison.csv")
+    return folder.parent
+
+
+def _write_growth(folder: Path) -> None:
+    plot(folder / "growth.png")
+    sizes = {"stage": "pack_shards", "varied": "images", "smallest": 4, "largest": 256, "held": "9216 pixels"}
+    costs = {"cost": ["CPU seconds", "peak MB"], "predicted": [1.0, 0.0], "exponent": [0.98, 0.31], "low": [0.9, 0.2]}
+    more = {"high": [1.1, 0.4], "verdict": ["as predicted", "more than predicted"], "reason": "one <b> by one"}
+    pd.DataFrame(sizes | costs | more).to_csv(folder / "exponents.csv", index=False)
+    job = {"capture": "RFGCA", "stage": "pack_shards", "sizes": "32768 images, 1.5e+06 pixels", "beyond": 1000.0}
+    cost = {"cpu_hours": 123.0, "cpu_hours_low": 100.0, "cpu_hours_high": 150.0, "peak_gb": 1.5}
+    pd.DataFrame([job | cost]).to_csv(folder / "projection.csv", index=False)
+
+
+def _write_effects(path: Path) -> None:
+    rows = [
+        {"scene": "diffuse", "avatar": avatar, "effects": effects, "shading": "transfer", "psnr_db": 40.0 - lost,
+         "psnr_lost_db": lost, "cpu_seconds": seconds, "cpu_ratio": seconds / 40, "parameters": 1234, "jobs": jobs,
+         "steps": 300}
+        for avatar, effects, lost, seconds, jobs in (
+            ("everything", "shadow near_field", 0.0, 40.0, 9), ("auto", "", 0.07, 10.0, 6)
+        )
+    ]  # fmt: skip
+    pd.DataFrame(rows).to_csv(path, index=False)
 
 
 def _write_scores(folder: Path, per_image: pd.DataFrame, variants: dict[str, float]) -> None:

@@ -23,8 +23,14 @@ more are there because a point is seen by some cameras only."""
 REFINEMENTS = 10
 """Gauss-Newton steps; the start is within a pixel, where three suffice."""
 
-SMALLEST_SINE2 = 1e-6
-"""Squared sine of the angle between two rays, below which (0.06 degrees) their pair gives no hypothesis."""
+SMALLEST_SINE2 = 1e-12
+"""Squared sine of the angle between two rays, below which their pair gives no hypothesis: rays are good to 1e-12
+(undistortion), so the distance is, at this angle, to 1e-6 of it. Noise says much earlier that nothing is known."""
+
+MOST_RELATIVE_SIGMA = 0.2
+"""Largest standard deviation of a point, over its distance from the nearest camera that sees it. What has normal errors
+is the inverse distance: at 0.2 it is five of them from zero, so that points infinitely far away, of which 3 in ten
+million are taken for nearer ones, stay out, and the standard deviation stated for the others means what it says."""
 
 SMALLEST_DEPTH_M = 1e-3
 """Points nearer to a camera's plane than this, or behind it, cannot be seen by it."""
@@ -35,7 +41,7 @@ class Triangulation:
     """Triangulated points; NaN where fewer than two cameras agree.
 
     Attributes:
-        points: world, metres.
+        points: world, metres; NaN also where the rays are too near parallel to tell how far away they meet.
         sigma_m: standard deviation per point, root mean square over the three axes, metres.
         inlier: observations within the threshold of their point.
         residual_px: length of the reprojection residual, undistorted pixels; NaN where nothing was observed.
@@ -76,8 +82,13 @@ def triangulate(
     length, residual, _ = reprojection(cameras, observed, points)
     inlier = seen & (length < inlier_px)
     noise_px = _noise(residual, inlier)
-    variance = noise_px**2 * np.trace(np.linalg.pinv(np.nan_to_num(normal), hermitian=True), axis1=1, axis2=2) / 3
+    # Not pinv, which takes the direction along nearly parallel rays for known: its eigenvalue is that small.
+    axes = np.linalg.eigvalsh(np.nan_to_num(normal))
+    with np.errstate(divide="ignore"):
+        spread = noise_px**2 / np.maximum(axes, 0) if noise_px else np.zeros_like(axes)
+    variance = spread.mean(1)
     finite = np.isfinite(points).all(1) & (inlier.sum(0) >= 2)
+    finite &= np.sqrt(spread.max(1)) <= MOST_RELATIVE_SIGMA * _nearest(cameras, points, inlier)
     return Triangulation(
         points=np.where(finite[:, None], points, np.nan),
         sigma_m=np.where(finite, np.sqrt(variance), np.nan),
@@ -85,6 +96,12 @@ def triangulate(
         residual_px=np.where(seen, length, np.nan),
         noise_px=noise_px,
     )
+
+
+def _nearest(cameras: Sequence[Camera], points: np.ndarray, inlier: np.ndarray) -> Float64[np.ndarray, " points"]:
+    """Distance of each point from the nearest camera that it is an inlier of, metres."""
+    away = np.linalg.norm(points - np.stack([camera.center for camera in cameras])[:, None], axis=-1)
+    return np.where(inlier, away, np.inf).min(0)
 
 
 def _noise(residual: np.ndarray, inlier: np.ndarray) -> float:
@@ -162,7 +179,7 @@ def _midpoint(center_a: np.ndarray, rays_a: np.ndarray, center_b: np.ndarray, ra
     """Midpoints of the shortest segment between two rays [N, 3]; NaN for rays nearly parallel."""
     between = center_b - center_a
     cosine = (rays_a * rays_b).sum(-1)
-    sine2 = 1 - cosine**2
+    sine2 = (np.cross(rays_a, rays_b) ** 2).sum(-1)  # 1 - cosine^2 would lose half of the digits.
     safe = np.where(sine2 < SMALLEST_SINE2, np.nan, sine2)
     along_a, along_b = rays_a @ between, rays_b @ between
     s = (along_a - cosine * along_b) / safe

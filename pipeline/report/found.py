@@ -24,12 +24,13 @@ class Found:
 
     Attributes:
         folder: results/SUBJECT.
-        hard_cases: csv of the hard cases, which belong to no subject; it need not exist.
+        project: folder results, for what belongs to no subject: hard_cases.csv, effects_comparison.csv, growth/; none
+            of them need be there.
         changed_settings: {stage: {setting: value}} and what else differs from the defaults.
     """
 
     folder: Path
-    hard_cases: Path
+    project: Path
     changed_settings: dict
     settings: WriteReport
     pictures: Pictures
@@ -38,6 +39,11 @@ class Found:
     def capture(self) -> dict:
         """capture.json of index_capture."""
         return read_json(self.folder / "index/capture.json")
+
+    @property
+    def hard_cases(self) -> Path:
+        """The csv of the hard cases."""
+        return self.project / "hard_cases.csv"
 
     @property
     def subject(self) -> str:

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.geometry.alignment import align_rigid, fit_scale
+from pipeline.geometry.cameras import Camera
 from pipeline.geometry.triangulation import reprojection, triangulate
 from tests.hard_case import HardCase, worst
 from tests.walking_figure import ring_of_cameras
@@ -76,19 +77,49 @@ def test_three_keypoints_seen_by_two_cameras(case: HardCase) -> None:
     case.check(np.abs(found.points - points).max(), 1e-8, unit="m")
 
 
-def test_two_cameras_side_by_side_know_how_little_they_know(case: HardCase) -> None:
-    """A decimetre apart, 3.5 m away: stated standard deviations against true errors, half of which should exceed 0.67
-    of them. Of 2,000 points that share is good to 4 %, and so is the noise; three times both."""
+def seen_side_by_side(apart_m: float) -> tuple[list[Camera], np.ndarray, np.ndarray]:
+    """Two cameras, 2,000 points 3.5 m away, and where they are seen, with noise of 0.3 px."""
     one = next(iter(ring_of_cameras(6).values()))
-    cameras = [one, replace(one, t=one.t + np.array([0.1, 0, 0]))]
+    cameras = [one, replace(one, t=one.t + np.array([apart_m, 0, 0]))]
     points = np.random.default_rng(2).uniform([-0.5, 0.2, -0.5], [0.5, 1.7, 0.5], (2000, 3))
     noise = np.random.default_rng(3)
     seen = np.stack([c.undistort(c.project(points)[0] + 0.3 * noise.normal(size=(2000, 2))) for c in cameras])
+    return cameras, points, seen
+
+
+def test_two_cameras_side_by_side_know_how_little_they_know(case: HardCase) -> None:
+    """A decimetre apart, 3.5 m away: stated standard deviations against true errors, half of which should exceed 0.6745
+    of them. The median of n = 2,000 such errors has a standard deviation of 1 / (2 p sqrt(n)), p = 0.6356 being the
+    density of |N(0, 1)| there: 2.6 %. So has the noise, which comes from as many other numbers. Three times both."""
+    cameras, points, seen = seen_side_by_side(0.1)
     found = triangulate(cameras, seen, np.ones((2, 2000)), 4.0)
     # Nearly all of the error is along the rays: sigma_m is the root mean square over three axes.
     error = np.linalg.norm(found.points - points, axis=1) / np.sqrt(3)
-    case.check(abs(np.median(error / found.sigma_m) / 0.6745 - 1), 3 * np.hypot(0.04, 0.04))
+    case.check(abs(np.median(error / found.sigma_m) / 0.6745 - 1), 3 * np.hypot(0.026, 0.026))
     # The median of single residuals: those along the base line are fitted exactly, and are half of all.
     _, residual, _ = reprojection(cameras, seen, found.points)
     naive = found.sigma_m * np.median(np.abs(residual)) / 0.6745 * 2 / found.noise_px  # 2: one number left of four
     case.naive_fails(abs(np.median(error / naive) / 0.6745 - 1))
+
+
+def test_two_cameras_a_millimetre_apart_place_nothing(case: HardCase) -> None:
+    """The disparity is a third of a pixel, its noise 0.42 px: only what lies five times that from infinity may be
+    placed, by chance one point in 10^5, so that one of 2,000 is one too many. Naive: all rays that meet in front at
+    more than 0.06 degrees; they meet far too near, and say that they know it."""
+    cameras, _, seen = seen_side_by_side(1e-3)
+    found = triangulate(cameras, seen, np.ones((2, 2000)), 4.0)
+    case.check(np.isfinite(found.points).all(1).mean(), 1 / 2000)
+    case.naive_fails((seen[1, :, 0] - seen[0, :, 0] > 1e-3).mean())
+
+
+def test_two_cameras_a_centimetre_apart_say_which_points_they_know(case: HardCase) -> None:
+    """Disparity is eight times its noise in the middle: points are placed, and two of three within one stated standard
+    deviation, 68.3 % with one of 1.04 % over 2,000. Distance is the inverse of what has normal errors, so that far ones
+    are farther off than near ones: to first order that cancels, to second, (1 / 8)^2, it does not. Three times the
+    first and twice the second."""
+    cameras, points, seen = seen_side_by_side(1e-2)
+    found = triangulate(cameras, seen, np.ones((2, 2000)), 4.0)
+    known = np.isfinite(found.points).all(1)
+    assert known.mean() > 0.95
+    error = np.linalg.norm(found.points - points, axis=1)[known] / np.sqrt(3)
+    case.check(abs((error < found.sigma_m[known]).mean() - 0.6827), 3 * 0.0104 + 2 / 64)

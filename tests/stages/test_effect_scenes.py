@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
+from benchmarks.effect_jobs import count_jobs
 from benchmarks.effect_scenes import SCENES, make_scene
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import texel_spacing
@@ -93,3 +95,33 @@ def test_what_is_off_is_no_job_and_what_it_costs_is_what_it_adds(scene):
     for effect in ("shadow", "near_field", "articulation", "specular", "deferred"):
         added = count(set(EFFECTS)) - count(set(EFFECTS) - {effect})
         assert effects[effect]["cost"]["parameters"] == added, effect
+
+
+def test_jobs_of_each_scene_are_those_that_its_effects_need(tmp_path):
+    """Snakemake's own count, scene by scene: three chunks of five frames each, after the plan. The plans are those that
+    `test_what_is_called_for_is_on` finds."""
+    everything = {name for name in EFFECTS if getattr(ALL_ON, name) == "on"}
+    plans, variants = {}, {}
+    for scene, called_for in CALLED_FOR.items():
+        for avatar, choices in AVATARS.items():
+            on = everything if avatar == "everything" else called_for
+            plans[f"{scene}-{avatar}"] = {name: {"on": name in on} for name in EFFECTS}
+            variants[f"{scene}-{avatar}"] = choices
+    jobs = count_jobs(tmp_path, plans, variants, 15)
+    always = {"pack_shards": 3, "train_avatar": 1, "evaluate_avatar": 1}
+    for scene, called_for in CALLED_FOR.items():
+        assert jobs[f"{scene}-everything"] == {**always, "trace_irradiance": 3}
+        assert jobs[f"{scene}-full"] == always | ({"trace_irradiance": 3} if "shadow" in called_for else {})
+        assert jobs[f"{scene}-auto"] == always
+
+
+def test_another_draw_is_another_capture_of_the_same_shape(tmp_path):
+    """What settings are chosen by, and what the table reports, share no image."""
+    small = {**SMALLEST, "cameras": 2, "frames": 3, "spp": 1, "spp_fully_lit": 1}
+    drawn = {name: make_scene(tmp_path / name, "diffuse", 16, draw, **small) for name, draw in DRAWS.items()}
+    again = make_scene(tmp_path / "again", "diffuse", 16, DRAWS["report"], **small)
+    for kind in ("lights", "cameras", "patterns"):
+        assert drawn["report"][kind].read_bytes() != drawn["validation"][kind].read_bytes()
+        assert drawn["report"][kind].read_bytes() == again[kind].read_bytes()
+    for kind in ("atlas", "tracking"):
+        assert drawn["report"][kind].read_bytes() == drawn["validation"][kind].read_bytes()

@@ -59,8 +59,7 @@ def browser():
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    hard_cases = write_results(folder / "someone")
-    run(results=folder / "someone", hard_cases=hard_cases, out=folder / "index.html")
+    run(project_results=write_results(folder / "someone"), results=folder / "someone", out=folder / "index.html")
     return f"file://{folder}/index.html"
 
 
@@ -196,6 +195,6 @@ def test_plots_stand_on_white_in_the_dark(visit):
 def test_links_lead_to_their_parts(visit):
     page = visit(PHONE)
     links = page.locator("nav a")
-    assert links.count() == page.locator("section").count() == 13
+    assert links.count() == page.locator("section").count() == 15
     links.last.click()
     assert 0 <= page.locator("#provenance").bounding_box()["y"] < PHONE[1]

@@ -17,12 +17,13 @@ from pipeline.config.project import SubjectSettings
 from pipeline.config.write_report import WriteReport, subject_changes
 from pipeline.report.provenance import without_paths
 from pipeline.write_report import run
-from tests.reported_results import OPTIONAL, plot, write_results
+from tests.reported_results import OF_THE_PROJECT, OPTIONAL, plot, write_results
 
+EFFECTS_TITLE = "Effects, planned against all on"
 TITLES = (
-    "Scores", "Captured and rendered", "In other light", "Ablations", "Effects", "Calibration",
-    "Light patterns and sync", "Tracking", "Atlas", "Accuracy against time", "Hard cases", "Time and memory",
-    "Provenance",
+    "Scores", "Captured and rendered", "In other light", "Ablations", "Effects", EFFECTS_TITLE, "Calibration",
+    "Light patterns and sync", "Tracking", "Atlas", "Accuracy against time", "Growth of cost", "Hard cases",
+    "Time and memory", "Provenance",
 )  # fmt: skip
 
 
@@ -65,7 +66,7 @@ def results(tmp_path):
 
 def report(results, subject_settings: str = "{}", **settings) -> str:
     out = results / "page/index.html"
-    run(results=results / "someone", hard_cases=results / "hard_cases.csv", out=out,
+    run(results=results / "someone", project_results=results, out=out,
         subject_settings=subject_settings, settings=WriteReport(**settings))  # fmt: skip
     return out.read_text()
 
@@ -88,6 +89,18 @@ def test_every_part_is_there_with_what_was_planted(results):
     assert all(
         text in parts["Hard cases"] for text in ("2 cases, 1 pass, 1 do not", "a < b", "1e−09 (1e−06)", "not finite")
     )
+    assert all(
+        text in parts["Growth of cost"]
+        for text in (
+            "0.98 [0.90, 1.10]",
+            "more than predicted",
+            "one <b> by one",
+            "123 [100, 150]",
+            "1 are as predicted",
+        )
+    )
+    assert re.search(r"diffuse\s+everything[\s\S]*auto\s+39\.93\s+\+0\.07\s+10\.0\s+0\.25\s+6\s", parts[EFFECTS_TITLE])
+    assert "loss is 0.07 dB" in parts[EFFECTS_TITLE]
     assert re.search(r"track_mesh\s+2\s+7\.0\s+5\.0\s+250", parts["Time and memory"])
     shown = {anchor: page.images.count(anchor) for anchor in page.sections}
     assert shown["captured-and-rendered"] == 2 * 3 * 3
@@ -109,14 +122,15 @@ def test_what_is_not_there_is_named_with_its_command(results):
     for name in OPTIONAL:
         path = results / "someone" / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    (results / "hard_cases.csv").unlink()
+    for name in OF_THE_PROJECT:
+        shutil.rmtree(results / name) if (results / name).is_dir() else (results / name).unlink()
     shutil.rmtree(results / "someone/images")
     shutil.rmtree(results / "someone/benchmarks")
     page = Reader(report(results))
     missing = {anchor for anchor, text in page.sections.items() if "Missing:" in text}
     assert missing == {
         "captured-and-rendered", "in-other-light", "calibration", "tracking", "accuracy-against-time", "hard-cases",
-        "time-and-memory",
+        "time-and-memory", "growth-of-cost", "effects--planned-against-all-on",
     }  # fmt: skip
     assert "make results/someone/accuracy_cost.csv" in page.sections["accuracy-against-time"]
     assert "camera <b> is uncertain" in page.sections["calibration"]

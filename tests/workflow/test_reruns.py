@@ -219,6 +219,11 @@ def test_report_shows_what_is_there_and_makes_nothing_else(workflow):
     cost.write_text("dial,setting\n")
     assert workflow.ran(target) == ["write_report"]
     assert cost.read_text() == "dial,setting\n"
+    growth = workflow.folder / "results/growth/exponents.csv"
+    growth.parent.mkdir()
+    growth.write_text("stage,varied\n")
+    assert workflow.ran(target) == ["write_report"]
+    assert workflow.planned(target) == {}
     workflow.append("config/subjects/subjectA.yaml", "review_tracking: {most_cameras: 3}\n")
     assert workflow.planned(target) == {"write_report": 1}  # Only for the settings that it lists.
 

@@ -145,21 +145,22 @@ def avatars_of(*files):
     )
 
 
-HARD_CASES = "results/hard_cases.csv"
+PROJECT_RESULTS = "results"
+OF_NO_SUBJECT = ["hard_cases.csv", "effects_comparison.csv", "growth/*"]
 OPTIONAL = [
     "accuracy_cost.*",
     "calibration/review/*.png",
     "tracking/review/*.png",
     "relit/*/*/stills/*.png",
 ]
-"""What a subject's report shows if it is there, below the subject's results."""
+"""What a subject's report shows if it is there: below the project's results, and below the subject's."""
 
 
 def digests_of_optional(wildcards):
     """Of each file that the report shows if it is there: a change to one writes the report anew, and makes no other."""
-    folder = Path("results", wildcards.subject)
-    found = [path for pattern in OPTIONAL for path in sorted(folder.glob(pattern))]
-    contents = {str(path): path.read_bytes() for path in [*found, Path(HARD_CASES)] if path.is_file()}
+    places = [(Path(PROJECT_RESULTS), OF_NO_SUBJECT), (Path(PROJECT_RESULTS, wildcards.subject), OPTIONAL)]
+    found = [path for folder, patterns in places for pattern in patterns for path in sorted(folder.glob(pattern))]
+    contents = {str(path): path.read_bytes() for path in found if path.is_file()}
     return {path: hashlib.sha256(content).hexdigest() for path, content in contents.items()}
 
 

@@ -34,7 +34,7 @@ rule write_report:
     params:
         code=code_of("write_report"),
         results=subpath(input.metrics, parent=True),
-        hard_cases=HARD_CASES,
+        project_results=PROJECT_RESULTS,
         # What else is there is shown. No inputs: they would be made, or made anew.
         optional=digests_of_optional,
         subject_settings=lambda wildcards: subject_changes(project.subject(wildcards.subject)),
@@ -42,7 +42,7 @@ rule write_report:
     message:
         "{wildcards.subject}: writing the report"
     shell:
-        "python -m pipeline.write_report --results {params.results:q} --hard-cases {params.hard_cases:q} "
+        "python -m pipeline.write_report --results {params.results:q} --project-results {params.project_results:q} "
         "--out {output:q} --subject-settings {params.subject_settings:q} {params.settings:q} > {log:q} 2>&1"
 
 

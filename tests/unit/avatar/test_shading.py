@@ -2,10 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
+from scipy.special import eval_legendre, factorial, lpmv
 
-from pipeline.avatar.shading import COLOR_DEGREES, grazing_gain, shade_diffuse, shade_specular
+from pipeline.avatar.shading import COLOR_DEGREES, UNTURNED_SCALE, grazing_gain, shade_diffuse, shade_specular
 from pipeline.avatar.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light
 from tests.unit.avatar.sheet import make_sheet
@@ -71,3 +73,21 @@ def test_shadow_net_starts_at_the_unshadowed_share():
     share = torch.linspace(0, 1, 64)
     shadow = net(torch.full((64,), 0.5), share)
     assert torch.allclose(shadow, share.clamp(SHARE_FLOOR, SHARE_CEILING), atol=1e-6)
+
+
+def test_scale_of_unturned_coefficients_is_a_ratio_of_means_and_no_choice():
+    """Mean absolute values of what the two kinds of transfer are multiplied with, over light directions, from SciPy's
+    Legendre functions: Y_lm up to degree 8, and (2 l + 1) / (4 pi) P_l along three axes. The mean of 40,000 directions
+    is good to 0.2 %."""
+    directions = np.random.default_rng(0).normal(size=(40_000, 3))
+    x, y, z = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).T
+    around, unturned, zonal = np.arctan2(y, x), 0.0, 0.0
+    for degree in range(9):
+        zonal += sum(np.abs((2 * degree + 1) / (4 * math.pi) * eval_legendre(degree, t)).mean() for t in (x, y, z))
+        for order in range(degree + 1):
+            share = factorial(degree - order) / factorial(degree + order)
+            size = np.sqrt((2 * degree + 1) / (4 * math.pi) * share) * np.abs(lpmv(order, degree, z))
+            turns = (np.cos(order * around), np.sin(order * around)) if order else (np.ones_like(z) / math.sqrt(2),)
+            unturned += sum((math.sqrt(2) * size * np.abs(turn)).mean() for turn in turns)
+    assert unturned == pytest.approx(18.0, rel=0.01) and zonal == pytest.approx(5.25, rel=0.01)
+    assert pytest.approx(unturned / zonal, rel=0.01) == UNTURNED_SCALE

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
+import multiprocessing
+import operator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 
 import numpy as np
@@ -106,8 +108,12 @@ def test_frames_round_trip(tmp_path):
 def test_records_can_be_changed_and_readers_sent_to_another_process(tmp_path):
     write_image_shard(tmp_path / "a.arrow", [image_record(1)])
     write_frame_shard(tmp_path / "b.arrow", [frame_record(1)])
-    images = pickle.loads(pickle.dumps(read_image_shards([tmp_path / "a.arrow"])))
-    frames = pickle.loads(pickle.dumps(read_frame_shards([tmp_path / "b.arrow"])))
+    images, frames = read_image_shards([tmp_path / "a.arrow"]), read_frame_shards([tmp_path / "b.arrow"])
+    # A process that shares nothing: it is sent the reader, and sends back what it read.
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        there = [pool.submit(operator.getitem, rows, key) for rows, key in ((images, 0), (frames, 1))]
+        assert_same(there[0].result(), images[0], ())
+        assert_same(there[1].result(), frames[1], ())
     images[0].image[:] = 0
     frames[1].vertices[:] = 0
     assert images[0].image.any()

@@ -1,0 +1,82 @@
+"""The measurement of growing costs: jobs whose time and memory are known, and a projection of planted runs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmarks.bench_growth import cost_of, measure, write_results
+from benchmarks.growth_cases import CASES, COUNTED, Case
+from benchmarks.growth_projection import CAPTURES, TERMS, fit_terms, product
+
+MIB = 2**20
+
+
+def test_memory_is_what_the_peak_adds():
+    """Arrays of 8 to 64 MiB that are freed again: found to 1 MiB, whatever was held before, twice alike."""
+    held = np.ones(16 * MIB // 8)
+    for megabytes in (8, 64, 8):
+        found = cost_of(lambda size=megabytes: np.ones(size * MIB // 8), 1)
+        assert found["peak MB"] == pytest.approx(megabytes, abs=1.0)
+    assert held[-1] == 1
+
+
+def test_sizes_run_in_turn_and_none_counts_that_comes_first(tmp_path):
+    calls = []
+
+    def prepare(folder, size):
+        return {"frames": size}, lambda: calls.append(size) or sum(range(1_000_000))
+
+    case = Case("planted", "frames", (1, 2), prepare, (0.0, ""), (0.0, ""))
+    rows = pd.DataFrame(measure(case, tmp_path, 3))
+    assert rows.frames.tolist() == [1, 2] * 3
+    assert len(calls) > len(rows) and (rows["CPU seconds"] > 0).all()
+
+
+def planted_runs() -> pd.DataFrame:
+    """Runs of all cases: every term of a stage's costs has the coefficient 1e-3 over its product at the first size."""
+    rows = []
+    for case in CASES:
+        own = dict.fromkeys(COUNTED, 16.0)
+        for size in (16.0 * 2**k for k in range(6)):
+            sizes = {**own, case.varied: size}
+            terms = TERMS.get(case.stage, {cost: [(case.varied,)] for cost in ("CPU seconds", "peak MB")})
+            costs = {
+                cost: sum(1e-3 * product(sizes, term) / product(own, term) for term in products)
+                for cost, products in terms.items()
+            }
+            rows.append({"stage": case.stage, "varied": case.varied, **sizes, **costs})
+    return pd.DataFrame(rows)
+
+
+def test_planted_runs_are_projected_as_planted(tmp_path):
+    runs = planted_runs()
+    write_results(tmp_path, runs)
+    exponents, projection = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("exponents", "projection"))
+    assert set(projection.capture) == set(CAPTURES) and set(projection.stage) == set(TERMS)
+    grown = exponents[(exponents.stage == "pack_shards") & (exponents.cost == "CPU seconds")]
+    assert grown.exponent.tolist() == pytest.approx([1.0, 1.0], abs=1e-3)
+    for row in projection.itertuples():
+        work = CAPTURES[row.capture][row.stage]
+        for name, cost, unit in (("cpu_hours", "CPU seconds", row.jobs / 3600), ("peak_gb", "peak MB", 1 / 1024)):
+            expected = sum(1e-3 * product(work.sizes, term) / 16 ** len(term) for term in TERMS[row.stage][cost])
+            assert getattr(row, name) == pytest.approx(expected * unit, rel=1e-4)
+            assert getattr(row, f"{name}_low") <= getattr(row, name) <= getattr(row, f"{name}_high")
+    sizes = CAPTURES["RFGCA"]["pack_shards"].sizes
+    assert projection.beyond[2] == pytest.approx(math.prod(size / 512 for size in sizes.values()))
+    assert (tmp_path / "growth.png").stat().st_size > 10_000
+
+
+def test_coefficients_are_found_in_noise_and_never_negative():
+    runs = planted_runs().query("stage == 'pack_shards'")
+    noisy = runs.assign(
+        **{"CPU seconds": runs["CPU seconds"] * np.exp(0.02 * np.random.default_rng(0).normal(size=12))}
+    )
+    fit = fit_terms(noisy, "CPU seconds", TERMS["pack_shards"]["CPU seconds"])
+    assert fit.relative_error == pytest.approx(0.02, rel=0.5)
+    assert fit.coefficients.min() >= 0
+    # Of the leading term; those that are small beside it are known less.
+    assert fit.coefficients[-1] == pytest.approx(1e-3 / 256, rel=0.2)
