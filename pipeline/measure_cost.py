@@ -2,17 +2,20 @@
 
 A dial is one setting of one stage (`pipeline.dials`). The stage is run as a process of its own, as a user would, with
 all else as the workflow has it. Its output is compared with the truth where the capture knows it (metrics marked
-`truth`), else with what the dial's last, finest value gives (`reference`). Runs are interleaved: all settings once,
-then all again. Writes accuracy_cost.csv (see `pipeline.metrics.cost.cost_table`) and accuracy_cost.png.
+`truth`), else with what the dial's last, finest value gives (`reference`, with that value). Runs are interleaved: all
+settings once, then all again; what several dials ask for runs once for all of them. Writes accuracy_cost.csv (see
+`pipeline.metrics.cost.cost_table`) and accuracy_cost.png.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import shutil
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,35 +26,48 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import write_table
 from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.project import SECTIONS
-from pipeline.dials.calibration import CALIBRATION_DIALS
-from pipeline.dials.dial import Dial, Files, Subject, possible_dials
-from pipeline.dials.irradiance import IRRADIANCE_DIALS
-from pipeline.dials.splatting import SPLATTING_DIALS
-from pipeline.dials.tracking import TRACKING_DIALS
-from pipeline.dials.trained import TRAINED_DIALS
+from pipeline.dials.catalogue import DIALS
+from pipeline.dials.dial import CostedStage, Dial, Files, Subject, label, possible_dials
 from pipeline.figures.cost_plot import draw_costs
 from pipeline.metrics.cost import IMPORTS_ONLY, Cost, cost_table, interleaved
-from pipeline.metrics.measured_run import MeasuredRun, run_measured
+from pipeline.metrics.measured_run import run_measured
 
 log = logging.getLogger("measure_cost")
-
-DIALS: list[Dial] = [*CALIBRATION_DIALS, *TRACKING_DIALS, *IRRADIANCE_DIALS, *TRAINED_DIALS, *SPLATTING_DIALS]
-"""All dials, in data order."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One setting of a dial, and what its output is compared with; with nothing: the stage is only imported."""
+    """One setting of a stage, for all dials that ask for it.
 
-    dial: Dial
-    value: Any
-    expected: Files | None
-    cost: Cost
+    Attributes:
+        stage: it runs.
+        change: of its settings; None: the stage is only imported.
+        costs: what it costs, dial by dial, and what its output is compared with.
+        keep: where the output of its first run stays, because others are compared with it.
+    """
+
+    stage: CostedStage
+    change: Mapping[str, Any] | None
+    costs: list[tuple[Cost, Files | None]]
+    keep: Path | None = None
+
+    def commands(self, subject: Subject, out: Path) -> list[tuple[list[str], bool]]:
+        """Command lines in order, and whether their time counts."""
+        if self.change is None:
+            return [(command, True) for command in self.stage.imports()]
+        later = self.stage.later_commands(subject, out).items()
+        turned = (self.stage.command(subject, out, self.change), True)
+        return [turned, *((command, name in self.stage.timed) for name, command in later)]
+
+    def key(self, subject: Subject) -> str:
+        """The same for jobs that do the same."""
+        text = repr((self.stage.name, self.stage.metrics, self.commands(subject, Path("out"))))
+        return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
 
 def run(
-    *, results: Path, capture: Path, out: Path, threads: int = 1, chunk_size: int = 64, stage_settings: str = "{}",
-    settings: MeasureCost = MeasureCost(),
+    *, results: Path, capture: Path, out: Path, threads: int = 1, chunk_size: int = 64, variant: str = "full",
+    stage_settings: str = "{}", settings: MeasureCost = MeasureCost(),
 ) -> None:  # fmt: skip
     """Measure what each setting of each dial costs, and how wrong the output is.
 
@@ -61,22 +77,30 @@ def run(
         out: folder to write accuracy_cost.csv and accuracy_cost.png to.
         threads: that each stage may use.
         chunk_size: frames of the one chunk on which stages that work chunk by chunk are measured.
+        variant: avatar that is relit.
         stage_settings: JSON, what differs from the stages' defaults: {"track_mesh": {"outline_rounds": 3}}.
     """
-    # Absolute, though stages are started where this one was: temporary folders are elsewhere.
-    subject = Subject(results.resolve(), capture.resolve(), threads, chunk_size, read_stage_settings(stage_settings))
-    dials, left_out = possible_dials(DIALS, settings.dials, subject)
-    for reason in left_out if not settings.dials else []:
-        log.info("left out: %s", reason)
-    with tempfile.TemporaryDirectory(prefix="measure_cost_") as folder:
-        jobs = [job for dial in dials for job in prepare(dial, subject, Path(folder, dial.name))]
-        runs = len(jobs) * settings.repeats
-        for number, job in enumerate(interleaved(jobs, settings.repeats), 1):
-            done = measure(job, subject, Path(folder, "run"))
-            text = "run %d of %d: %s %s: %.2f s, %.0f MB%s"
-            refused = f", refused: {done.last_lines.splitlines()[-1]}" if done.refused else ""
-            log.info(text, number, runs, job.dial.name, job.cost.setting, done.seconds, done.peak_mb, refused)
-    table = cost_table([job.cost for job in jobs], settings.relative_tolerance)
+    changed = read_stage_settings(stage_settings)
+    with tempfile.TemporaryDirectory(prefix="measure_cost_") as name:
+        folder = Path(name)
+        # Absolute, though stages are started where this one was: temporary folders are elsewhere.
+        subject = Subject(
+            results.resolve(), capture.resolve(), threads, chunk_size, changed, folder / "made", variant
+        )  # fmt: skip
+        dials, left_out = possible_dials(DIALS, settings.dials, subject)
+        for reason in left_out if not settings.dials else []:
+            log.info("left out: %s", reason)
+        asked = [job for dial in dials for job in prepare(dial, subject, folder / dial.name)]
+        jobs = merged(asked, subject)
+        repeats = [settings.repeats if job.stage.warm_up is None else settings.training_repeats for job in jobs]
+        for number, job in enumerate(interleaved(jobs, repeats), 1):
+            said = measure(job, subject, folder / "run")
+            names = ", ".join(f"{cost.dial} {cost.setting}" for cost, _ in job.costs)
+            log.info("run %d of %d: %s: %s", number, sum(repeats), names, said)
+        for job in jobs:
+            if job.keep:
+                judge(job, subject, job.stage.written(job.keep))
+    table = cost_table([cost for job in asked for cost, _ in job.costs], settings.relative_tolerance)
     for row in table[table.chosen].itertuples():
         log.info("%s: %s will do: %s %.3g, %.2f s", row.dial, row.setting, row.metric, row.error, row.seconds)
     write_table(out / "accuracy_cost.csv", table)
@@ -110,62 +134,89 @@ def read_stage_settings(text: str) -> dict[str, dict[str, Any]]:
 
 
 def prepare(dial: Dial, subject: Subject, folder: Path) -> list[Job]:
-    """The dial's jobs, after one run of its reference that does not count.
+    """The dial's jobs, after a first run that does not count.
 
-    It is the output to compare with where the truth is not known, and it warms up what only a first run has to do: file
-    caches, compiled kernels.
+    It warms up what only a first run has to do: file caches, compiled kernels. It also gives the output to compare with
+    where the truth is not known; but of a stage that runs for minutes it is short, and the first run that counts does.
 
     Raises:
         InputError: if the stage fails.
     """
-    values = list(dial.values(subject))
+    stage, values = dial.stage, list(dial.values(subject))
+    for name in [name for name in stage.makes if not (subject.made / name).exists()]:
+        subject.made.mkdir(exist_ok=True)
+        stage.makes[name](subject.made / name)
     log.info("%s: %s, a first run that does not count", dial.name, label(values[-1]))
-    reference = {**dial.fixed, dial.setting: values[-1]}
-    for command in [dial.stage.command(subject, folder, reference), *dial.stage.later_commands(subject, folder)]:
+    last = Job(stage, dial.change(values[-1]), [])
+    if stage.warm_up is None:
+        first = last if dial.reference is None else Job(stage, {**dial.fixed, **dial.reference}, [])
+        commands, kept = [command for command, _ in first.commands(subject, folder)], folder
+    else:
+        commands = [stage.command(subject, folder, {**(last.change or {}), **stage.warm_up})]
+        kept = subject.made / f"kept_{last.key(subject)}"
+    for command in commands:
         run_measured(command).require_success()
-    truth = dial.stage.truth(subject)
-    against = "truth" if truth else "reference"
-    tolerances = {f"{metric.name} ({against})": metric.tolerance(subject) for metric in dial.stage.metrics}
+    truth = stage.truth(subject)
+    against = "truth" if truth else dial.against(subject)
+    tolerances = {f"{metric.name} ({against})": metric.tolerance(subject) for metric in stage.metrics}
+    jobs = [Job(stage, None, [(Cost(dial.name, IMPORTS_ONLY, tolerances, stage.unit, stage.name, dial.setting), None)])]
+    for value in values:
+        cost = Cost(dial.name, label(value), tolerances, stage.unit, stage.name, dial.setting)
+        jobs.append(Job(stage, dial.change(value), [(cost, truth or stage.written(kept))]))
+    if stage.warm_up is not None and not truth:
+        jobs[-1] = replace(jobs[-1], keep=kept)
+    return jobs
 
-    def cost(setting: str) -> Cost:
-        return Cost(dial.name, setting, tolerances, dial.stage.unit)
 
-    expected = truth or dial.stage.written(folder)
-    jobs = [Job(dial, value, expected, cost(label(value))) for value in values]
-    return [Job(dial, None, None, cost(IMPORTS_ONLY)), *jobs]
+def merged(jobs: Sequence[Job], subject: Subject) -> list[Job]:
+    """Jobs that do the same as one job; those first whose output others are compared with."""
+    found: dict[str, Job] = {}
+    for job in jobs:
+        same = found.setdefault(job.key(subject), replace(job, costs=[]))
+        same.costs.extend(job.costs)
+        found[job.key(subject)] = replace(same, keep=same.keep or job.keep)
+    return sorted(found.values(), key=lambda job: job.keep is None)
 
 
-def measure(job: Job, subject: Subject, out: Path) -> MeasuredRun:
-    """Run one job into the empty folder `out`, add to its cost, and empty the folder.
+def measure(job: Job, subject: Subject, scratch: Path) -> str:
+    """Run one job, add to what it costs, and say what that was. It writes to the empty folder `scratch`, which is empty
+    again afterwards, or to its own.
 
     A setting with which the stage refuses to work is a result, too: it costs time and has no error.
 
     Raises:
         InputError: if the stage breaks.
     """
-    stage, cost, only_imports = job.dial.stage, job.cost, job.expected is None
-    change = {**job.dial.fixed, job.dial.setting: job.value}
-    done = run_measured(stage.imports() if only_imports else stage.command(subject, out, change))
-    cost.seconds.append(done.seconds)
-    cost.cpu_seconds.append(done.cpu_seconds)
-    cost.peak_mb.append(done.peak_mb)
-    if not done.refused:
-        done.require_success()
-    judged_before = bool(stage.afterwards and cost.errors)  # later stages give the same again, and take minutes
-    if not (done.refused or only_imports or judged_before):
-        for command in stage.later_commands(subject, out):
-            run_measured(command).require_success()
-        output = stage.written(out)
-        cost.work = stage.work(output)
-        for name, metric in zip(cost.tolerances, stage.metrics, strict=True):
-            cost.errors.setdefault(name, []).append(metric.error(subject, output, job.expected))
-    shutil.rmtree(out, ignore_errors=True)
-    return done
+    out = job.keep if job.keep and not job.keep.exists() else scratch
+    commands = job.commands(subject, out)
+    judged = all(cost.errors for cost, _ in job.costs) or bool(job.keep)
+    if judged and job.stage.afterwards and out == scratch:  # what later stages judge by is the same again
+        commands = commands[: 1 + max(place for place, (_, timed) in enumerate(commands) if timed)]
+    done = [run_measured(command) for command, _ in commands[:1]]
+    refused = done[0].refused and not job.keep
+    if not refused:
+        done[0].require_success()
+        done += [run_measured(command).require_success() for command, _ in commands[1:]]
+    timed = [one for one, (_, counts) in zip(done, commands, strict=False) if counts]
+    seconds, peak_mb = sum(one.seconds for one in timed), max(one.peak_mb for one in timed)
+    for cost, _ in job.costs:
+        cost.seconds.append(seconds)
+        cost.cpu_seconds.append(sum(one.cpu_seconds for one in timed))
+        cost.peak_mb.append(peak_mb)
+    if not (refused or job.change is None or job.keep or (judged and job.stage.afterwards)):
+        judge(job, subject, job.stage.written(out))
+    if out == scratch:
+        shutil.rmtree(out, ignore_errors=True)
+    said = f", refused: {done[0].last_lines.splitlines()[-1]}" if refused else ""
+    return f"{seconds:.2f} s, {peak_mb:.0f} MB{said}"
 
 
-def label(value: Any) -> str:
-    """A setting's value as the table names it."""
-    return "all" if value is None else str(value)
+def judge(job: Job, subject: Subject, output: Files) -> None:
+    """Add the errors of an output."""
+    for cost, expected in job.costs:
+        cost.work = job.stage.work(output)
+        for name, metric in zip(cost.tolerances, job.stage.metrics, strict=True):
+            cost.errors.setdefault(name, []).append(metric.error(subject, output, expected))
 
 
 def main() -> None:

@@ -29,7 +29,8 @@ IMAGE_SCHEMA = pa.schema(
         ("t", pa.list_(pa.float64(), 3)),
     ]
 )
-"""image: float16 or float32 little-endian [height, width, 3], see `PIXELS`; mask: uint8 [height, width]; K, R row-major."""
+"""image: float16 or float32 little-endian [height, width, 3], see `PIXELS`; mask: uint8 [height, width]; K, R
+row-major."""
 
 FRAME_SCHEMA = pa.schema(
     [("frame", pa.int64()), ("segment", pa.string()), ("fully_lit", pa.bool_())]

@@ -8,7 +8,6 @@ from pydantic import Field
 
 from pipeline.config.settings import Settings
 
-
 Codec = Literal["float32", "float16", "float16_lz4", "float16_zstd"]
 
 

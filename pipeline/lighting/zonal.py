@@ -59,7 +59,9 @@ def gather_light_reference(
     legendre = [torch.ones_like(cosine), cosine]
     for degree in range(2, degrees):
         legendre.append(((2 * degree - 1) * cosine * legendre[-1] - (degree - 1) * legendre[-2]) / degree)
-    weighted = torch.stack(legendre, -1) * torch.as_tensor(NORMALISATION[:degrees], dtype=points.dtype, device=points.device)
+    weighted = torch.stack(legendre, -1) * torch.as_tensor(
+        NORMALISATION[:degrees], dtype=points.dtype, device=points.device
+    )
     arriving = intensities / distance2
     return torch.einsum("pnal,pnc->palc", weighted, arriving if seen is None else arriving * seen[..., None])
 

@@ -44,8 +44,8 @@ class TinyStage(CostedStage):
     def command(self, subject: Subject, out: Path, change: Any) -> list[str]:
         return [sys.executable, "-S", "-c", PROGRAM, str(out), str(change["value"]), str(self.history)]
 
-    def imports(self) -> list[str]:
-        return [sys.executable, "-S", "-c", "pass"]
+    def imports(self) -> list[list[str]]:
+        return [[sys.executable, "-S", "-c", "pass"]]
 
 
 def read_number(path: Path) -> float:
@@ -81,7 +81,7 @@ def test_against_the_reference(turn, tmp_path) -> None:
     assert order == ["5", "1", "2", "5", "1", "2", "5"]
     assert table.setting.tolist() == ["imports only", "1", "2", "5"]
     np.testing.assert_array_equal(table.error, [np.nan, 8, 3, 0])
-    assert set(table.metric) == {"off (reference)"}
+    assert set(table.metric) == {"off (reference 5)"}
     assert table.set_index("setting").chosen.to_dict() == {"imports only": False, "1": False, "2": False, "5": True}
     assert (table.seconds > 0).all() and (table.peak_mb > 1).all()
     assert (tmp_path / "out/accuracy_cost.png").read_bytes().startswith(b"\x89PNG")
@@ -142,7 +142,7 @@ def test_workflow_hands_over_what_a_subject_changes() -> None:
     changed = {
         stage: settings for stage, settings in read_stage_settings(changed_settings(subject)).items() if settings
     }
-    assert changed == {"track_mesh": {"outline_rounds": 2}, "train_avatar": {"steps": 7}}
+    assert changed == {"track_mesh": {"outline_rounds": 2}, "train_avatar": {"steps": 7}, "unwrap_atlas": {"size": 64}}
 
 
 def test_samples_of_irradiance(tmp_path) -> None:

@@ -16,12 +16,12 @@ from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.config.measure_cost import COSTED_STAGES
 from pipeline.config.project import SECTIONS
 from pipeline.dials.calibration import CAMERAS
+from pipeline.dials.catalogue import DIALS
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject, possible_dials
 from pipeline.dials.tolerances import small_focal_percent, small_length_mm, small_light_mm
 from pipeline.dials.tracking import TRACKING
 from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
 from pipeline.geometry.cameras import write_cameras
-from pipeline.measure_cost import DIALS
 from tests.walking_figure import ring_of_cameras
 
 STAGE = CostedStage(
@@ -109,9 +109,9 @@ def test_names_of_dials_differ() -> None:
 
 def test_stages_that_follow_are_run_like_any_other(subject) -> None:
     stage = replace(STAGE, afterwards={"pack_shards": "--irradiance {out}/0000 --chunk-size {chunk_size}"})
-    (command,) = stage.later_commands(subject, Path("/tmp/out"))
+    command = stage.later_commands(subject, Path("/tmp/out"))["pack_shards"]
     assert command[1:6] == ["-m", "pipeline.pack_shards", "--irradiance", "/tmp/out/0000", "--chunk-size"]
-    assert STAGE.later_commands(subject, Path("/tmp/out")) == []
+    assert STAGE.later_commands(subject, Path("/tmp/out")) == {}
 
 
 def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:
