@@ -165,7 +165,9 @@ class Dial:
         """What errors are relative to where the truth is not known, in words: `reference 8, steps 200`."""
         last = label(list(self.values(subject))[-1])
         words = last if self.reference is None else " ".join(f"{key} {value}" for key, value in self.reference.items())
-        rest = [self.fixed, *self.stage.later_settings.values()]
+        given = self.reference or {}
+        fixed = {key: value for key, value in self.fixed.items() if key not in given}
+        rest = [fixed, *self.stage.later_settings.values()]
         return ", ".join([f"reference {words}", *(f"{key} {value}" for part in rest for key, value in part.items())])
 
 

@@ -71,7 +71,7 @@ IRRADIANCE = CostedStage(
 
 SMOOTHED = replace(
     IRRADIANCE,
-    metrics=(Metric("irradiance smoothed for training, RMS", _smoothed_irradiance, lambda subject: TOLERANCE),),
+    metrics=(Metric("smoothed irradiance, RMS", _smoothed_irradiance, lambda subject: TOLERANCE),),
 )
 
 
