@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import logging
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,17 +13,17 @@ from pipeline.config.loading import Project
 from pipeline.config.project import SubjectSettings
 from pipeline.config.promise import Promise
 
-log = logging.getLogger(__name__)
-
 
 @dataclass(frozen=True)
 class BudgetedProject(Project):
     """A project whose subjects with `budget_minutes` have settings that fit, once they are asked for.
 
     Attributes:
+        say: told, line by line, what was chosen and what to expect of it.
         known: what was chosen so far, by subject.
     """
 
+    say: Callable[[str], object]
     known: dict[str, tuple[SubjectSettings, Promise]] = field(default_factory=dict)
 
     def subject(self, name: str) -> SubjectSettings:
@@ -46,10 +46,10 @@ class BudgetedProject(Project):
             size = capture_size(settings, Path(self.settings.captures) / name, measured_size(measured))
             self.known[name] = within_budget(name, settings, self.said_by_user(name), size, curves, measured)
             for line in self.known[name][1].lines():
-                log.info(line)
+                self.say(line)
         return self.known[name]
 
 
-def with_budgets(project: Project) -> BudgetedProject:
-    """The same project; a budget chooses when a subject's settings are asked for."""
-    return BudgetedProject(project.settings, project.subjects, project.written, project.command_line)
+def with_budgets(project: Project, say: Callable[[str], object]) -> BudgetedProject:
+    """The same project; a budget chooses when a subject's settings are asked for, and says so."""
+    return BudgetedProject(project.settings, project.subjects, project.written, project.command_line, say)

@@ -6,6 +6,8 @@ import re
 import sys
 from pathlib import Path
 
+from snakemake.logging import logger
+
 from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
 from pipeline.config.budgeted import with_budgets
@@ -34,7 +36,8 @@ shell.prefix(
 def validated_project():
     """The configuration; what is wrong with it is said without a traceback."""
     try:
-        return with_budgets(load_project(config, workflow.config_settings.overwrite_config, Path("config/subjects")))
+        loaded = load_project(config, workflow.config_settings.overwrite_config, Path("config/subjects"))
+        return with_budgets(loaded, logger.info)
     except InputError as error:
         raise WorkflowError(str(error))
 

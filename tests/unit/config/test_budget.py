@@ -146,10 +146,13 @@ class TestProject:
         own = {"train_avatar": {"steps": 100}}
         (tmp_path / "subjects/someone.yaml").write_text(yaml.safe_dump(own))
 
+        said = []
+
         def load(command_line):
             defaults = merge(ProjectSettings().model_dump(mode="json"), command_line)
-            return with_budgets(load_project(defaults, command_line, tmp_path / "subjects"))
+            return with_budgets(load_project(defaults, command_line, tmp_path / "subjects"), said.append)
 
+        load.said = said
         return load
 
     def test_without_a_budget_nothing_changes(self, project) -> None:
@@ -161,6 +164,7 @@ class TestProject:
         assert loaded.subject("someone").train_avatar.steps == 100
         assert loaded.subject("someone").trace_irradiance.samples == "2"
         assert loaded.subject("other").train_avatar.steps == 400
+        assert sum("budget 1e+03 minutes" in line for line in project.said) == 2  # once for each subject
         assert {choice.dial for choice in loaded.promise("other").choices if choice.by == "user"} == {
             "irradiance_power"
         }
