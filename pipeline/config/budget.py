@@ -49,7 +49,8 @@ def within_budget(
         InputError: if no setting is fast enough, with what takes the time and what the user has set.
     """
     budget_s = 60.0 * settings.budget_minutes
-    turned = [curve for curve in curves if _spent_in(curve) in GROWTH and curve.stage in measured.seconds]
+    known = measured.seconds.keys() & GROWTH.keys()
+    turned = [curve for curve in curves if _spent_in(curve) in known and curve.dial in measured.settings]
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, curve)}
     base = {stage: _base_seconds(stage, size, measured, turned) for stage in GROWTH if stage in measured.seconds}
     dials: dict[str, dict[str, list[Option]]] = {}

@@ -78,7 +78,7 @@ def facts_of(results: Path, used: dict[str, Any]) -> dict[str, Any]:
 def benchmark_seconds(folder: Path, stage: str) -> float:
     """Seconds of a processor that all jobs of a stage took; 0 if it has not run."""
     tables = [pd.read_csv(path, sep="\t") for path in folder.glob("*.tsv") if path.name.partition(".")[0] == stage]
-    return round(sum(float(table.cpu_time.iloc[-1]) for table in tables), 2)
+    return round(sum((float(table.cpu_time.iloc[-1]) for table in tables), 0.0), 2)
 
 
 def main() -> None:
