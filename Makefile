@@ -16,7 +16,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases growth effects lint schema FORCE
+.PHONY: help test hard-cases growth effects lint schema curves presets FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -26,6 +26,8 @@ help:
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
+	@echo 'make curves                        measure what accuracy costs on subjectA, for presets and budgets'
+	@echo 'make presets                       write the presets draft, standard and reference from these curves'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
 test: $(READY)
@@ -52,6 +54,15 @@ lint: $(READY)
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema
 	$(BIN)/python -m pipeline.capture.format_page
+
+CURVES_OF := results/subjectA
+curves: $(READY)
+	$(BIN)/snakemake --cores $(CORES) $(CURVES_OF)/metrics.csv
+	$(BIN)/snakemake --cores 1 --forcerun measure_cost -- $(CURVES_OF)/accuracy_cost.csv
+	$(BIN)/python -m pipeline.dials.curves --results $(CURVES_OF)
+
+presets: $(READY)
+	$(BIN)/python -m pipeline.config.presets
 
 $(READY): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv

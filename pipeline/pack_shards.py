@@ -102,7 +102,9 @@ def run(
     held_out = images[list(FLAGS)].any(axis=1)
     splits = () if only_frames else (("train", images[~held_out]), ("test", images[held_out]))
     for split, part in splits:
-        packed = write_image_shard(out / split / f"{chunk:04d}.arrow", crop_images(part, inputs, settings))
+        packed = write_image_shard(
+            out / split / f"{chunk:04d}.arrow", crop_images(part, inputs, settings), settings.codec
+        )
         log.info("%s: %d images", split, packed)
     write_frame_shard(out / "frames" / f"{chunk:04d}.arrow", (frame_record(n, inputs) for n in booked.index.tolist()))
 

@@ -52,7 +52,8 @@ class EnvironmentAvatar(Avatar):
 
     def shade_direct(self, frame: dict, axes: Tensor, inputs: SkyInputs) -> Float[Tensor, "texels 3"]:
         """Diffuse light of the sky (RFGCA 7-9)."""
-        light = gather_environment(inputs.sky.world_from_map.T @ axes, inputs.sky.harmonics)
+        harmonics = inputs.sky.harmonics[: self.spec.degrees**2]
+        light = gather_environment(inputs.sky.world_from_map.T @ axes, harmonics)
         return shade_diffuse(self.albedo, frame["transfer_color"], frame["transfer_mono"], light)
 
     def shade_pixels(

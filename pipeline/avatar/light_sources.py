@@ -30,6 +30,12 @@ class ListedLights:
         return np.zeros((camera.height, camera.width, 3), np.float32)
 
 
+def reduced_to(sky: Environment, height: int) -> Environment:
+    """The map at the largest height up to `height` that divides its own."""
+    rows = len(sky.radiance)
+    return sky.reduced(max(n for n in range(1, min(height, rows) + 1) if rows % n == 0))
+
+
 class TurningSky:
     """An environment map, which may turn about the vertical.
 
@@ -41,16 +47,15 @@ class TurningSky:
         self.relighter, self.sky, self.pictures = relighter, sky, pictures
         self.turns, self.still = settings.environment_turns, settings.environment_turns == 0
         self.shown = settings.background == "environment"
-        rows = len(sky.radiance)
-        height = max(n for n in range(1, min(settings.environment_height, rows) + 1) if rows % n == 0)
-        self.reduced = sky.reduced(height)
+        self.reduced = reduced_to(sky, settings.environment_height)
         if settings.environment_light == "lobes" and not relighter.prefilters:
             raise InputError(
                 "--environment-light lobes: expected an avatar with learned transfer, a deferred lobe and no traced "
                 f"light, found {relighter.avatar.spec}; ask for pixels"
             )
         by_lobes = settings.environment_light != "pixels" and relighter.prefilters
-        self.prepared = relighter.prepare_sky(sky) if by_lobes else None
+        lit_by = reduced_to(sky, settings.prefiltered_height) if settings.prefiltered_height else sky
+        self.prepared = relighter.prepare_sky(lit_by) if by_lobes else None
 
     def turn(self, picture: int) -> Float64[np.ndarray, "3 3"]:
         """World from map: counter-clockwise as seen from above."""

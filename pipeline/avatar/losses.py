@@ -169,7 +169,9 @@ def regularization(
         "negative": weights.weight_negative * (negative(frame["diffuse"]) + negative(avatar.albedo)),
     }
     if avatar.spec.shading != "microfacet":
-        distances = [frame[name] - avatar.get_buffer(f"start_{name}") for name in TRANSFER]
+        # Up to degree 3 there is no monochrome part, and the mean of nothing is not a number.
+        built = [name for name in TRANSFER if frame[name].numel()]
+        distances = [frame[name] - avatar.get_buffer(f"start_{name}") for name in built]
         terms["transfer"] = weights.weight_transfer * sum(distance.square().mean() for distance in distances)
     if avatar.spec.bent_normals:
         terms["normal"] = normal_weight(weights, step) * frame["normal_offset"].square().mean()

@@ -93,7 +93,8 @@ class Avatar(nn.Module):
         if self.spec.shading == "microfacet":
             return
         zonal = self.spec.shading == "transfer"
-        start = start_transfer() if zonal else start_harmonics(rest_normals(atlas))
+        degrees = self.spec.degrees
+        start = start_transfer(degrees) if zonal else start_harmonics(rest_normals(atlas), degrees)
         for name, values in zip(("transfer_color", "transfer_mono"), start, strict=True):
             self.register_buffer(f"start_{name}", values, persistent=zonal)  # what the atlas says is not stored twice
             repeats = (texels, *[1] * values.ndim) if zonal else [1] * values.ndim
@@ -148,13 +149,13 @@ class Avatar(nn.Module):
         lights = (frame["light_positions"], frame["intensities"], frame["seen"])
         if self.spec.shading == "microfacet":
             return shade_matte(self.albedo, frame["means"].detach(), frame["bent_normals"], *lights)
-        transfer = (frame["transfer_color"], frame["transfer_mono"])
+        transfer, degrees = (frame["transfer_color"], frame["transfer_mono"]), self.spec.degrees
         if self.spec.shading == "harmonics":
             light = inputs.harmonics if self.spec.near_field else inputs.body_light[None]
-            return shade_harmonics(self.albedo, *transfer, light)
+            return shade_harmonics(self.albedo, *transfer, light[:, : degrees**2])
         if not (self.spec.near_field or self.spec.traced) and len(lights[0]) >= LIGHTS_THAT_PAY:
-            return shade_diffuse(self.albedo, *transfer, gather_distant(axes, inputs.world_light))
-        return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights))
+            return shade_diffuse(self.albedo, *transfer, gather_distant(axes, inputs.world_light[: degrees**2]))
+        return shade_diffuse(self.albedo, *transfer, gather_light(frame["means"], axes, *lights, degrees))
 
     def shade_indirect(self, frame: dict, inputs: FrameInputs) -> Float[Tensor, "texels 3"]:
         """Light by way of other surfaces. What these send is taken as it is: no gradient goes back along the bounce."""

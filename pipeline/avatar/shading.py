@@ -23,28 +23,32 @@ to 18.0 on average, those that three zonal lobes multiply, to 5.25: with the rat
 kinds of transfer as far, and both are held to their start about as strongly."""
 
 
-def start_transfer() -> tuple[Float[Tensor, "3 4 3"], Float[Tensor, "3 5"]]:
-    """Zonal coefficients of a Lambertian texel, coloured and monochrome: tangent and bitangent lobes are empty."""
-    transfer = torch.zeros(3, DEGREES)
-    transfer[2] = torch.as_tensor(clamped_cosine_coefficients())
+def start_transfer(degrees: int = DEGREES) -> tuple[Float[Tensor, "3 color 3"], Float[Tensor, "3 mono"]]:
+    """Zonal coefficients of a Lambertian texel, coloured and monochrome: tangent and bitangent lobes are empty.
+
+    `degrees`: 0, 1 and so on to one less than this; above `COLOR_DEGREES` they are monochrome.
+    """
+    transfer = torch.zeros(3, degrees)
+    transfer[2] = torch.as_tensor(clamped_cosine_coefficients()[:degrees])
     return transfer[:, :COLOR_DEGREES, None].repeat(1, 1, 3), transfer[:, COLOR_DEGREES:].clone()
 
 
 def start_harmonics(
     normals: Float[Tensor, "texels 3"],
-) -> tuple[Float[Tensor, "texels 16 3"], Float[Tensor, "texels 65"]]:
+    degrees: int = DEGREES,
+) -> tuple[Float[Tensor, "texels color 3"], Float[Tensor, "texels mono"]]:
     """SH coefficients of a Lambertian texel, z_l Y_lm(n) in the frame of its normal n, times `UNTURNED_SCALE`."""
-    lobe = torch.as_tensor(clamped_cosine_coefficients(), dtype=torch.float32)
-    orders = torch.arange(1, 2 * DEGREES, 2)
-    transfer = UNTURNED_SCALE * spherical_harmonics(normals) * lobe.repeat_interleave(orders)
+    lobe = torch.as_tensor(clamped_cosine_coefficients()[:degrees], dtype=torch.float32)
+    orders = torch.arange(1, 2 * degrees, 2)
+    transfer = UNTURNED_SCALE * spherical_harmonics(normals, degrees) * lobe.repeat_interleave(orders)
     return transfer[:, : COLOR_DEGREES**2, None].repeat(1, 1, 3), transfer[:, COLOR_DEGREES**2 :].clone()
 
 
 def shade_diffuse(
     albedo: Float[Tensor, "texels 3"],
-    transfer_color: Float[Tensor, "texels 3 4 3"],
-    transfer_mono: Float[Tensor, "texels 3 5"],
-    light: Float[Tensor, "texels 3 9 channels"],
+    transfer_color: Float[Tensor, "texels 3 color 3"],
+    transfer_mono: Float[Tensor, "texels 3 mono"],
+    light: Float[Tensor, "texels 3 degrees channels"],
 ) -> Float[Tensor, "texels 3"]:
     """c_d = albedo * sum over axes a and degrees l of z_al times the light gathered there (RFGCA 7-9)."""
     color = (transfer_color * light[:, :, :COLOR_DEGREES]).sum((1, 2))
@@ -82,12 +86,12 @@ def grazing_gain(normals: Float[Tensor, "pixels 3"], to_camera: Float[Tensor, "p
 
 def shade_harmonics(
     albedo: Float[Tensor, "texels 3"],
-    transfer_color: Float[Tensor, "texels 16 3"],
-    transfer_mono: Float[Tensor, "texels 65"],
-    light: Float[Tensor, "#texels 81 channels"],
+    transfer_color: Float[Tensor, "texels color 3"],
+    transfer_mono: Float[Tensor, "texels mono"],
+    light: Float[Tensor, "#texels coefficients channels"],
 ) -> Float[Tensor, "texels 3"]:
-    """c_d with 113 SH coefficients per texel instead of 51 zonal ones (RGCA 5), in the frame of `light`; these are
-    stored times `UNTURNED_SCALE`."""
+    """c_d with SH coefficients, at degree 8 113 per texel instead of 51 zonal ones (RGCA 5), in the frame of `light`;
+    these are stored times `UNTURNED_SCALE`."""
     color = (transfer_color * light[:, : COLOR_DEGREES**2]).sum(1)
     mono = (transfer_mono[..., None] * light[:, COLOR_DEGREES**2 :]).sum(1)
     return albedo / UNTURNED_SCALE * (color + mono)

@@ -28,6 +28,7 @@ class AvatarSpec:
             texel and light.
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
             "bounce": traced to the texels it comes from.
+        transfer_degree: highest degree of the transfer, zonal or not.
         near_field: lights at their distance; if not, one direction and strength each for all texels of a frame.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
         depth: how far away a pixel's point is; see `pipeline.avatar.pixel_depth`.
@@ -61,6 +62,12 @@ class AvatarSpec:
     code_size: int = 16
     decoder_channels: tuple[int, ...] = (16, 8)
     near_field: bool = True
+    transfer_degree: int = 8
+
+    @property
+    def degrees(self) -> int:
+        """How many degrees the transfer has: 0 to `transfer_degree`."""
+        return self.transfer_degree + 1
 
     @property
     def shadow_net(self) -> bool:

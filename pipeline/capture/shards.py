@@ -16,6 +16,7 @@ import pyarrow as pa
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.capture.records import FrameRecord, ImageRecord
+from pipeline.config.pack_shards import Codec
 
 IMAGE_SCHEMA = pa.schema(
     [("camera", pa.string()), ("frame", pa.int64())]
@@ -28,13 +29,20 @@ IMAGE_SCHEMA = pa.schema(
         ("t", pa.list_(pa.float64(), 3)),
     ]
 )
-"""image: float16 little-endian [height, width, 3]; mask: uint8 [height, width]; K, R row-major."""
+"""image: float16 or float32 little-endian [height, width, 3], see `PIXELS`; mask: uint8 [height, width]; K, R
+row-major."""
 
 FRAME_SCHEMA = pa.schema(
     [("frame", pa.int64()), ("segment", pa.string()), ("fully_lit", pa.bool_())]
     + [(name, pa.binary()) for name in ("vertices", "irradiance", "falling", "light_positions", "light_intensities")]
 )
 """irradiance, falling: float16 little-endian [texels]; the others float32 little-endian [., 3]."""
+
+PIXELS = {2: "<f2", 4: "<f4"}
+"""How a channel is stored, by its bytes: a crop's size in bytes over its size in values says which."""
+
+COMPRESSION = {"float32": None, "float16": None, "float16_lz4": "lz4", "float16_zstd": "zstd"}
+"""Of Arrow's buffers, for each codec; readers see to it by themselves."""
 
 FLOAT16_MAX = 65504.0
 """Largest finite float16: brighter pixels (a light in view) are stored as this, not as infinity."""
@@ -43,9 +51,10 @@ MASK_LEVELS = 255
 """A mask is stored as 0..255 for 0..1: steps of 0.4 %, the precision of the masks that captures carry."""
 
 
-def write_image_shard(path: Path, records: Iterable[ImageRecord]) -> int:
+def write_image_shard(path: Path, records: Iterable[ImageRecord], codec: Codec = "float16") -> int:
     """Write one image shard, a record at a time; returns the number of images."""
-    return _write(path, IMAGE_SCHEMA, (_image_row(record) for record in records))
+    pixels = "<f4" if codec == "float32" else "<f2"
+    return _write(path, IMAGE_SCHEMA, (_image_row(record, pixels) for record in records), COMPRESSION[codec])
 
 
 def write_frame_shard(path: Path, records: Iterable[FrameRecord]) -> int:
@@ -152,12 +161,12 @@ def _open(path: Path, schema: pa.Schema) -> pa.RecordBatchFileReader:
     return reader
 
 
-def _write(path: Path, schema: pa.Schema, rows: Iterable[dict]) -> int:
-    count = 0
+def _write(path: Path, schema: pa.Schema, rows: Iterable[dict], compression: str | None = None) -> int:
+    count, options = 0, pa.ipc.IpcWriteOptions(compression=compression)
     with (
         written_whole(path) as temporary,
         pa.OSFile(str(temporary), "wb") as sink,
-        pa.ipc.new_file(sink, schema) as out,
+        pa.ipc.new_file(sink, schema, options=options) as out,
     ):
         for row in rows:
             out.write_batch(pa.RecordBatch.from_pylist([row], schema))
@@ -165,9 +174,9 @@ def _write(path: Path, schema: pa.Schema, rows: Iterable[dict]) -> int:
     return count
 
 
-def _image_row(record: ImageRecord) -> dict:
+def _image_row(record: ImageRecord, pixels: str) -> dict:
     row = {name: getattr(record, name) for name in IMAGE_SCHEMA.names}
-    row["image"] = np.clip(record.image, -FLOAT16_MAX, FLOAT16_MAX).astype("<f2").tobytes()
+    row["image"] = np.clip(record.image, -FLOAT16_MAX, FLOAT16_MAX).astype(pixels).tobytes()
     row["mask"] = np.round(np.clip(record.mask, 0, 1) * MASK_LEVELS).astype(np.uint8).tobytes()
     for name in ("K", "R", "t"):
         row[name] = np.asarray(row[name]).ravel().tolist()
@@ -177,7 +186,9 @@ def _image_row(record: ImageRecord) -> dict:
 def _image_record(batch: pa.RecordBatch) -> ImageRecord:
     row = {name: batch.column(name)[0] for name in IMAGE_SCHEMA.names}
     height, width = row["height"].as_py(), row["width"].as_py()
-    image = np.frombuffer(row.pop("image").as_buffer(), "<f2").reshape(height, width, 3).astype(np.float32)
+    stored = row.pop("image").as_buffer()
+    image = np.frombuffer(stored, PIXELS[stored.size // (3 * height * width)]).astype(np.float32)
+    image = image.reshape(height, width, 3)
     mask = np.frombuffer(row.pop("mask").as_buffer(), np.uint8).reshape(height, width) / np.float32(MASK_LEVELS)
     plain = {name: value.as_py() for name, value in row.items()}
     for name, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,))):

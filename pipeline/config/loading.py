@@ -23,10 +23,23 @@ COMMAND_LINE = "command line (--config, --configfile)"
 
 @dataclass(frozen=True)
 class Project:
-    """The validated configuration of the project and of every subject that has a file of its own."""
+    """The validated configuration of the project and of every subject that has a file of its own.
+
+    Attributes:
+        settings: the project's.
+        subjects: those of subjects with a file.
+        written: what these files say.
+        command_line: what the command line says.
+    """
 
     settings: ProjectSettings
     subjects: Mapping[str, SubjectSettings]
+    written: Mapping[str, Mapping[str, Any]]
+    command_line: Mapping[str, Any]
+
+    def said_by_user(self, name: str) -> Mapping[str, Any]:
+        """What a subject's file and the command line say, without the defaults."""
+        return merge(self.written.get(name, {}), _shared(self.command_line))
 
     def subject(self, name: str) -> SubjectSettings:
         """The settings of any subject: a subject without a file has the project's."""
@@ -52,21 +65,21 @@ def load_project(config: Mapping[str, Any], command_line: Mapping[str, Any], sub
     complaints = Complaints("configuration")
     origins = [(COMMAND_LINE, command_line), (DEFAULTS_FILE, config)]
     settings = _validate(ProjectSettings, config, origins, complaints)
-    shared = {key: value for key, value in config.items() if key not in PROJECT_ONLY}
-    models = {}
+    shared, changes = _shared(config), _shared(command_line)
+    models, written = {}, {}
     for path in sorted(subjects.glob("*.yaml")):
         if not re.fullmatch(NAME_PATTERN, path.stem):
             complaints.add(path, "file name", expected=f"a subject's name, {NAME_PATTERN}", found=repr(path.stem))
         own = _read_mapping(path, complaints)
         if own is None:
             continue
-        changes = {key: value for key, value in command_line.items() if key not in PROJECT_ONLY}
+        written[path.stem] = own
         merged = merge(merge(shared, own), changes)
         origins = [(COMMAND_LINE, changes), (str(path), own), (DEFAULTS_FILE, config)]
         models[path.stem] = _validate(SubjectSettings, merged, origins, complaints)
     complaints.messages[:] = dict.fromkeys(complaints.messages)
     complaints.raise_if_any()
-    return Project(settings, models)
+    return Project(settings, models, written, command_line)
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -172,6 +185,11 @@ def _model_at(model: type[BaseModel], location: tuple) -> type[BaseModel]:
     for part in location:
         model = model.model_fields[part].annotation
     return model
+
+
+def _shared(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What may differ between subjects."""
+    return {key: value for key, value in content.items() if key not in PROJECT_ONLY}
 
 
 def _without(settings: BaseModel, keys: tuple[str, ...]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from pipeline.config.book_patterns import BookPatterns
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.config.calibrate_lights import CalibrateLights
+from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.index_capture import IndexCapture
@@ -50,6 +51,13 @@ class SubjectSettings(Settings):
         description="avatars to train: name -> what it changes in train_avatar and, below trace_irradiance, in that",
     )
 
+    budget_minutes: float | None = Field(
+        None,
+        gt=0,
+        description="minutes of one processor for metrics.csv: what nobody sets is chosen from config/curves so that "
+        "it loses least; null: no budget",
+    )
+
     # The stages, in data order.
     synthesize_capture: SynthesizeCapture = SynthesizeCapture()
     index_capture: IndexCapture = IndexCapture()
@@ -67,6 +75,7 @@ class SubjectSettings(Settings):
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
     relight_avatar: RelightAvatar = RelightAvatar()
+    check_budget: CheckBudget = CheckBudget()
     measure_cost: MeasureCost = MeasureCost()
     write_report: WriteReport = WriteReport()
 

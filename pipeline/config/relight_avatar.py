@@ -43,6 +43,9 @@ class RelightAvatar(Settings):
     environment_height: int = Field(
         16, ge=2, le=256, description="height to which a map is reduced as distant lights and for shadow rays [pixels]"
     )
+    prefiltered_height: int | None = Field(
+        None, ge=2, description="height to which a map is reduced before its lobes; null: it stays as it is [pixels]"
+    )
     shadow_samples: str = Field(
         "full", pattern=r"^(full|[1-9][0-9]{0,3})$", description="lights drawn per texel for shadows, or full [rays]"
     )

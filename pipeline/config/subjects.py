@@ -61,7 +61,7 @@ def watched_files(project: Project, subject: str) -> list[str]:
     limit = project.settings.track_capture_files
     files = list(islice(_files_below(folder), limit + 1))
     if len(files) > limit:
-        tables = [folder / path for path in _named_files(_read_description(description))]
+        tables = [folder / path for path in _named_files(read_description(description))]
         files = [description, *(path for path in tables if path.is_file())]
     return sorted(map(str, files))
 
@@ -73,7 +73,7 @@ def _files_below(folder: Path) -> Iterator[Path]:
 
 
 def _count_frames(folder: Path) -> int:
-    table = _read_description(folder / "capture.yaml").get("frames")
+    table = read_description(folder / "capture.yaml").get("frames")
     if not isinstance(table, str):
         return 0
     try:
@@ -83,7 +83,8 @@ def _count_frames(folder: Path) -> int:
         return 0
 
 
-def _read_description(path: Path) -> dict[str, Any]:
+def read_description(path: Path) -> dict[str, Any]:
+    """The content of a capture.yaml; nothing if it cannot be read, as index_capture says why."""
     try:
         content = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError):

@@ -44,6 +44,9 @@ class TrainAvatar(Settings):
         description="How far a pixel's point is that the lobe is evaluated at: splatted depth as it is, divided by "
         "alpha, the depth that half of the light gets past, or the depth of the posed mesh",
     )
+    transfer_degree: int = Field(
+        8, ge=1, le=8, description="Highest degree of the transfer (RFGCA 7-9); above 3 it is monochrome"
+    )
     normals: Literal["learned", "mesh"] = Field(
         "learned", description="Normals for shading: learned (RFGCA 10) or mesh"
     )

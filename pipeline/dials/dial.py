@@ -30,6 +30,8 @@ class Subject:
         threads: that stages may use.
         chunk_size: frames per chunk.
         sections: stage -> settings that differ from the defaults.
+        made: folder for what dials make for themselves, see `CostedStage.makes`.
+        variant: the avatar that is relit.
     """
 
     results: Path
@@ -37,6 +39,8 @@ class Subject:
     threads: int
     chunk_size: int
     sections: Mapping[str, Mapping[str, Any]]
+    made: Path = Path("made")
+    variant: str = "full"
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,11 @@ class CostedStage:
         runs_on: whether a subject calls for the stage at all.
         afterwards: later stages, with paths as in `arguments`, run once per setting if the metrics judge what they make
             of the output; their time does not count.
+        timed: those of them whose time does count, for a setting that costs time later: they run every time.
+        settings: what differs from the subject's settings in every run, for runs that are shorter than the subject's.
+        later_settings: what differs from the subject's settings in `afterwards`.
+        warm_up: for a stage that runs for minutes, settings with which a run that does not count is short.
+        makes: files that are no subject's: name below {made} -> what writes it.
     """
 
     name: str
@@ -79,18 +88,26 @@ class CostedStage:
     work: Callable[[Files], float | int]
     runs_on: Callable[[Subject], bool] = lambda subject: True
     afterwards: Mapping[str, str] = field(default_factory=dict)
+    timed: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    later_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    warm_up: Mapping[str, Any] | None = None
+    makes: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
     def command(self, subject: Subject, out: Path, change: Mapping[str, Any]) -> list[str]:
         """Its command line with the subject's settings but for `change`."""
-        return _command_line(self.name, self.arguments, subject, out, change)
+        return _command_line(self.name, self.arguments, subject, out, {**self.settings, **change})
 
-    def later_commands(self, subject: Subject, out: Path) -> list[list[str]]:
-        """The command lines of `afterwards`, in order."""
-        return [_command_line(name, words, subject, out, {}) for name, words in self.afterwards.items()]
+    def later_commands(self, subject: Subject, out: Path) -> dict[str, list[str]]:
+        """The command lines of `afterwards`, in order, by stage."""
+        return {
+            name: _command_line(name, words, subject, out, self.later_settings.get(name, {}))
+            for name, words in self.afterwards.items()
+        }
 
-    def imports(self) -> list[str]:
-        """A command line that does nothing but import the stage."""
-        return [sys.executable, "-c", f"import pipeline.{self.name}"]
+    def imports(self) -> list[list[str]]:
+        """Command lines that do nothing but import the stages whose time counts."""
+        return [[sys.executable, "-c", f"import pipeline.{name}"] for name in (self.name, *self.timed)]
 
     def written(self, out: Path) -> Files:
         """Its output in folder `out`."""
@@ -103,7 +120,8 @@ class CostedStage:
 
     def lacking(self, subject: Subject) -> list[str]:
         """Files that it would read and that are not there."""
-        return [name for name in self.inputs if not (subject.results / name).exists()]
+        names = [name.format(variant=subject.variant) for name in self.inputs]
+        return [name for name in names if not (subject.results / name).exists()]
 
 
 def _command_line(
@@ -111,8 +129,8 @@ def _command_line(
 ) -> list[str]:  # fmt: skip
     settings = SECTIONS[stage](**{**subject.sections.get(stage, {}), **change})
     paths = {"results": subject.results, "capture": subject.capture, "subject": subject.results.name, "out": out}
-    numbers = {"threads": subject.threads, "chunk_size": subject.chunk_size}
-    words = [word.format(**paths, **numbers) for word in arguments.split()]
+    others = {"threads": subject.threads, "chunk_size": subject.chunk_size, "variant": subject.variant}
+    words = [word.format(**paths, **others, made=subject.made) for word in arguments.split()]
     return [sys.executable, "-m", f"pipeline.{stage}", *words, *flags(settings)]
 
 
@@ -126,6 +144,9 @@ class Dial:
         setting: its name in the stage's settings.
         values: for a subject, the last one being the reference; None reads `all` in the table.
         fixed: other settings of the stage that hold for all values.
+        reference: settings of the stage that give the reference, if that is none of the values.
+        chosen: whether presets and budgets choose the setting: it means the same on any capture, and no other dial has
+            it. See `pipeline.config.curves`.
     """
 
     name: str
@@ -133,6 +154,26 @@ class Dial:
     setting: str
     values: Callable[[Subject], Sequence[Any]]
     fixed: Mapping[str, Any] = field(default_factory=dict)
+    reference: Mapping[str, Any] | None = None
+    chosen: bool = False
+
+    def change(self, value: Any) -> dict[str, Any]:
+        """What differs from the subject's settings of the stage where the dial is at `value`."""
+        return {**self.fixed, self.setting: value}
+
+    def against(self, subject: Subject) -> str:
+        """What errors are relative to where the truth is not known, in words: `reference 8, steps 200`."""
+        last = label(list(self.values(subject))[-1])
+        words = last if self.reference is None else " ".join(f"{key} {value}" for key, value in self.reference.items())
+        given = self.reference or {}
+        fixed = {key: value for key, value in self.fixed.items() if key not in given}
+        rest = [fixed, *self.stage.later_settings.values()]
+        return ", ".join([f"reference {words}", *(f"{key} {value}" for part in rest for key, value in part.items())])
+
+
+def label(value: Any) -> str:
+    """A setting's value as the table names it."""
+    return "all" if value is None else str(value)
 
 
 def possible_dials(dials: Sequence[Dial], wanted: Sequence[str], subject: Subject) -> tuple[list[Dial], list[str]]:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.base.files import read_json, read_table
 from pipeline.dials.dial import Dial, Files, Metric, Subject
-from pipeline.dials.irradiance import INPUTS, IRRADIANCE
+from pipeline.dials.irradiance import INPUTS, IRRADIANCE, TRACED
 
 WITHIN_DB = 0.1
 """Difference of PSNR that nobody sees, and about what another seed makes."""
@@ -16,7 +16,11 @@ WITHIN_DB = 0.1
 LEAST_DB = 0.01
 """Losses below this, gains among them, count as this: the last digit that metrics are quoted with."""
 
+STEPS = 200
+"""Of trainings that compare settings: differences between them show by then, and hardly grow afterwards."""
+
 TRAINED = {
+    "trace_irradiance": TRACED,
     "pack_shards": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
     "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
     "--color {results}/calibration/color.json --lights {results}/calibration/lights.parquet "
@@ -42,7 +46,7 @@ def psnr_lost(lit: str) -> Metric:
     return Metric(f"PSNR lost on test images, {lit} lit, dB", error, lambda subject: WITHIN_DB)
 
 
-def _one_chunk(subject: Subject) -> bool:
+def one_chunk(subject: Subject) -> bool:
     """Shadows are on, and all frames are in the chunk that is traced again."""
     shadow = read_json(subject.results / "effects.json")["shadow"]["on"]
     return shadow and len(read_table(subject.results / "frames.parquet")) <= subject.chunk_size
@@ -53,8 +57,10 @@ TRACED_AND_TRAINED = replace(
     inputs=(*INPUTS, "effects.json", "calibration/color.json"),
     outputs={**IRRADIANCE.outputs, "metrics": ("metrics.csv", None)},
     metrics=(psnr_lost("partial"), psnr_lost("all")),
-    runs_on=_one_chunk,
-    afterwards=TRAINED,
+    runs_on=one_chunk,
+    afterwards={stage: words for stage, words in TRAINED.items() if stage != IRRADIANCE.name},
+    later_settings={"train_avatar": {"steps": STEPS}},
+    warm_up={},
 )
 
 TRAINED_DIALS = [

@@ -55,13 +55,13 @@ def light_harmonics(
 
 
 def gather_distant(
-    axes: Float[Tensor, "points 3 3"], light: Float[Tensor, "81 channels"]
-) -> Float[Tensor, "points 3 9 channels"]:
+    axes: Float[Tensor, "points 3 3"], light: Float[Tensor, "coefficients channels"]
+) -> Float[Tensor, "points 3 degrees channels"]:
     """Incident light per axis and degree, differentiable in `axes`; by a kernel on the CPU.
 
     Args:
         axes: rotation matrices; column a is the axis of lobe a.
-        light: L_lm, see `light_harmonics`.
+        light: L_lm of as many degrees as are asked for, see `light_harmonics`.
     """
     return gather_environment(axes, light) if axes.device.type != "cpu" else _GatherDistant.apply(axes, light)
 
@@ -71,7 +71,7 @@ class _GatherDistant(torch.autograd.Function):
     def forward(ctx, axes, light):
         axes, light = axes.detach().contiguous(), light.detach().contiguous()
         ctx.save_for_backward(axes, light)
-        out = torch.empty(len(axes), 3, DEGREES, light.shape[1])
+        out = torch.empty(len(axes), 3, math.isqrt(len(light)), light.shape[1])
         _distant_forward(axes.numpy(), light.numpy(), STEP, BACK, DIAGONAL, out.numpy())
         return out
 
@@ -107,15 +107,15 @@ if len(STEP) ** 2 != COEFFICIENTS:
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _distant_forward(axes, light, step, back, diagonal, out):
-    channels = light.shape[1]
+    channels, degrees = light.shape[1], out.shape[2]
     for p in numba.prange(axes.shape[0]):
         out[p] = 0
         for a in range(3):
             x, y, z = axes[p, 0, a], axes[p, 1, a], axes[p, 2, a]
             cosine, sine = np.float32(1.0), np.float32(0.0)  # of m times the azimuth, times sin(polar angle)^m
-            for m in range(DEGREES):
+            for m in range(degrees):
                 before, here = np.float32(0.0), diagonal[m]
-                for degree in range(m, DEGREES):
+                for degree in range(m, degrees):
                     center = degree * degree + degree
                     for c in range(channels):
                         along = cosine * light[center + m, c]
@@ -129,18 +129,18 @@ def _distant_forward(axes, light, step, back, diagonal, out):
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _distant_backward(axes, light, grad_out, step, back, diagonal, grad):
-    channels = light.shape[1]
+    channels, degrees = light.shape[1], grad_out.shape[2]
     for p in numba.prange(axes.shape[0]):
         for a in range(3):
             x, y, z = axes[p, 0, a], axes[p, 1, a], axes[p, 2, a]
             gx = gy = gz = np.float32(0.0)
             cosine, sine = np.float32(1.0), np.float32(0.0)
             cosine_less, sine_less = np.float32(0.0), np.float32(0.0)  # those of m - 1, times m
-            for m in range(DEGREES):
+            for m in range(degrees):
                 before, here = np.float32(0.0), diagonal[m]
                 slope_before, slope_here = np.float32(0.0), np.float32(0.0)  # with respect to z
                 to_cosine = to_sine = np.float32(0.0)
-                for degree in range(m, DEGREES):
+                for degree in range(m, degrees):
                     center = degree * degree + degree
                     by_cosine = by_sine = np.float32(0.0)
                     for c in range(channels):

@@ -24,19 +24,19 @@ from pipeline.lighting.zonal import DEGREES
 COEFFICIENTS = DEGREES**2
 
 
-def spherical_harmonics(directions: Float[Tensor, "n 3"]) -> Float[Tensor, "n 81"]:
-    """Real, orthonormal Y_lm of unit directions, at index l^2 + l + m; m < 0 are the sines.
+def spherical_harmonics(directions: Float[Tensor, "n 3"], degrees: int = DEGREES) -> Float[Tensor, "n {degrees**2}"]:
+    """Real, orthonormal Y_lm of unit directions for l < degrees, at index l^2 + l + m; m < 0 are the sines.
 
     Polynomials of x, y, z (Sloan 2013, Efficient Spherical Harmonic Evaluation): no angle, so finite with finite
     gradients everywhere, the poles on z included. Without the Condon-Shortley sign, which no sum over m sees.
     """
     x, y, z = directions.unbind(-1)
-    columns: list[Tensor] = [z] * COEFFICIENTS
+    columns: list[Tensor] = [z] * degrees**2
     cosine, sine = torch.ones_like(z), torch.zeros_like(z)  # of m times the azimuth, times sin(polar angle)^m
     diagonal = math.sqrt(1 / (4 * math.pi))
-    for m in range(DEGREES):
+    for m in range(degrees):
         before, here = torch.zeros_like(z), torch.full_like(z, diagonal)
-        for degree in range(m, DEGREES):
+        for degree in range(m, degrees):
             center = degree * degree + degree
             columns[center + m] = here * cosine * (math.sqrt(2) if m else 1)
             columns[center - m] = here * sine * math.sqrt(2) if m else here
@@ -56,14 +56,15 @@ def project_environment(environment: Environment) -> Float64[np.ndarray, "81 3"]
 
 
 def gather_environment(
-    axes: Float[Tensor, "points 3 3"], light: Float[Tensor, "81 channels"]
-) -> Float[Tensor, "points 3 9 channels"]:
+    axes: Float[Tensor, "points 3 3"], light: Float[Tensor, "coefficients channels"]
+) -> Float[Tensor, "points 3 degrees channels"]:
     """Incident light per axis and degree: `pipeline.lighting.zonal.gather_light` of distant lights.
 
     Args:
         axes: rotation matrices; column a is the axis of lobe a.
-        light: L_lm, linear RGB.
+        light: L_lm of as many degrees as are asked for, linear RGB.
     """
-    harmonics = spherical_harmonics(axes.mT.reshape(-1, 3)).reshape(len(axes), 3, COEFFICIENTS)
-    degrees = [harmonics[..., n * n : (n + 1) ** 2] @ light[n * n : (n + 1) ** 2] for n in range(DEGREES)]
-    return torch.stack(degrees, -2)
+    degrees = math.isqrt(len(light))
+    harmonics = spherical_harmonics(axes.mT.reshape(-1, 3), degrees).reshape(len(axes), 3, degrees**2)
+    gathered = [harmonics[..., n * n : (n + 1) ** 2] @ light[n * n : (n + 1) ** 2] for n in range(degrees)]
+    return torch.stack(gathered, -2)

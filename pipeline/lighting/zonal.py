@@ -27,7 +27,7 @@ FAST_MATH = {"contract", "nsz", "arcp"}
 then give other bits. A training that is stopped before its kernels are stored could not go on to the same result."""
 
 DEGREES = 9
-"""Degrees 0..8 (RFGCA section 3.2.1)."""
+"""Degrees 0..8 (RFGCA section 3.2.1): as many as there ever are."""
 
 NORMALISATION = np.array([(2 * degree + 1) / (4 * math.pi) for degree in range(DEGREES)], dtype=np.float32)
 """(2 l + 1) / (4 pi), from the addition theorem."""
@@ -44,7 +44,12 @@ def clamped_cosine_coefficients() -> Float[np.ndarray, "degrees"]:
 
 
 def gather_light_reference(
-    points: Tensor, axes: Tensor, light_positions: Tensor, intensities: Tensor, seen: Tensor | None = None
+    points: Tensor,
+    axes: Tensor,
+    light_positions: Tensor,
+    intensities: Tensor,
+    seen: Tensor | None = None,
+    degrees: int = DEGREES,
 ) -> Tensor:
     """Slow twin of `gather_light` in plain torch, any float type, `seen` as a mask [points, lights]: its oracle,
     forward and backward."""
@@ -52,9 +57,11 @@ def gather_light_reference(
     distance2 = to_light.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
     cosine = torch.einsum("pda,pnd->pna", axes, to_light / distance2.sqrt())
     legendre = [torch.ones_like(cosine), cosine]
-    for degree in range(2, DEGREES):
+    for degree in range(2, degrees):
         legendre.append(((2 * degree - 1) * cosine * legendre[-1] - (degree - 1) * legendre[-2]) / degree)
-    weighted = torch.stack(legendre, -1) * torch.as_tensor(NORMALISATION, dtype=points.dtype, device=points.device)
+    weighted = torch.stack(legendre, -1) * torch.as_tensor(
+        NORMALISATION[:degrees], dtype=points.dtype, device=points.device
+    )
     arriving = intensities / distance2
     return torch.einsum("pnal,pnc->palc", weighted, arriving if seen is None else arriving * seen[..., None])
 
@@ -65,7 +72,8 @@ def gather_light(
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
     seen: UInt8[np.ndarray, "lights bytes"] | None = None,
-) -> Float[Tensor, "points 3 9 channels"]:
+    degrees: int = DEGREES,
+) -> Float[Tensor, "points 3 {degrees} channels"]:
     """Incident light per axis and degree, differentiable in `points` and `axes`; by a kernel on the CPU.
 
     Args:
@@ -74,20 +82,26 @@ def gather_light(
         light_positions: metres.
         intensities: radiant intensity, linear; one channel for white lights, three for coloured ones.
         seen: row j has the points that see light j, packed as np.packbits does; not given: all of them do.
+        degrees: 0, 1 and so on to one less than this, at least 2.
     """
     if seen is None:
         seen = np.full((len(light_positions), (len(points) + 7) // 8), 255, np.uint8)
     if points.device.type != "cpu":
-        return gather_light_in_torch(points, axes, light_positions, intensities, seen)
-    return _GatherLight.apply(points, axes, light_positions, intensities, seen)
+        return gather_light_in_torch(points, axes, light_positions, intensities, seen, degrees)
+    return _GatherLight.apply(points, axes, light_positions, intensities, seen, degrees)
 
 
 def gather_light_in_torch(
-    points: Tensor, axes: Tensor, light_positions: Tensor, intensities: Tensor, seen: np.ndarray
+    points: Tensor,
+    axes: Tensor,
+    light_positions: Tensor,
+    intensities: Tensor,
+    seen: np.ndarray,
+    degrees: int = DEGREES,
 ) -> Tensor:
     """`gather_light` on any device, without the kernel."""
     return sum_in_pieces(
-        lambda *piece: gather_light_reference(*piece[:2], light_positions, intensities, piece[2]),
+        lambda *piece: gather_light_reference(*piece[:2], light_positions, intensities, piece[2], degrees),
         (points, axes, unpacked(seen, len(points), points.device)),
         len(light_positions),
     )
@@ -95,12 +109,12 @@ def gather_light_in_torch(
 
 class _GatherLight(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, points, axes, light_positions, intensities, seen):
+    def forward(ctx, points, axes, light_positions, intensities, seen, degrees):
         inputs = [tensor.detach().contiguous() for tensor in (points, axes, light_positions, intensities)]
         ctx.save_for_backward(*inputs)
         ctx.seen = seen
-        out = torch.empty(len(points), 3, DEGREES, intensities.shape[1])
-        _gather_forward(*(tensor.numpy() for tensor in inputs), seen, NORMALISATION, out.numpy())
+        out = torch.empty(len(points), 3, degrees, intensities.shape[1])
+        _gather_forward(*(tensor.numpy() for tensor in inputs), seen, NORMALISATION[:degrees], out.numpy())
         return out
 
     @staticmethod
@@ -108,16 +122,17 @@ class _GatherLight(torch.autograd.Function):
         points, axes, light_positions, intensities = ctx.saved_tensors
         grad_points, grad_axes = torch.empty_like(points), torch.empty_like(axes)
         arrays = [tensor.numpy() for tensor in (points, axes, light_positions, intensities, grad_out.contiguous())]
-        _gather_backward(*arrays, ctx.seen, NORMALISATION, grad_points.numpy(), grad_axes.numpy())
-        return grad_points, grad_axes, None, None, None
+        normalisation = NORMALISATION[: grad_out.shape[2]]
+        _gather_backward(*arrays, ctx.seen, normalisation, grad_points.numpy(), grad_axes.numpy())
+        return grad_points, grad_axes, None, None, None, None
 
 
 @numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _gather_forward(points, axes, lights, intensities, seen, normalisation, out):
-    channels = intensities.shape[1]
+    channels, degrees = intensities.shape[1], normalisation.shape[0]
     for p in numba.prange(points.shape[0]):
-        total = np.zeros((3, DEGREES, channels), np.float32)
+        total = np.zeros((3, degrees, channels), np.float32)
         for n in range(lights.shape[0]):
             if not seen[n, p >> 3] & (128 >> (p & 7)):
                 continue
@@ -131,7 +146,7 @@ def _gather_forward(points, axes, lights, intensities, seen, normalisation, out)
                     light = intensities[n, c] / distance2
                     total[a, 0, c] += light
                     total[a, 1, c] += light * x
-                for degree in range(2, DEGREES):
+                for degree in range(2, degrees):
                     after = (np.float32(2 * degree - 1) * x * here - np.float32(degree - 1) * before) * (
                         np.float32(1.0) / np.float32(degree)
                     )
@@ -139,7 +154,7 @@ def _gather_forward(points, axes, lights, intensities, seen, normalisation, out)
                     for c in range(channels):
                         total[a, degree, c] += intensities[n, c] / distance2 * after
         for a in range(3):
-            for degree in range(DEGREES):
+            for degree in range(degrees):
                 for c in range(channels):
                     out[p, a, degree, c] = total[a, degree, c] * normalisation[degree]
 
@@ -147,7 +162,7 @@ def _gather_forward(points, axes, lights, intensities, seen, normalisation, out)
 @numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _gather_backward(points, axes, lights, intensities, grad_out, seen, normalisation, grad_points, grad_axes):
-    channels = intensities.shape[1]
+    channels, degrees = intensities.shape[1], normalisation.shape[0]
     for p in numba.prange(points.shape[0]):
         to_point = np.zeros(3, np.float32)
         to_axes = np.zeros((3, 3), np.float32)
@@ -168,7 +183,7 @@ def _gather_backward(points, axes, lights, intensities, grad_out, seen, normalis
                 slope = np.float32(0.0)
                 before, here = np.float32(1.0), x
                 slope_before, slope_here = np.float32(0.0), np.float32(1.0)
-                for degree in range(DEGREES):
+                for degree in range(degrees):
                     if degree == 0:
                         value, change = before, slope_before
                     elif degree == 1:

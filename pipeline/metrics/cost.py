@@ -14,7 +14,7 @@ Item = TypeVar("Item")
 
 COLUMNS = [
     "dial", "setting", "metric", "error", "seconds", "seconds_spread", "peak_mb", "work", "unit", "seconds_low",
-    "seconds_high", "cpu_seconds", "allowed", "pareto", "chosen",
+    "seconds_high", "cpu_seconds", "allowed", "pareto", "chosen", "stage", "option",
 ]  # fmt: skip
 """Of the table: see `cost_table`."""
 
@@ -30,6 +30,7 @@ class Cost:
         dial, setting: their names.
         tolerances: per metric, in order of importance, the error that nobody minds, in the metric's unit.
         unit: of `work`.
+        stage, option: the dial is this option of this stage's settings.
         work: done in one run: corners, rays, ...
         seconds, cpu_seconds, peak_mb: of every run; a setting that was refused has them, too.
         errors: per metric, of every run; none for a setting that was refused or does nothing.
@@ -39,6 +40,8 @@ class Cost:
     setting: str
     tolerances: dict[str, float]
     unit: str
+    stage: str = ""
+    option: str = ""
     work: float | int = np.nan
     seconds: list[float] = field(default_factory=list)
     cpu_seconds: list[float] = field(default_factory=list)
@@ -46,10 +49,13 @@ class Cost:
     errors: dict[str, list[float]] = field(default_factory=dict)
 
 
-def interleaved(items: Sequence[Item], repeats: int) -> Iterator[Item]:
-    """A B C A B C ...: whatever else slows the machine for a while slows all items, not the repeats of one."""
-    for _ in range(repeats):
-        yield from items
+def interleaved(items: Sequence[Item], repeats: Sequence[int]) -> Iterator[Item]:
+    """A B C A B C ...: whatever else slows the machine for a while slows all items, not the repeats of one.
+
+    `repeats` says for every item how often it comes; it is left out of the last rounds if others come more often.
+    """
+    for turn in range(max(repeats, default=0)):
+        yield from (item for item, times in zip(items, repeats, strict=True) if turn < times)
 
 
 def cost_table(costs: Sequence[Cost], relative_tolerance: float) -> pd.DataFrame:
@@ -68,6 +74,7 @@ def cost_table(costs: Sequence[Cost], relative_tolerance: float) -> pd.DataFrame
             "dial": cost.dial, "setting": cost.setting, "seconds": middle, "seconds_spread": high - low,
             "seconds_low": low, "seconds_high": high, "cpu_seconds": np.median(cost.cpu_seconds),
             "peak_mb": max(cost.peak_mb), "work": cost.work, "unit": cost.unit, "pareto": False, "chosen": False,
+            "stage": cost.stage, "option": cost.option,
         }  # fmt: skip
         for metric, tolerance in cost.tolerances.items():
             error = float(np.median(cost.errors[metric])) if metric in cost.errors else np.nan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,8 @@ class TinyStage(CostedStage):
     def command(self, subject: Subject, out: Path, change: Any) -> list[str]:
         return [sys.executable, "-S", "-c", PROGRAM, str(out), str(change["value"]), str(self.history)]
 
-    def imports(self) -> list[str]:
-        return [sys.executable, "-S", "-c", "pass"]
+    def imports(self) -> list[list[str]]:
+        return [[sys.executable, "-S", "-c", "pass"]]
 
 
 def read_number(path: Path) -> float:
@@ -81,7 +81,7 @@ def test_against_the_reference(turn, tmp_path) -> None:
     assert order == ["5", "1", "2", "5", "1", "2", "5"]
     assert table.setting.tolist() == ["imports only", "1", "2", "5"]
     np.testing.assert_array_equal(table.error, [np.nan, 8, 3, 0])
-    assert set(table.metric) == {"off (reference)"}
+    assert set(table.metric) == {"off (reference 5)"}
     assert table.set_index("setting").chosen.to_dict() == {"imports only": False, "1": False, "2": False, "5": True}
     assert (table.seconds > 0).all() and (table.peak_mb > 1).all()
     assert (tmp_path / "out/accuracy_cost.png").read_bytes().startswith(b"\x89PNG")
@@ -142,7 +142,7 @@ def test_workflow_hands_over_what_a_subject_changes() -> None:
     changed = {
         stage: settings for stage, settings in read_stage_settings(changed_settings(subject)).items() if settings
     }
-    assert changed == {"track_mesh": {"outline_rounds": 2}, "train_avatar": {"steps": 7}}
+    assert changed == {"track_mesh": {"outline_rounds": 2}, "train_avatar": {"steps": 7}, "unwrap_atlas": {"size": 64}}
 
 
 def test_samples_of_irradiance(tmp_path) -> None:
@@ -171,3 +171,81 @@ def test_samples_of_irradiance(tmp_path) -> None:
     assert table.work["full"] > table.work["1"] > 0
     assert (table.unit == "rays").all()
     assert table.seconds["imports only"] > 0.1
+
+
+CHAIN = """
+import json, pathlib, sys, time
+out, name, value, history = pathlib.Path(sys.argv[1]), sys.argv[2], float(sys.argv[3]), pathlib.Path(sys.argv[4])
+with history.open("a") as file: file.write(name + sys.argv[3] + " ")
+out.mkdir(parents=True, exist_ok=True)
+time.sleep(0.3 if name in ("slow", "judge") else 0)
+(out / f"{name}.json").write_text(json.dumps(10 / value))
+"""
+
+
+@dataclass(frozen=True)
+class LongStage(CostedStage):
+    """A stage whose output is 10 / value once it has been judged; a later stage that counts is slow."""
+
+    history: Path = Path()
+
+    def words(self, name: str, value: Any, out: Path) -> list[str]:
+        return [sys.executable, "-S", "-c", CHAIN, str(out), name, str(value), str(self.history)]
+
+    def command(self, subject: Subject, out: Path, change: Any) -> list[str]:
+        return self.words("first", change["value"] * change.get("short", 1), out)
+
+    def later_commands(self, subject: Subject, out: Path) -> dict[str, list[str]]:
+        return {"slow": self.words("slow", 1, out), "judge": self.words("judge", 2, out)}
+
+    def imports(self) -> list[list[str]]:
+        return [[sys.executable, "-S", "-c", "pass"]] * 2
+
+
+@pytest.fixture
+def long_stage(tmp_path):
+    def error(subject, output, expected):
+        return abs(read_number(output["value"]) - read_number(expected["value"]))
+
+    return LongStage(
+        name="index_capture", arguments="", inputs=(), outputs={"value": ("first.json", None)},
+        metrics=(Metric("off", error, lambda subject: 0.5),), unit="numbers", work=lambda output: 1,
+        afterwards={"slow": "", "judge": ""}, timed=("slow",), warm_up={"short": 100}, history=tmp_path / "history",
+    )  # fmt: skip
+
+
+def test_long_stages_are_not_run_twice_for_two_dials_nor_judged_twice(long_stage, tmp_path, monkeypatch) -> None:
+    """One dial ends at 5, the other at 10 and passes by 5, which runs once a round for both."""
+    dials = [
+        Dial("low", long_stage, "value", lambda subject: (1, 5)),
+        Dial("high", long_stage, "value", lambda subject: (5, 10)),
+    ]
+    monkeypatch.setattr(pipeline.measure_cost, "DIALS", dials)
+    settings = MeasureCost(repeats=5, training_repeats=2)
+    run(results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out", settings=settings)
+    whole = "slow1 judge2"
+    rounds = [f"first5 {whole} first10 {whole} first1 {whole}", "first5 slow1 first10 slow1 first1 slow1"]
+    assert (tmp_path / "history").read_text().split() == ["first500", "first1000", *" ".join(rounds).split()]
+    table = pd.read_csv(tmp_path / "out/accuracy_cost.csv")
+    assert table.dial.tolist() == ["low"] * 3 + ["high"] * 3
+    assert table.setting.tolist() == ["imports only", "1", "5", "imports only", "5", "10"]
+    np.testing.assert_array_equal(table.error, [np.nan, 8, 0, np.nan, 1, 0])
+    assert table.metric.tolist() == ["off (reference 5)"] * 3 + ["off (reference 10)"] * 3
+    runs = table[table.setting != "imports only"]
+    # The later stage that counts takes 0.3 s, the one that judges is not counted.
+    assert runs.seconds.min() > 0.3
+    assert runs.seconds[runs.setting == "5"].nunique() == 1
+    assert (table.option == "value").all() and (table.stage == "index_capture").all()
+
+
+def test_reference_may_be_none_of_the_values(turn, monkeypatch, tmp_path) -> None:
+    turn([1, 5], repeats=1)
+    (dial,) = pipeline.measure_cost.DIALS
+    monkeypatch.setattr(pipeline.measure_cost, "DIALS", [replace(dial, reference={"value": 10})])
+    run(
+        results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out",
+        settings=MeasureCost(repeats=1),
+    )  # fmt: skip
+    table = pd.read_csv(tmp_path / "out/accuracy_cost.csv")
+    np.testing.assert_array_equal(table.error, [np.nan, 9, 1])
+    assert set(table.metric) == {"off (reference value 10)"}

@@ -152,3 +152,17 @@ def test_what_is_wrong_is_said_before_anything_is_written(inputs, tmp_path, ligh
     with pytest.raises(InputError, match=said):
         stage.run(**inputs, **files, out=tmp_path / "out", settings=RelightAvatar(**settings))
     assert not (tmp_path / "out").exists()
+
+
+def test_map_is_prefiltered_at_the_height_that_is_asked_for(inputs, tmp_path):
+    """A map of its own height is the map; the more it is reduced, the further the lobes are off."""
+    shown = {}
+    for height in (None, 4096, 8, 2):
+        settings = RelightAvatar(
+            **SMALL, stills="exr", environment_light="lobes", pictures=1, prefiltered_height=height, background="black"
+        )
+        stage.run(**inputs, environment=tmp_path / "sky.exr", out=tmp_path / str(height), settings=settings)
+        shown[height] = linear(tmp_path / str(height), 0)[..., :3]
+    np.testing.assert_array_equal(shown[None], shown[4096])
+    errors = [np.abs(shown[height] - shown[None]).mean() for height in (8, 2)]
+    assert 0 < errors[0] < errors[1]

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.curve_files import write_curves
+
 ALWAYS = {
     "index_capture": 1,
     "calibrate_cameras": 1,
@@ -146,3 +148,42 @@ def test_profile_is_found_and_compares_content(workflow):
     profile = yaml.safe_load(Path(workflow.folder / "workflow/profiles/default/config.yaml").read_text())
     assert {"max-checksum-file-size", "rerun-incomplete", "show-failed-logs"} <= profile.keys()
     assert "profiles/default" in workflow.refused("results/nobody/metrics.csv")
+
+
+@pytest.fixture(scope="module")
+def with_curves(copy_of_project, tmp_path_factory):
+    """A project whose curves are made by hand: 66 s of a processor for a capture as large as theirs."""
+    workflow = copy_of_project(tmp_path_factory.mktemp("budget") / "project")
+    write_curves(workflow.folder / "config/curves")
+    made = "source: synthetic\nsynthesize_capture: {cameras: 4, frames: 10, frames_b: 2, width: 40, height: 25}\n"
+    (workflow.folder / "config/subjects/someone.yaml").write_text(made)
+    (workflow.folder / "config/subjects/stubborn.yaml").write_text(made + "train_avatar: {steps: 400}\n")
+    return workflow
+
+
+def test_budget_chooses_what_nobody_has_set(with_curves):
+    shown = ("--dry-run", "--printshellcmds", "--config", "budget_minutes=1.101")
+    printed = with_curves.snakemake(*shown, "--", "results/someone/budget.csv").stdout
+    assert "--steps 200 " in printed and "check_budget" in printed
+    assert "someone: budget 1.1 minutes of one processor, expected 1.1; errors as measured on measured" in printed
+    stubborn = with_curves.snakemake(*shown, "--", "results/stubborn/metrics.csv").stdout
+    assert "--steps 400 --cameras-per-step" in stubborn and "train_avatar.steps 400, set by you" in stubborn
+    overruled = with_curves.snakemake(*shown, "train_avatar={steps: 100}", "--", "results/stubborn/metrics.csv").stdout
+    assert "--steps 100 --cameras-per-step" in overruled
+
+
+@pytest.mark.parametrize(
+    ("budget", "said"),
+    [
+        ("0.2", "someone: budget_minutes: expected at least"),
+        ("0", "budget_minutes: expected greater than 0, found"),
+        ("-5", "budget_minutes: expected greater than 0, found"),
+    ],
+)
+def test_budget_that_cannot_be_met_is_refused_before_anything_runs(with_curves, budget, said):
+    printed = with_curves.refused("results/someone/metrics.csv", "--config", f"budget_minutes={budget}")
+    assert said in printed and "Traceback (most recent call last)" not in printed
+
+
+def test_table_of_a_budget_needs_a_budget(with_curves):
+    assert "expected a budget: --config budget_minutes=10" in with_curves.refused("results/someone/budget.csv")

@@ -27,6 +27,7 @@ OUTPUTS = {
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
 }
 ON_REQUEST = {
+    "check_budget",
     "review_calibration",
     "review_tracking",
     "measure_cost",

@@ -6,8 +6,11 @@ import re
 import sys
 from pathlib import Path
 
+from snakemake.logging import logger
+
 from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
+from pipeline.config.budgeted import with_budgets
 from pipeline.config.effects import EFFECTS
 from pipeline.config.flags import flags
 from pipeline.config.loading import has_own_light, load_project, section_of
@@ -33,7 +36,8 @@ shell.prefix(
 def validated_project():
     """The configuration; what is wrong with it is said without a traceback."""
     try:
-        return load_project(config, workflow.config_settings.overwrite_config, Path("config/subjects"))
+        loaded = load_project(config, workflow.config_settings.overwrite_config, Path("config/subjects"))
+        return with_budgets(loaded, logger.info)
     except InputError as error:
         raise WorkflowError(str(error))
 
@@ -133,6 +137,20 @@ def traced_irradiance(wildcards):
     read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned) for variant in variants)
     own = f"variants/{wildcards.variant}/" if is_own else ""
     return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if read else []
+
+
+def first_avatar(wildcards):
+    """The avatar of a subject's first variant: what is relit where one will do."""
+    variant = next(iter(project.subject(wildcards.subject).variants))
+    return f"results/{wildcards.subject}/avatars/{variant}/avatar.safetensors"
+
+
+def promise_of_budget(wildcards):
+    """JSON of what the budget of a subject is expected to buy."""
+    promise = project.promise(wildcards.subject)
+    if promise is None:
+        raise WorkflowError(f"results/{wildcards.subject}/budget.csv: expected a budget: --config budget_minutes=10")
+    return json.dumps(promise.as_json())
 
 
 def avatars_of(*files):

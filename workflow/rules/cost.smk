@@ -24,6 +24,11 @@ rule measure_cost:
         frames="results/{subject}/frames.parquet",
         atlas="results/{subject}/atlas.safetensors",
         tracking="results/{subject}/tracking/0000.safetensors",
+        effects="results/{subject}/effects.json",
+        color="results/{subject}/calibration/color.json",
+        train=shards_of("train"),
+        test=shards_of("test"),
+        avatar=first_avatar,
     output:
         table="results/{subject}/accuracy_cost.csv",
         picture=report(
@@ -46,6 +51,7 @@ rule measure_cost:
         results=subpath(output.table, parent=True),
         capture=capture_folder,
         chunk_size=chunk_size,
+        variant=lambda wildcards, input: Path(input.avatar).parent.name,
         stage_settings=lambda wildcards: changed_settings(project.subject(wildcards.subject)),
         settings=settings_of("measure_cost"),
     message:
@@ -53,4 +59,35 @@ rule measure_cost:
     shell:
         "python -m pipeline.measure_cost --results {params.results:q} --capture {params.capture:q} "
         "--out {params.results:q} --threads {threads} --chunk-size {params.chunk_size} "
-        "--stage-settings {params.stage_settings:q} {params.settings:q} > {log:q} 2>&1"
+        "--variant {params.variant:q} --stage-settings {params.stage_settings:q} {params.settings:q} > {log:q} 2>&1"
+
+
+# After a run with --config budget_minutes=...; give the same budget again, or what it chose is undone.
+rule check_budget:
+    input:
+        metrics="results/{subject}/metrics.csv",
+        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+    output:
+        "results/{subject}/budget.csv",
+    log:
+        "results/{subject}/logs/check_budget.log",
+    benchmark:
+        "results/{subject}/benchmarks/check_budget.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_of("check_budget"),
+        results=subpath(input.metrics, parent=True),
+        capture=capture_folder,
+        promise=promise_of_budget,
+        chunk_size=chunk_size,
+        settings=settings_of("check_budget"),
+    message:
+        "{wildcards.subject}: comparing what the budget promised with what was achieved"
+    shell:
+        "python -m pipeline.check_budget --results {params.results:q} --capture {params.capture:q} "
+        "--promise {params.promise:q} --chunk-size {params.chunk_size} --out {output:q} {params.settings:q} "
+        "> {log:q} 2>&1"

@@ -68,6 +68,8 @@ VARIANTS = {
     "no_shadow": {"shadow": False},
     "mesh_normals": {"normals": "mesh"},
     "no_deferred": {"deferred": False},
+    "degree_1": {"transfer_degree": 1},
+    "sh_degree_2": {"shading": "harmonics", "transfer_degree": 2},
 }
 
 

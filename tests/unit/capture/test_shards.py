@@ -6,6 +6,7 @@ import multiprocessing
 import operator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
+from typing import get_args
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +20,7 @@ from pipeline.capture.shards import (
     write_frame_shard,
     write_image_shard,
 )
+from pipeline.config.pack_shards import Codec
 
 HALF_ULP_OF_FLOAT16 = 2.0**-11
 """Relative rounding error of float16 (10 stored bits of mantissa)."""
@@ -157,3 +159,24 @@ def test_rows_are_read_without_copying_the_file(tmp_path):
     batch = read_image_shards([tmp_path / "a.arrow"])._rows.batch(2)
     assert batch.num_rows == 1
     assert pa.total_allocated_bytes() - before < 64 * 64 * 3 * 2  # less than one image: the pixels stay in the map
+
+
+@pytest.mark.parametrize("codec", get_args(Codec))
+def test_every_codec_keeps_what_was_put_in(tmp_path, codec):
+    """float32 to the bit, the others as float16 rounds, however they are compressed."""
+    records = [image_record(i, width=4 + i) for i in range(3)]
+    write_image_shard(tmp_path / "0000.arrow", records, codec)
+    for found, expected in zip(read_image_shards([tmp_path]), records, strict=True):
+        assert_same(found, expected, () if codec == "float32" else "image")
+
+
+def test_compression_makes_even_images_small_and_the_default_is_none(tmp_path):
+    even = [replace(image_record(1, 64, 64), image=np.full((64, 64, 3), 0.5, np.float32))]
+    sizes = {}
+    for codec in get_args(Codec):
+        write_image_shard(tmp_path / codec, even, codec)
+        sizes[codec] = (tmp_path / codec).stat().st_size
+    assert sizes["float16_zstd"] < 0.5 * sizes["float16"] and sizes["float16_lz4"] < 0.5 * sizes["float16"]
+    assert sizes["float32"] - sizes["float16"] == 64 * 64 * 3 * 2
+    write_image_shard(tmp_path / "default", even)
+    assert (tmp_path / "default").read_bytes() == (tmp_path / "float16").read_bytes()

@@ -16,12 +16,13 @@ from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.config.measure_cost import COSTED_STAGES
 from pipeline.config.project import SECTIONS
 from pipeline.dials.calibration import CAMERAS
+from pipeline.dials.catalogue import DIALS
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject, possible_dials
+from pipeline.dials.relighting import outdoors
 from pipeline.dials.tolerances import small_focal_percent, small_length_mm, small_light_mm
 from pipeline.dials.tracking import TRACKING
 from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
 from pipeline.geometry.cameras import write_cameras
-from pipeline.measure_cost import DIALS
 from tests.walking_figure import ring_of_cameras
 
 STAGE = CostedStage(
@@ -109,9 +110,9 @@ def test_names_of_dials_differ() -> None:
 
 def test_stages_that_follow_are_run_like_any_other(subject) -> None:
     stage = replace(STAGE, afterwards={"pack_shards": "--irradiance {out}/0000 --chunk-size {chunk_size}"})
-    (command,) = stage.later_commands(subject, Path("/tmp/out"))
+    command = stage.later_commands(subject, Path("/tmp/out"))["pack_shards"]
     assert command[1:6] == ["-m", "pipeline.pack_shards", "--irradiance", "/tmp/out/0000", "--chunk-size"]
-    assert STAGE.later_commands(subject, Path("/tmp/out")) == []
+    assert STAGE.later_commands(subject, Path("/tmp/out")) == {}
 
 
 def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:
@@ -232,3 +233,40 @@ class TestCameras:
     def test_camera_that_only_this_setting_loses_is_one(self, errors) -> None:
         true, of = errors
         assert set(of(dict(list(true.items())[1:])).values()) == {np.inf}
+
+
+def test_dials_that_are_chosen_turn_settings_of_their_own() -> None:
+    """What presets and budgets write is one value for each setting."""
+    turned = [(dial.stage.name, dial.setting) for dial in DIALS if dial.chosen]
+    assert len(set(turned)) == len(turned) > 8
+
+
+def test_all_dials_of_the_design_are_there() -> None:
+    settings = {(dial.stage.name, dial.setting) for dial in DIALS}
+    assert settings >= {
+        ("trace_irradiance", "samples"), ("trace_irradiance", "spread"), ("unwrap_atlas", "size"),
+        ("train_avatar", "transfer_degree"), ("relight_avatar", "environment_height"),
+        ("relight_avatar", "prefiltered_height"), ("train_avatar", "depth"), ("train_avatar", "steps"),
+        ("track_mesh", "image_rounds"), ("pack_shards", "codec"),
+    }  # fmt: skip
+    samplings = {dial.fixed.get("sampling") for dial in DIALS if dial.setting == "samples" and dial.fixed}
+    assert samplings == {"uniform", "power", "arriving"}
+
+
+def test_what_errors_are_relative_to_is_said(subject) -> None:
+    named = {dial.name: dial.against(subject) for dial in DIALS if dial.stage.name in ("train_avatar", "unwrap_atlas")}
+    assert named["transfer_degree"] == "reference 8, steps 200"
+    assert named["atlas_size"] == "reference 384, steps 200"
+    assert named["training_steps"] == "reference 1600"
+    (spread,) = (dial for dial in DIALS if dial.name == "irradiance_spread")
+    assert spread.against(subject).startswith("reference samples full")
+
+
+def test_panorama_of_the_dials_has_a_sun_and_a_horizon() -> None:
+    sky = outdoors()
+    light = sky.irradiances().sum(0)
+    sun = sky.radiance.max(-1) > 100
+    sun_light = (sky.radiance * sky.solid_angles()[:, None, None])[sun].sum(0)
+    assert (sun_light / light).min() > 0.2 and (sun_light / light).max() < 0.8
+    assert sky.directions()[sun][:, 1].min() > 0.5
+    assert sky.radiance[-1].max() < 0.2 < sky.radiance[100].min()

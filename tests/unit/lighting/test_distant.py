@@ -64,3 +64,13 @@ def test_few_or_many_lights_give_one_picture_of_an_avatar_far_from_them():
         # The sheet is 0.4 m wide, the lights are further than 1e4 m away: directions differ by 3e-5.
         for other in shown[1:]:
             assert (other - shown[0]).abs().max() < 1e-3 * shown[0].abs().max()
+
+
+@pytest.mark.parametrize("degrees", [2, 5, 9])
+def test_fewer_degrees_are_the_first_of_all(degrees):
+    place, axes, lights, intensity = random_scene(30, 6, 3, seed=5)
+    light = light_harmonics(place.mean(0), torch.eye(3), lights, intensity)
+    expected = gather_environment(axes.double(), light.double())[:, :, :degrees]
+    for gather in (gather_distant, gather_environment):
+        assert gather(axes, light[: degrees**2]).shape[2] == degrees
+        assert (gather(axes, light[: degrees**2]) - expected).abs().max() < FLOAT32_SUM

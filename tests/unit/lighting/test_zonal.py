@@ -108,3 +108,20 @@ def test_light_on_the_point_is_finite():
 def test_no_light_gives_zero():
     out = gather_light(torch.zeros(4, 3), torch.eye(3).expand(4, 3, 3), torch.zeros(0, 3), torch.zeros(0, 1))
     assert out.shape == (4, 3, DEGREES, 1) and (out == 0).all()
+
+
+@pytest.mark.parametrize("degrees", [2, 3, 5, 9])
+def test_fewer_degrees_are_the_first_of_all_forward_and_backward(degrees):
+    """The twin in float64 gathers all nine; of these the first are differentiated."""
+    place, axes, lights, intensity = random_scene(40, 6, 3, seed=4)
+    inputs = [tensor.clone().requires_grad_() for tensor in (place, axes)]
+    twins = [tensor.double().requires_grad_() for tensor in (place, axes)]
+    found = gather_light(*inputs, lights, intensity, degrees=degrees)
+    expected = gather_light_reference(*twins, lights.double(), intensity.double())[:, :, :degrees]
+    assert found.shape[2] == degrees
+    assert (found - expected).abs().max() < FLOAT32_SUM
+    cotangent = torch.randn(found.shape, generator=torch.Generator().manual_seed(1))
+    found.backward(cotangent)
+    expected.backward(cotangent.double())
+    for one, twin in zip(inputs, twins, strict=True):
+        assert (one.grad - twin.grad).norm() / twin.grad.norm() < 1e-5

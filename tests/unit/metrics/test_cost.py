@@ -18,7 +18,7 @@ from pipeline.metrics.cost import (
 
 
 def test_runs_are_interleaved() -> None:
-    assert list(interleaved("ABC", 3)) == list("ABCABCABC")
+    assert list(interleaved("ABC", [3, 1, 2])) == list("ABCACA")
 
 
 @pytest.mark.parametrize(

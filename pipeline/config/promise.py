@@ -1,0 +1,67 @@
+"""What a time budget is expected to buy: seconds of every stage, and errors by dial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is promised of one dial: who said its setting (`budget`, `user`), and the error to expect."""
+
+    dial: str
+    stage: str
+    option: str
+    setting: str
+    by: str
+    metric: str
+    error: float
+    allowed: float
+    factor: float
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a budget is expected to buy.
+
+    Attributes:
+        subject, measured_on: whose budget, and whose curves.
+        budget_s: seconds of one processor that were given.
+        seconds: expected of each stage.
+        choices: by dial.
+        psnr_db: of the test images, if it is the curves' subject; else NaN.
+    """
+
+    subject: str
+    measured_on: str
+    budget_s: float
+    seconds: Mapping[str, float]
+    choices: Sequence[Choice]
+    psnr_db: float
+
+    @property
+    def total(self) -> float:
+        """Seconds of all stages."""
+        return sum(self.seconds.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it, as JSON has it: no number that is not one."""
+        content = asdict(self) | {"seconds": dict(self.seconds)}
+        content["psnr_db"] = None if math.isnan(self.psnr_db) else self.psnr_db
+        content["choices"] = [
+            asdict(choice) | {"error": None if math.isnan(choice.error) else choice.error} for choice in self.choices
+        ]
+        return content
+
+    def lines(self) -> list[str]:
+        """What to expect, for the log."""
+        minutes = f"budget {self.budget_s / 60:.3g} minutes of one processor, expected {self.total / 60:.3g}"
+        said = [f"{self.subject}: {minutes}; errors as measured on {self.measured_on}:"]
+        for choice in self.choices:
+            error = "unknown" if math.isnan(choice.error) else f"{choice.error:.3g} (allowed {choice.allowed:.3g})"
+            who = "" if choice.by == "budget" else ", set by you"
+            said.append(f"  {choice.stage}.{choice.option} {choice.setting}{who}: {error}; {choice.metric}")
+        return said

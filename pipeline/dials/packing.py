@@ -1,0 +1,46 @@
+"""Dials of pack_shards."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.capture.shards import read_image_shards
+from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
+
+TOLERANCE = 0.001
+"""RMS of what storing changes, full scale being 1: a tenth of a capture's noise of 40 dB."""
+
+
+def _pixels(subject: Subject, output: Files, expected: Files) -> float:
+    """Over all channels of all training crops."""
+    found, wanted = (read_image_shards([files["train"]]) for files in (output, expected))
+    squares = count = 0.0
+    for ours, theirs in zip(found, wanted, strict=True):
+        squares += float(np.square(ours.image - theirs.image, dtype=np.float64).sum())
+        count += ours.image.size
+    return float(np.sqrt(squares / count))
+
+
+PACKING = CostedStage(
+    name="pack_shards",
+    arguments="--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
+    "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
+    "--color {results}/calibration/color.json --lights {results}/calibration/lights.parquet "
+    "--effects {results}/effects.json --patterns {results}/patterns.parquet --frames {results}/frames.parquet "
+    "--chunk 0 --chunk-size {chunk_size} --out {out}",
+    inputs=(
+        "index/capture.json", "atlas.safetensors", "tracking/0000.safetensors", "calibration/color.json",
+        "calibration/lights.parquet", "effects.json", "patterns.parquet", "frames.parquet",
+    ),
+    outputs={"train": ("train/0000.arrow", None)},
+    metrics=(Metric("stored pixel, RMS", _pixels, lambda subject: TOLERANCE),),
+    unit="bytes",
+    work=lambda output: output["train"].stat().st_size,
+)  # fmt: skip
+
+PACKING_DIALS = [
+    Dial(
+        "shard_codec", PACKING, "codec", lambda subject: ("float16_zstd", "float16_lz4", "float16", "float32"),
+        chosen=True,
+    ),
+]  # fmt: skip

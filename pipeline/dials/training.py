@@ -1,0 +1,66 @@
+"""Dials of train_avatar, and of the atlas it trains on, judged by the images of short trainings.
+
+How long a training has to be is a dial of its own; the others are turned at `STEPS` steps, all alike.
+"""
+
+from __future__ import annotations
+
+from typing import get_args
+
+from pipeline.base.files import read_json
+from pipeline.config.train_avatar import DepthSource
+from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.dials.dial import CostedStage, Dial, Subject
+from pipeline.dials.trained import STEPS, TRAINED, one_chunk, psnr_lost
+
+FILES = "--subject {subject} --atlas {results}/atlas.safetensors --shards {results}/shards "
+EFFECTS = "--effects {results}/effects.json "
+
+SHORT_TRAINING = CostedStage(
+    name="train_avatar",
+    arguments=FILES + EFFECTS + "--out {out}/avatars/full",
+    inputs=("atlas.safetensors", "effects.json", "shards/train", "shards/frames", "shards/test"),
+    outputs={"metrics": ("metrics.csv", None), "trained": ("avatars/full/config.json", None)},
+    metrics=(psnr_lost("all"), psnr_lost("partial")),
+    unit="steps",
+    work=lambda output: read_json(output["trained"])["settings"]["steps"],
+    afterwards={"evaluate_avatar": FILES + EFFECTS + "--avatars {out}/avatars/full --out {out}"},
+    warm_up={"steps": 1},
+)
+
+ATLAS = CostedStage(
+    name="unwrap_atlas",
+    arguments="--capture {capture} --index {results}/index --out {out}",
+    inputs=(
+        "index/capture.json", "tracking/0000.safetensors", "calibration/lights.parquet", "patterns.parquet",
+        "frames.parquet", "effects.json", "calibration/color.json",
+    ),
+    outputs={"metrics": ("metrics.csv", None), "trained": ("avatars/full/config.json", None)},
+    metrics=(psnr_lost("all"), psnr_lost("partial")),
+    unit="texels",
+    work=lambda output: read_json(output["trained"])["texels"],
+    runs_on=one_chunk,
+    afterwards={stage: words.replace("{results}/atlas", "{out}/atlas") for stage, words in TRAINED.items()},
+    timed=("trace_irradiance", "train_avatar"),
+    later_settings={"train_avatar": {"steps": STEPS}},
+    warm_up={},
+)  # fmt: skip
+
+
+def _atlas_sizes(subject: Subject) -> list[int]:
+    """Texels a side: from half to one and a half times what the subject has, in multiples of 8."""
+    size = subject.sections.get("unwrap_atlas", {}).get("size", UnwrapAtlas().size)
+    return sorted({max(8, 8 * round(share * size / 8)) for share in (0.5, 0.75, 1.0, 1.5)})
+
+
+AT_STEPS = {"steps": STEPS}
+
+TRAINING_DIALS = [
+    Dial("atlas_size", ATLAS, "size", _atlas_sizes, chosen=True),
+    Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.01, 0.03), AT_STEPS),
+    Dial("compensation", SHORT_TRAINING, "compensate_opacity", lambda subject: (True, False), AT_STEPS),
+    Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
+    Dial("depth", SHORT_TRAINING, "depth", lambda subject: get_args(DepthSource), AT_STEPS, chosen=True),
+    Dial("transfer_degree", SHORT_TRAINING, "transfer_degree", lambda subject: (1, 2, 3, 5, 8), AT_STEPS, chosen=True),
+    Dial("training_steps", SHORT_TRAINING, "steps", lambda subject: (100, 200, 400, 800, 1600), chosen=True),
+]

@@ -1,0 +1,72 @@
+"""What is kept of a subject's measurement, read back by those who choose from it."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from pipeline.base.errors import InputError
+from pipeline.config.curves import read_curves, read_measured
+from pipeline.config.project import SubjectSettings
+from pipeline.dials.catalogue import DIALS
+from pipeline.dials.curves import keep_curves
+
+SETTINGS = SubjectSettings(train_avatar={"steps": 700})
+
+
+@pytest.fixture
+def results(tmp_path):
+    """A run with one dial that is chosen, one that is not, and two jobs of a stage."""
+    folder = tmp_path / "someone"
+    for name in ("index", "benchmarks"):
+        (folder / name).mkdir(parents=True)
+    shared = {
+        "metric": "PSNR lost",
+        "allowed": 0.1,
+        "peak_mb": 300.4,
+        "work": 9,
+        "unit": "steps",
+        "stage": "train_avatar",
+    }
+    rows = [("training_steps", "steps", "imports only", None, 2.0, 9.0)]
+    rows += [("training_steps", "steps", "100", 1.5, 12.0, 50.0), ("training_steps", "steps", "400", 0.0, 42.0, 60.0)]
+    rows += [("dilation", "dilation_px2", "0.3", 0.5, 12.0, 50.0)]
+    names = ["dial", "option", "setting", "error", "cpu_seconds", "seconds"]
+    pd.DataFrame([{**shared, **dict(zip(names, row, strict=True))} for row in rows]).to_csv(
+        folder / "accuracy_cost.csv", index=False
+    )
+    for job, seconds in (("track_mesh.0000", 7), ("track_mesh.0001", 8), ("train_avatar.full", 90), ("other", 1000)):
+        (folder / f"benchmarks/{job}.tsv").write_text(f"s\tcpu_time\n1\t{seconds}\n")
+    metrics = {"split": ["test", "frames"], "lit": ["all", "all"], "psnr_db": [27.1234, 50]}
+    pd.DataFrame(metrics).to_csv(folder / "metrics.csv", index=False)
+    pd.DataFrame({"width": [10, 20], "height": [10, 10]}).to_parquet(folder / "index/cameras.parquet")
+    pd.DataFrame({"frame": range(6)}).to_parquet(folder / "index/frames.parquet")
+    return folder
+
+
+def test_curves_of_what_is_chosen_with_seconds_of_a_processor(results, tmp_path) -> None:
+    keep_curves(DIALS, SETTINGS, results, tmp_path / "kept")
+    (curve,) = read_curves(tmp_path / "kept/accuracy_cost.csv")
+    assert (curve.dial, curve.stage, curve.option) == ("training_steps", "train_avatar", "steps")
+    assert (curve.settings, curve.errors, curve.seconds) == (("100", "400"), (1.5, 0.0), (12.0, 42.0))
+    assert (curve.imports, curve.allowed) == (2.0, 0.1)
+    measured = read_measured(tmp_path / "kept/subject.yaml")
+    assert (measured.subject, measured.cameras, measured.frames, measured.pixels) == ("someone", 2, 6, 150)
+    assert measured.psnr_db == 27.123
+    assert measured.settings == {"training_steps": 700}
+    assert measured.seconds == {"track_mesh": 15.0, "train_avatar": 90.0}
+    # Between two numbers in proportion, and beyond them.
+    assert (curve.work(250), curve.work(400), curve.work(800)) == pytest.approx((25, 40, 80))
+
+
+def test_run_that_is_not_whole(results, tmp_path) -> None:
+    (results / "metrics.csv").unlink()
+    with pytest.raises(InputError, match=r"metrics\.csv: expected the results of a whole run"):
+        keep_curves(DIALS, SETTINGS, results, tmp_path / "kept")
+
+
+def test_table_without_a_dial_that_is_chosen(results, tmp_path) -> None:
+    path = results / "accuracy_cost.csv"
+    path.write_text(path.read_text().replace("training_steps", "compensation"))
+    with pytest.raises(InputError, match="expected some of the dials outline_rounds, image_rounds"):
+        keep_curves(DIALS, SETTINGS, results, tmp_path / "kept")
