@@ -16,9 +16,8 @@ def tables(stages):
     """Runs and exponents: time grows with the size, memory does not, against the prediction."""
     runs, exponents = [], []
     for stage in stages:
-        runs += [
-            {"stage": stage, "varied": "frames", "frames": n, "CPU seconds": 0.1 * n, "peak MB": 5.0} for n in SIZES
-        ]
+        case = {"stage": stage, "varied": "frames"}
+        runs += [case | {"frames": n, "CPU seconds": 0.1 * n, "peak MB": 5.0} for n in SIZES]
         shared = case | {"smallest": SIZES[0], "largest": SIZES[-1], "predicted": 1.0}
         for cost, exponent, fixed, factor, verdict in (
             ("CPU seconds", 1.0, 0.0, 0.1, "as predicted"), ("peak MB", 0.0, 0.0, 5.0, "less than predicted")
