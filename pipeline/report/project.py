@@ -105,10 +105,10 @@ def effects_comparison(found: Found) -> Part:
     for scene, own in table.groupby("scene", sort=False):
         rows.append([scene])
         for row in own.itertuples():
-            names = str(row.effects).replace("_", " ") if isinstance(row.effects, str) else "none"
+            names = ", ".join(row.effects.split()).replace("_", " ") if isinstance(row.effects, str) else "none"
             rows.append([
                 row.avatar, number(row.psnr_db), number(row.psnr_lost_db, sign="+"), number(row.cpu_seconds, 1),
-                number(row.cpu_ratio), row.jobs, row.parameters, row.shading, names,
+                number(row.cpu_ratio), row.jobs, f"{row.parameters:,}", row.shading, names,
             ])  # fmt: skip
     head = ["avatar", "PSNR [dB]", "lost", "CPU [s]", "of everything", "jobs", "parameters", "shading", "effects on"]
     return Part(title, paragraph(text) + html_table("effects, planned and all on", head, rows, "snnnnnnsw"))
