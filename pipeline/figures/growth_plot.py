@@ -43,7 +43,7 @@ def draw_growth(path: Path, runs: pd.DataFrame, exponents: pd.DataFrame) -> None
     size = (max(columns * cell[0], 9.5), math.ceil(len(cases) / columns) * cell[1])
     notes = [
         "Each cost over that of the smallest size. Lines: fixed cost + factor x size^exponent, fitted.",
-        "Below the title: the exponent, its 95 % interval, and in brackets the predicted one; bold where that is wrong.",
+        "Below the title: the exponent, its 95 % interval, in brackets the predicted one; bold where that is wrong.",
     ]
     with picture(path, size, "How cost grows", notes, LEGEND) as figure:
         for number, (stage, varied) in enumerate(cases):
