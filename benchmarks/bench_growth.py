@@ -123,7 +123,7 @@ def exponent_table(runs: pd.DataFrame) -> pd.DataFrame:
                 "at_smallest": medians.iloc[0], "at_largest": medians.iloc[-1],
                 "fixed": growth.fixed, "factor": growth.factor,
                 "predicted": predicted, "exponent": growth.exponent, "low": growth.low, "high": growth.high,
-                "verdict": growth.verdict(predicted), "reason": reason,
+                "verdict": growth.verdict(predicted, medians.index[-1] / medians.index[0]), "reason": reason,
             })  # fmt: skip
     return pd.DataFrame(rows)
 

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from pipeline.figures.style import FAINT, INK, MUTED, picture
 from pipeline.metrics.growth import Growth
@@ -43,7 +43,7 @@ def draw_growth(path: Path, runs: pd.DataFrame, exponents: pd.DataFrame) -> None
     size = (max(columns * cell[0], 9.5), math.ceil(len(cases) / columns) * cell[1])
     notes = [
         "Each cost over that of the smallest size. Lines: fixed cost + factor x size^exponent, fitted.",
-        "Below the title: the exponent, its 95 % interval, and in brackets the predicted one; bold where they differ.",
+        "Below the title: the exponent, its 95 % interval, in brackets the predicted one; bold where that is wrong.",
     ]
     with picture(path, size, "How cost grows", notes, LEGEND) as figure:
         for number, (stage, varied) in enumerate(cases):
@@ -86,6 +86,7 @@ def _label(axes: Axes, varied: str) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_locator(NullLocator())
         axis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     low, high = axes.get_ylim()
     if high / low < 3:  # A cost that does not grow is not drawn as if it jumped.
         axes.set_ylim(low / 2, high * 2)

@@ -9,6 +9,7 @@ likelihood (Seber and Wild, Nonlinear Regression, section 5.4), which stays righ
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -37,6 +38,10 @@ ROUNDING = 1e-9
 TELLING = 1.0
 """Width of an interval beyond which nothing is told: it holds two whole exponents."""
 
+IMMATERIAL = 0.1
+"""Share of a cost that no prediction is about: the same run takes as much more or less beside other neighbours on the
+machine (measured: 15 %), and memory differs by what the allocator happens to keep."""
+
 Verdict = Literal["as predicted", "less than predicted", "more than predicted", "cannot tell"]
 
 
@@ -59,11 +64,17 @@ class Growth:
         """What the law says, in the unit of the costs it was fitted to."""
         return self.fixed + self.factor * size**self.exponent
 
-    def verdict(self, predicted: float) -> Verdict:
-        """Whether a predicted exponent lies in the interval, and which way it misses."""
+    def verdict(self, predicted: float, span: float = math.inf) -> Verdict:
+        """Whether a predicted exponent lies in the interval, and which way it misses.
+
+        Args:
+            span: largest over smallest size. A miss that makes less than `IMMATERIAL` of the cost from one to the other
+                is none; over an endless span every miss is one.
+        """
+        slack = math.log1p(IMMATERIAL) / math.log(span)
         if self.high - self.low > TELLING:
             return "cannot tell"
-        if self.low <= predicted <= self.high:
+        if self.low - slack <= predicted <= self.high + slack:
             return "as predicted"
         return "less than predicted" if predicted > self.high else "more than predicted"
 

@@ -37,11 +37,12 @@ def cost_growth(found: Found) -> Part:
     text = (
         f"{len(table)} costs, on one thread. Of {len(told)} exponents that are known well enough, "
         f"{int((told.verdict == 'as predicted').sum())} are as predicted. An exponent is that of the part that grows, "
-        "beside a fixed cost; in brackets is its 95 % interval. A narrow one is missed by little."
+        "beside a fixed cost; in brackets is its 95 % interval. A miss by less than a tenth of the cost is none."
     )
     caution = (
         "The laws, taken further: hours of one core of the machine they were measured on, without a GPU. Beyond says "
-        "how many times the largest measured job that is, all sizes multiplied; ranges are of the exponents alone."
+        "how many times the largest measured job that is, all sizes multiplied. Trained is the default avatar, without "
+        "the papers' networks."
     )
     picture = found.pictures.figure(folder / "growth.png", "Time and memory against size, stage by stage")
     parts = [
@@ -105,10 +106,10 @@ def effects_comparison(found: Found) -> Part:
     for scene, own in table.groupby("scene", sort=False):
         rows.append([scene])
         for row in own.itertuples():
-            names = str(row.effects).replace("_", " ") if isinstance(row.effects, str) else "none"
+            names = ", ".join(row.effects.split()).replace("_", " ") if isinstance(row.effects, str) else "none"
             rows.append([
                 row.avatar, number(row.psnr_db), number(row.psnr_lost_db, sign="+"), number(row.cpu_seconds, 1),
-                number(row.cpu_ratio), row.jobs, row.parameters, row.shading, names,
+                number(row.cpu_ratio), row.jobs, f"{row.parameters:,}", row.shading, names,
             ])  # fmt: skip
     head = ["avatar", "PSNR [dB]", "lost", "CPU [s]", "of everything", "jobs", "parameters", "shading", "effects on"]
     return Part(title, paragraph(text) + html_table("effects, planned and all on", head, rows, "snnnnnnsw"))

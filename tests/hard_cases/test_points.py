@@ -104,11 +104,12 @@ def test_two_cameras_side_by_side_know_how_little_they_know(case: HardCase) -> N
 
 def test_two_cameras_a_millimetre_apart_place_nothing(case: HardCase) -> None:
     """The disparity is a third of a pixel, its noise 0.42 px: only what lies five times that from infinity may be
-    placed, by chance one point in 10^5, so that one of 2,000 is one too many. Naive: all rays that meet in front at
-    more than 0.06 degrees; they meet far too near, and say that they know it."""
+    placed, by chance at most 2.3 points in 10^5 (the nearest, at 2.9 m). Of 2,000, three or more have a probability
+    of 2 in 10^5. Naive: all rays that meet in front at more than 0.06 degrees; they meet far too near, and say that
+    they know it."""
     cameras, _, seen = seen_side_by_side(1e-3)
     found = triangulate(cameras, seen, np.ones((2, 2000)), 4.0)
-    case.check(np.isfinite(found.points).all(1).mean(), 1 / 2000)
+    case.check(np.isfinite(found.points).all(1).mean(), 2 / 2000)
     case.naive_fails((seen[1, :, 0] - seen[0, :, 0] > 1e-3).mean())
 
 

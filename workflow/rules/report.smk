@@ -34,7 +34,7 @@ rule write_report:
     params:
         code=code_of("write_report"),
         results=subpath(input.metrics, parent=True),
-        project_results=PROJECT_RESULTS,
+        project_results=subpath(input.metrics, ancestor=2),
         # What else is there is shown. No inputs: they would be made, or made anew.
         optional=digests_of_optional,
         subject_settings=lambda wildcards: subject_changes(project.subject(wildcards.subject)),

@@ -88,6 +88,9 @@ def test_verdicts():
     known = Growth(1.1, 1.05, 1.2, 0.0, 1.0)
     predicted = {1.1: "as predicted", 1.0: "more than predicted", 2.0: "less than predicted"}
     assert {k: known.verdict(k) for k in predicted} == predicted
+    # 64^0.05 is 1.23, which is more than a tenth; 6^0.05 is 1.09, which is not.
+    assert (known.verdict(1.0, 64.0), known.verdict(1.0, 6.0)) == ("more than predicted", "as predicted")
+    assert known.verdict(1.25, 6.0) == "as predicted" and known.verdict(1.5, 6.0) == "less than predicted"
     assert Growth(1.1, 0.5, 1.6, 0.0, 1.0).verdict(1.0) == "cannot tell"
 
 
