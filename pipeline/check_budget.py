@@ -1,8 +1,8 @@
 """What a budget promised beside what the run achieved: time of every stage, and errors as far as the run shows them.
 
 Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. Errors that the run
-shows: of tracking where the capture knows the truth, the standard error of drawn irradiance, and the PSNR of the test
-images, which is only promised for the curves' own subject. Writes a table, see `COLUMNS`.
+shows: of tracking where the capture knows the truth, the standard error of drawn irradiance, and the PSNR of partially
+lit test images, which is only promised for the curves' own subject. Writes a table, see `COLUMNS`.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def run(
         achieved = achieved_error(choice, subject)
         rows.append(row(choice["dial"], promised, achieved, choice["metric"], choice["setting"], choice["by"]))
     psnr = math.nan if expected["psnr_db"] is None else expected["psnr_db"]
-    rows.append(row("PSNR of test images", psnr, psnr_of_test_images(results / "metrics.csv"), "dB"))
+    rows.append(row("PSNR of partially lit test images", psnr, psnr_of_test_images(results / "metrics.csv"), "dB"))
     table = pd.DataFrame(rows, columns=COLUMNS)
     table["verdict"] = [verdict(one, settings.tolerance) for one in table.itertuples()]
     for one in table.itertuples():
@@ -111,9 +111,9 @@ def achieved_error(choice: dict[str, Any], subject: Subject) -> float:
 
 
 def psnr_of_test_images(path: Path) -> float:
-    """Of all test images of the first avatar, dB."""
+    """Of the partially lit test images of the first avatar, dB."""
     table = pd.read_csv(path)
-    rows = table[(table.split == "test") & (table.lit == "all")]
+    rows = table[(table.split == "test") & (table.lit == "partial")]
     return float(rows.psnr_db.iloc[0]) if len(rows) else math.nan
 
 

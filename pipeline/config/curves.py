@@ -102,7 +102,7 @@ class Measured:
     Attributes:
         subject: its name.
         cameras, frames, pixels: cameras, frames, and pixels of an image.
-        psnr_db: of its test images, with its own settings.
+        psnr_db: of its partially lit test images, with its own settings.
         settings: of each dial's option in that run.
         seconds: of each stage in that run, on a processor, with its import.
     """

@@ -32,7 +32,7 @@ class Promise:
         budget_s: seconds of one processor that were given.
         seconds: expected of each stage.
         choices: by dial.
-        psnr_db: of the test images, if it is the curves' subject; else NaN.
+        psnr_db: of the partially lit test images, if it is the curves' subject; else NaN.
     """
 
     subject: str

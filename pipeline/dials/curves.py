@@ -38,7 +38,7 @@ def keep_curves(dials: Sequence[Dial], settings: SubjectSettings, results: Path,
         if not (results / path).exists():
             raise InputError(f"{results / path}: expected the results of a whole run, found no such file")
     table = pd.read_csv(results / "accuracy_cost.csv")
-    table = table[table.dial.isin(names)]
+    table = table[table.dial.isin(names)].sort_values("dial", key=lambda dials: dials.map(names.index), kind="stable")
     if table.empty:
         raise InputError(f"{results}/accuracy_cost.csv: expected some of the dials {', '.join(names)}, found none")
     kept = table.assign(seconds=table.cpu_seconds)[[*COLUMNS, "peak_mb", "work", "unit"]]
@@ -62,7 +62,7 @@ def facts_of(results: Path, used: dict[str, Any]) -> dict[str, Any]:
     """The fields of `pipeline.config.curves.Measured`."""
     cameras = read_table(results / "index/cameras.parquet")
     metrics = pd.read_csv(results / "metrics.csv")
-    psnr = metrics.psnr_db[(metrics.split == "test") & (metrics.lit == "all")]
+    psnr = metrics.psnr_db[(metrics.split == "test") & (metrics.lit == "partial")]
     seconds = {stage: benchmark_seconds(results / "benchmarks", stage) for stage in GROWTH}
     return {
         "subject": results.resolve().name,

@@ -1,6 +1,7 @@
 """Dials of train_avatar, and of the atlas it trains on, judged by the images of short trainings.
 
-How long a training has to be is a dial of its own; the others are turned at `STEPS` steps, all alike.
+Partially lit images decide: they tell models apart, fully lit ones hardly do. How long a training has to be is a dial
+of its own; the others are turned at `STEPS` steps, all alike.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ SHORT_TRAINING = CostedStage(
     arguments=FILES + EFFECTS + "--out {out}/avatars/full",
     inputs=("atlas.safetensors", "effects.json", "shards/train", "shards/frames", "shards/test"),
     outputs={"metrics": ("metrics.csv", None), "trained": ("avatars/full/config.json", None)},
-    metrics=(psnr_lost("all"), psnr_lost("partial")),
+    metrics=(psnr_lost("partial"), psnr_lost("all")),
     unit="steps",
     work=lambda output: read_json(output["trained"])["settings"]["steps"],
     afterwards={"evaluate_avatar": FILES + EFFECTS + "--avatars {out}/avatars/full --out {out}"},
@@ -36,7 +37,7 @@ ATLAS = CostedStage(
         "frames.parquet", "effects.json", "calibration/color.json",
     ),
     outputs={"metrics": ("metrics.csv", None), "trained": ("avatars/full/config.json", None)},
-    metrics=(psnr_lost("all"), psnr_lost("partial")),
+    metrics=(psnr_lost("partial"), psnr_lost("all")),
     unit="texels",
     work=lambda output: read_json(output["trained"])["texels"],
     runs_on=one_chunk,

@@ -57,7 +57,7 @@ def draw_costs(path: Path, table: pd.DataFrame, repeats: int) -> None:
     cell = (LEFT_INCHES + PANEL_INCHES[0] + RIGHT_INCHES, ABOVE_INCHES + PANEL_INCHES[1] + BELOW_INCHES)
     size = (max(columns * cell[0], 9.5), math.ceil(len(dials) / columns) * cell[1])
     notes = [
-        f"Wall time of the whole stage, median of {repeats} interleaved runs, against error; down and left is better.",
+        f"Wall time of whole stages, median of up to {repeats} runs in turn, against error; down and left is better.",
         "Tolerance: a little above the smallest error, or what images and their noise hardly show (column allowed).",
     ]
     with picture(path, size, "What accuracy costs in time", notes, LEGEND) as figure:

@@ -37,7 +37,7 @@ def results(tmp_path):
     )
     for job, seconds in (("track_mesh.0000", 7), ("track_mesh.0001", 8), ("train_avatar.full", 90), ("other", 1000)):
         (folder / f"benchmarks/{job}.tsv").write_text(f"s\tcpu_time\n1\t{seconds}\n")
-    metrics = {"split": ["test", "frames"], "lit": ["all", "all"], "psnr_db": [27.1234, 50]}
+    metrics = {"split": ["test", "frames"], "lit": ["partial", "partial"], "psnr_db": [27.1234, 50]}
     pd.DataFrame(metrics).to_csv(folder / "metrics.csv", index=False)
     pd.DataFrame({"width": [10, 20], "height": [10, 10]}).to_parquet(folder / "index/cameras.parquet")
     pd.DataFrame({"frame": range(6)}).to_parquet(folder / "index/frames.parquet")
