@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -11,8 +10,6 @@ import pandas as pd
 from pipeline.base.files import read_table
 from pipeline.capture.images import read_exr_channel
 from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
-from pipeline.geometry.texels import read_atlas
-from pipeline.lighting.drawn_maps import smooth_drawn
 from pipeline.lighting.draws import Spread
 
 TOLERANCE = 0.01
@@ -24,21 +21,6 @@ def _irradiance(subject: Subject, output: Files, expected: Files) -> float:
     table, squares = read_table(output["table"]), 0.0
     for frame in table.frame:
         found, wanted = (read_exr_channel(files["maps"] / f"{frame:06d}.exr") for files in (output, expected))
-        squares += float(np.square(found - wanted, dtype=np.float64).sum())
-    return float(np.sqrt(squares / table.texels.sum()))
-
-
-def _smoothed_irradiance(subject: Subject, output: Files, expected: Files) -> float:
-    """The same of maps as training reads them: where neighbours are averaged, the spread of their draws shows."""
-    table, atlas = read_table(output["table"]), read_atlas(subject.results / "atlas.safetensors")
-    squares = 0.0
-    for frame in table.frame:
-        found, wanted = (
-            smooth_drawn(atlas, *(atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling", "error")))[
-                0
-            ]
-            for path in (files["maps"] / f"{frame:06d}.exr" for files in (output, expected))
-        )
         squares += float(np.square(found - wanted, dtype=np.float64).sum())
     return float(np.sqrt(squares / table.texels.sum()))
 
@@ -69,12 +51,6 @@ IRRADIANCE = CostedStage(
 )
 
 
-SMOOTHED = replace(
-    IRRADIANCE,
-    metrics=(Metric("smoothed irradiance, RMS", _smoothed_irradiance, lambda subject: TOLERANCE),),
-)
-
-
 def _samples(subject: Subject) -> list[str]:
     """Powers of two up to the most lights that are on in a frame, then all."""
     lit: pd.Series = read_table(subject.results / "patterns.parquet").groupby("frame").light.count()
@@ -87,8 +63,10 @@ IRRADIANCE_DIALS = [
         Dial(f"irradiance_{sampling}", IRRADIANCE, "samples", _samples, {"sampling": sampling}, chosen=chosen)
         for sampling, chosen in (("uniform", False), ("power", True), ("arriving", False))
     ),
+    # As the papers draw them: each texel by itself.
+    Dial("irradiance_alone", IRRADIANCE, "samples", _samples, {"share_rays": False}, chosen=False),
     Dial(
-        "irradiance_spread", SMOOTHED, "spread", lambda subject: get_args(Spread), {"samples": "1"},
+        "irradiance_spread", IRRADIANCE, "spread", lambda subject: get_args(Spread), {"samples": "1"},
         reference={"samples": "full"},
     ),
     Dial("irradiance_visibility", IRRADIANCE, "visibility", lambda subject: ("cached", "traced")),
