@@ -78,7 +78,7 @@ def measure(case: Case, folder: Path, repeats: int) -> list[dict]:
         run()
         counts.append(max(1, round(SHORTEST_S / max(time.process_time() - started, 1e-4))))
     rows = []
-    for (sizes, run), count in interleaved(list(zip(jobs, counts, strict=True)), repeats):
+    for (sizes, run), count in interleaved(list(zip(jobs, counts, strict=True)), [repeats] * len(jobs)):
         rows.append({"stage": case.stage, "varied": case.varied, **dict.fromkeys(COUNTED), **sizes,
                      **cost_of(run, count)})  # fmt: skip
     last = rows[-1]

@@ -64,7 +64,7 @@ IRRADIANCE_DIALS = [
         for sampling, chosen in (("uniform", False), ("power", True), ("arriving", False))
     ),
     # As the papers draw them: each texel by itself.
-    Dial("irradiance_alone", IRRADIANCE, "samples", _samples, {"share_rays": False}, chosen=False),
+    Dial("irradiance_alone", IRRADIANCE, "samples", _samples, {"sampling": "power", "share_rays": False}),
     Dial(
         "irradiance_spread", IRRADIANCE, "spread", lambda subject: get_args(Spread), {"samples": "1"},
         reference={"samples": "full"},

@@ -155,14 +155,15 @@ def test_samples_of_irradiance(tmp_path) -> None:
     }.items():  # fmt: skip
         (results / place).parent.mkdir(parents=True, exist_ok=True)
         (results / place).write_bytes(paths[name].read_bytes())
-    settings = MeasureCost(dials=("irradiance_power",), repeats=1)
+    settings = MeasureCost(dials=("irradiance_alone",), repeats=1)
     run(results=results, capture=tmp_path / "capture", out=tmp_path / "out", settings=settings)
     table = pd.read_csv(tmp_path / "out/accuracy_cost.csv").set_index("setting")
     assert table.index.tolist() == ["imports only", "1", "full"]
     maps, texels = {}, 0
     for samples in ("1", "full"):
         out = tmp_path / samples / "0000"
-        pipeline.trace_irradiance.run(**paths, subject="someone", out=out, settings=TraceIrradiance(samples=samples))
+        alone = TraceIrradiance(samples=samples, share_rays=False)
+        pipeline.trace_irradiance.run(**paths, subject="someone", out=out, settings=alone)
         texels = pd.read_parquet(f"{out}.parquet").texels.sum()
         maps[samples] = [OpenEXR.File(str(path)).channels()["Y"].pixels for path in sorted(out.glob("*.exr"))]
     squares = sum(((a.astype(float) - b) ** 2).sum() for a, b in zip(maps["1"], maps["full"], strict=True))
