@@ -36,24 +36,11 @@ from pipeline.lighting.zonal import gather_light
 from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.supersample import splat_supersampled
 
-START_ALBEDO = 0.4
-START_OPACITY = 0.95
-START_ROUGHNESS = 0.15
-START_VISIBILITY = 0.02
-START_GGX_WIDTH = 0.4
-START_AMBIENT = 0.02
-START_FILL = 0.6
-"""A Gaussian's standard deviation along the surface, in texel spacings: neighbours' weights then sum to within 3 % of
-a constant, so the start surface is closed and even."""
-
-START_THICKNESS = 0.1
-"""Standard deviation along the normal, in texel spacings: a thin disc."""
-
 SMALLEST_ALPHA = 1 / 255
 """Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
 
 
-class Avatar(nn.Module):
+class Avatar(TexelParameters):
     """Parameters of every texel, and what renders them for a pose, a light and a camera.
 
     Args:
@@ -62,46 +49,14 @@ class Avatar(nn.Module):
     """
 
     def __init__(self, atlas: Atlas, spacing: Float[Tensor, "texels 2"], spec: AvatarSpec) -> None:
-        super().__init__()
-        self.spec = spec
-        texels = len(spacing)
-        thickness = START_THICKNESS * spacing.mean(-1, keepdim=True)
-        self.offset = nn.Parameter(torch.zeros(texels, 3))
-        self.rotation = nn.Parameter(torch.tensor([1.0, 0, 0, 0]).repeat(texels, 1))
-        self.log_scale = nn.Parameter(torch.cat([START_FILL * spacing, thickness], -1).log())
-        self.opacity = nn.Parameter(torch.full((texels,), START_OPACITY).logit())
-        self.albedo = nn.Parameter(torch.full((texels, 3), START_ALBEDO))
-        self.register_buffer("spacing", spacing)
-        self.build_transfer(atlas, texels)
-        if spec.bent_normals:
-            self.normal_offset = nn.Parameter(torch.zeros(texels, 3))
-        if spec.lobe:
-            self.log_roughness = nn.Parameter(torch.full((texels,), START_ROUGHNESS).log())
-            self.visibility = nn.Parameter(torch.full((texels,), START_VISIBILITY).logit())
-        if spec.gloss:
-            self.log_ggx_width = nn.Parameter(torch.full((texels,), START_GGX_WIDTH).log())
-            self.log_gloss = nn.Parameter(torch.zeros(texels))
+        super().__init__(atlas, spacing, spec)
         if spec.shadow_net:
             self.shadow_net = ShadowNet(atlas, spec.shadow_width)
         if spec.indirect == "ambient":
-            self.ambient = nn.Parameter(torch.full((texels, 3), START_AMBIENT))
+            self.ambient = nn.Parameter(torch.full((len(spacing), 3), START_AMBIENT))
         if spec.decoded:
-            self.networks = Networks(atlas, spec, self.shared(), float(spacing.mean()))
-
-    def build_transfer(self, atlas: Atlas, texels: int) -> None:
-        """Transfer coefficients, started at the Lambertian lobe of the normal; buffer `start_*` keeps where."""
-        if self.spec.shading == "microfacet":
-            return
-        zonal = self.spec.shading == "transfer"
-        start = start_transfer() if zonal else start_harmonics(rest_normals(atlas))
-        for name, values in zip(("transfer_color", "transfer_mono"), start, strict=True):
-            self.register_buffer(f"start_{name}", values, persistent=zonal)  # what the atlas says is not stored twice
-            repeats = (texels, *[1] * values.ndim) if zonal else [1] * values.ndim
-            setattr(self, name, nn.Parameter(values.repeat(repeats)))
-
-    def shared(self) -> dict[str, Tensor]:
-        """The parameters that networks may add to, as all poses share them."""
-        return {name: self.get_parameter(name) for name in POSED if hasattr(self, name)}
+            build = HeadNetworks if spec.head else Networks
+            self.networks = build(atlas, spec, self.shared(), float(spacing.mean()))
 
     def prepare(self, inputs: FrameInputs) -> dict:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15)."""
