@@ -20,7 +20,7 @@ DepthSource = Literal["expected", "normalised", "median", "traced"]
 
 
 class TrainAvatar(Settings):
-    """How an avatar is trained; loss weights are those of RFGCA 17-18 and its Appendix B, or RGCA 11-15, where named."""
+    """How an avatar is trained; loss weights are those of RFGCA 17-18 and its Appendix B, or RGCA 11-15 where named."""
 
     steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
     cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
@@ -33,7 +33,7 @@ class TrainAvatar(Settings):
     )
     device: Device = Field("auto", description="Where to train; auto: on a GPU if there is one for each process")
 
-    cameras: int = Field(0, ge=0, description="Train on so many of the cameras, spread over the stage; 0: all [cameras]")
+    cameras: int = Field(0, ge=0, description="Train on so many cameras, spread over the stage; 0: on all [cameras]")
     light_share: float = Field(
         1.0, gt=0, le=1, description="Train on this share of the partially lit patterns, and on all fully lit frames"
     )
@@ -59,8 +59,8 @@ class TrainAvatar(Settings):
     )
     highlight: Highlight = Field(
         "angular",
-        description="The lobe: spherical Gaussian of the angle (RGCA 6), of the cosine, or, for heads, SH that the view "
-        "decoder gives (EyeNeRF)",
+        description="The lobe: a spherical Gaussian of the angle (RGCA 6), of the cosine, or, for heads, SH that the "
+        "view decoder gives (EyeNeRF)",
     )
     specular: Mode = Field("auto", description="The specular lobe (RFGCA 10-14), or GGX")
     shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")
