@@ -40,7 +40,7 @@ class Latent:
     mean: Float[Tensor, " code"]
     log_variance: Float[Tensor, " code"]
 
-    def sample(self, noise: Float[Tensor, " code"]) -> Float[Tensor, " code"]:
+    def sample(self, noise: Float[Tensor, "*n code"]) -> Float[Tensor, "*n code"]:
         """mu + sigma e: the sample moves with mean and deviation (Kingma and Welling 2014)."""
         return self.mean + (0.5 * self.log_variance.clamp_max(LARGEST_LOG_VARIANCE)).exp() * noise
 

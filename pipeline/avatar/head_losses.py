@@ -29,7 +29,7 @@ def structural_dissimilarity(
     """
     pictures = [srgb_from_linear(linear.clamp(0, 1)).permute(2, 0, 1) for linear in (rgb, captured * mask[..., None])]
     x, y = torch.stack(pictures)
-    mean_x, mean_y, xx, yy, xy = (blurred(image) for image in (x, y, x * x, y * y, x * y))
+    mean_x, mean_y, xx, yy, xy = blurred(torch.cat([x, y, x * x, y * y, x * y])).split(len(x))
     unbiased = SSIM_WINDOW**2 / (SSIM_WINDOW**2 - 1)
     variance = unbiased * (xx - mean_x**2 + yy - mean_y**2)
     covariance = unbiased * (xy - mean_x * mean_y)
@@ -48,9 +48,7 @@ def blurred(image: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
     return torch.nn.functional.conv2d(down, window[None, None, None], padding=(0, half))[:, 0]
 
 
-def expression_terms(
-    avatar: Avatar, frame: Mapping[str, object], inputs: FrameInputs, weights: TrainAvatar
-) -> dict[str, Tensor]:
+def expression_terms(avatar: Avatar, frame: Mapping, inputs: FrameInputs, weights: TrainAvatar) -> dict[str, Tensor]:
     """What keeps a head's code a code, weighted: L_geo, squared errors of decoded vertices over the variance of those
     of training, and L_kl (RGCA 11, 12). Rigid tracking knows no vertices to compare with."""
     if not avatar.spec.head:

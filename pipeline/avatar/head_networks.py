@@ -90,7 +90,7 @@ class HeadNetworks(nn.Module):
         """V, metres in the head's frame; rigid tracking knows no expression."""
         return self.rest if self.spec.anchors == "rigid" else inputs.local_vertices
 
-    def place(self, frame: Mapping[str, Tensor], inputs: FrameInputs) -> PosedTexels:
+    def place(self, frame: Mapping, inputs: FrameInputs) -> PosedTexels:
         """The anchors. Decoded ones learn from pictures where they are; how they lie is taken as it is."""
         if self.spec.anchors == "tracked":
             return inputs.posed
@@ -100,18 +100,18 @@ class HeadNetworks(nn.Module):
         posed = pose_texels(self.atlas, world.detach().cpu().numpy(), world.device)
         return PosedTexels((world[self.corners] * self.shares).sum(1), posed.frames, posed.quaternions)
 
-    def viewed(self, frame: Mapping[str, Tensor], center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, "texels _"]]:
+    def viewed(self, frame: Mapping, center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, "texels *_"]]:
         """What a camera adds in a prepared frame, by name; see `view_outputs`."""
         if not self.outputs:
             return {}
         added = self.view(frame["code"], self.beside(frame, center)).split(list(self.outputs.values()), -1)
         return {name: part.squeeze(-1) for name, part in zip(self.outputs, added, strict=True)}
 
-    def linear_color(self, frame: Mapping[str, Tensor], center: Float[Tensor, " 3"]) -> Float[Tensor, "texels 3"]:
+    def linear_color(self, frame: Mapping, center: Float[Tensor, " 3"]) -> Float[Tensor, "texels 3"]:
         """What a camera sees of the frame's light through the network that is linear in it."""
         return self.light(frame["code"], self.beside(frame, center), frame["head_light"])
 
-    def beside(self, frame: Mapping[str, Tensor], center: Float[Tensor, " 3"]) -> Float[Tensor, "features 8 8"]:
+    def beside(self, frame: Mapping, center: Float[Tensor, " 3"]) -> Float[Tensor, "features 8 8"]:
         """Features of the direction from the middle of the head to a camera, the same at all texels."""
         motion = frame["head"]
         toward = unit(motion[:, :3] @ center + motion[:, 3] - self.expression.middle.mean(0))

@@ -159,9 +159,7 @@ def normal_weight(weights: TrainAvatar, step: int) -> float:
     return weights.weight_normal * max(0.0, 1 - step / weights.normal_steps)
 
 
-def regularization(
-    avatar: Avatar, frame: Mapping[str, Tensor], weights: TrainAvatar, step: int = 0
-) -> dict[str, Tensor]:
+def regularization(avatar: Avatar, frame: Mapping, weights: TrainAvatar, step: int = 0) -> dict[str, Tensor]:
     """All terms that look at the parameters of a prepared frame, weighted."""
     size = avatar.spacing.mean(-1, keepdim=True)
     terms = {
