@@ -30,9 +30,9 @@ def structural_dissimilarity(
     pictures = [srgb_from_linear(linear.clamp(0, 1)).permute(2, 0, 1) for linear in (rgb, captured * mask[..., None])]
     x, y = torch.stack(pictures)
     mean_x, mean_y, xx, yy, xy = blurred(torch.cat([x, y, x * x, y * y, x * y])).split(len(x))
-    unbiased = SSIM_WINDOW**2 / (SSIM_WINDOW**2 - 1)
-    variance = unbiased * (xx - mean_x**2 + yy - mean_y**2)
-    covariance = unbiased * (xy - mean_x * mean_y)
+
+    variance = xx - mean_x**2 + yy - mean_y**2
+    covariance = xy - mean_x * mean_y
     index = (2 * mean_x * mean_y + STABLE_MEAN) * (2 * covariance + STABLE_VARIANCE)
     index = index / ((mean_x**2 + mean_y**2 + STABLE_MEAN) * (variance + STABLE_VARIANCE))
     return ((1 - index.mean(0)) / 2 * mask).sum() / mask.sum().clamp_min(1)
