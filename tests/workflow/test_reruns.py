@@ -9,7 +9,7 @@ import pytest
 from pipeline.config.project import SECTIONS
 
 TARGET = "results/subjectA/metrics.csv"
-INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d")
+INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "eyes", "gaze")
 INDEX_JSON = ("capture", "calibration_cameras", "calibration_lights", "calibration_color")
 OUTPUTS = {
     "synthesize_capture": ["capture.yaml"],

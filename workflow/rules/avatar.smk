@@ -4,6 +4,7 @@ checkpoint pack_shards:
         capture="results/{subject}/index/capture.json",
         index_frames="results/{subject}/index/frames.parquet",
         images="results/{subject}/index/images.parquet",
+        gaze="results/{subject}/index/gaze.parquet",
         atlas="results/{subject}/atlas.safetensors",
         tracking="results/{subject}/tracking/{chunk}.safetensors",
         cameras="results/{subject}/calibration/cameras.json",
