@@ -175,6 +175,9 @@ def regularization(
         terms["normal"] = normal_weight(weights, step) * frame["normal_offset"].square().mean()
     if avatar.spec.lobe:
         terms["roughness"] = weights.weight_scale * outside(avatar.log_roughness.exp(), *ROUGHNESS_BOUNDS)
+    if avatar.spec.eyes:
+        found = avatar.eyes.losses(avatar, frame)
+        terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}
     if avatar.spec.gloss:
         terms["roughness"] = weights.weight_scale * outside(avatar.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS)
         terms["gloss"] = weights.weight_gloss * avatar.log_gloss.square().mean()

@@ -6,10 +6,14 @@ with pose and view. Only what `AvatarSpec` asks for is built.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.avatar.eye_glints import mirror_pixels
+from pipeline.avatar.eyes import Eyes
 from pipeline.avatar.networks import POSED, Networks
 from pipeline.avatar.pixel_depth import depth_of_pixels
 from pipeline.avatar.pose import FrameInputs, PosedTexels, rest_normals, white_once
@@ -27,6 +31,7 @@ from pipeline.avatar.shading import (
 )  # fmt: skip
 from pipeline.avatar.shadow_net import ShadowNet
 from pipeline.avatar.spec import AvatarSpec
+from pipeline.geometry.eye_fit import FittedEye
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.bounces import bounced_irradiance
@@ -59,9 +64,13 @@ class Avatar(nn.Module):
     Args:
         atlas: the texels the Gaussians sit on.
         spacing: size of each texel on the rest surface along tangent and bitangent, metres [texels, 2].
+        eyes: of eyes.json, by name, for an avatar with explicit eyes.
     """
 
-    def __init__(self, atlas: Atlas, spacing: Float[Tensor, "texels 2"], spec: AvatarSpec) -> None:
+    def __init__(
+        self, atlas: Atlas, spacing: Float[Tensor, "texels 2"], spec: AvatarSpec,
+        eyes: Mapping[str, FittedEye] | None = None,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.spec = spec
         texels = len(spacing)
@@ -87,6 +96,9 @@ class Avatar(nn.Module):
             self.ambient = nn.Parameter(torch.full((texels, 3), START_AMBIENT))
         if spec.decoded:
             self.networks = Networks(atlas, spec, self.shared(), float(spacing.mean()))
+        if spec.eyes:
+            self.eyes = Eyes(atlas, eyes or {}, self.log_scale.detach().exp())
+            self.eyes.start(self)
 
     def build_transfer(self, atlas: Atlas, texels: int) -> None:
         """Transfer coefficients, started at the Lambertian lobe of the normal; buffer `start_*` keeps where."""
@@ -109,6 +121,8 @@ class Avatar(nn.Module):
         frame = self.shared()
         if self.spec.decoded:
             frame = self.networks.decode(frame, inputs.record.vertices)
+        if self.spec.eyes:
+            frame, posed = self.eyes.place(frame, posed, inputs)
         axes, quaternions = self.orient(frame, posed)
         frame |= {
             "means": posed.points + (posed.frames @ frame["offset"][..., None])[..., 0],
@@ -125,6 +139,8 @@ class Avatar(nn.Module):
         if self.spec.pixel_depth == "traced":
             frame["mesh"] = inputs.mesh
         frame["diffuse"] = self.shade_direct(frame, axes, inputs)
+        if self.spec.eyes and not self.spec.shadow:
+            frame["diffuse"] = self.eyes.under_lids(frame, frame["diffuse"])
         if self.spec.shadow_net:
             frame["shadow"] = self.shadow_net(*inputs.irradiance)
         if self.spec.indirect != "none":
@@ -188,12 +204,16 @@ class Avatar(nn.Module):
     def layers(self, frame: dict, center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, "texels _"]]:
         """What is splatted for one camera. The light that the shadow network's factor dims is a layer of its own."""
         spec, color = self.spec, frame["diffuse"]
+        if spec.eyes:
+            color = self.eyes.seen_from(frame, center, color)
         if spec.gloss:
             width = self.log_ggx_width.exp()
             color = color + self.log_gloss.exp()[:, None] * shade_gloss(width, frame, center)
         layers = {}
         if spec.lobe:
             roughness, visibility = self.log_roughness.exp(), self.specular_visibility(frame, center)
+            if spec.eyes:
+                visibility, eyes = self.eyes.split_mirrors(frame, roughness, visibility)
             if spec.deferred:
                 layers = {
                     "normal": frame["bent_normals"],
@@ -210,12 +230,21 @@ class Avatar(nn.Module):
                 layers["indirect"] = frame["indirect"]
         elif spec.indirect != "none":
             color = color + frame["indirect"]
+        if spec.eyes and spec.lobe:
+            layers["eyes"] = eyes
         return {"color": color, **layers}
 
     def specular_visibility(self, frame: dict, center: Float[Tensor, "3"]) -> Float[Tensor, " texels"]:
         """v_k as a camera sees it (RFGCA 14)."""
         added = self.networks.visibility(frame, center) if self.spec.view_decoder else 0
         return torch.sigmoid(self.visibility + added)
+
+    def reflect(
+        self, frame: dict, center: Tensor, points: Tensor, normals: Tensor, roughness: Tensor, visibility: Tensor
+    ) -> Float[Tensor, "pixels channels"]:
+        """What mirrors show a camera at `center`; see `shade_specular`."""
+        lights = frame["light_positions"], frame["intensities"]
+        return shade_specular(points, normals, roughness, visibility, center, *lights)
 
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor
@@ -234,6 +263,10 @@ class Avatar(nn.Module):
                 points, normal, roughness[:, 0] / weight, visibility[:, 0], center, frame["light_positions"],
                 frame["intensities"],
             )  # fmt: skip
+            color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
+        if "eyes" in pixels:
+            row, column, *mirror = mirror_pixels(pixels["eyes"], frame["eye_balls"], R, center, K)
+            specular = self.reflect(frame, center, *mirror)
             color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
         if "shadow" in pixels:
             color = color * (pixels["shadow"] / alpha[..., None].clamp_min(SMALLEST_ALPHA))

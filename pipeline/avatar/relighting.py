@@ -83,7 +83,9 @@ class Relighter:
     ) -> dict:
         """As `under_pixels`, shaded by the harmonics and panoramas in `sky`; `environment` only casts shadows."""
         if self._under_sky is None:
-            under_sky = EnvironmentAvatar(self.atlas, texel_spacing(self.atlas), self.avatar.spec).to(self.device)
+            eyes = self.avatar.eyes.fitted if self.avatar.spec.eyes else None
+            spacing = texel_spacing(self.atlas)
+            under_sky = EnvironmentAvatar(self.atlas, spacing, self.avatar.spec, eyes).to(self.device)
             under_sky.load_state_dict(self.avatar.state_dict())
             self._under_sky = under_sky.eval()
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()

@@ -143,7 +143,9 @@ def fit_eye(
         status, shape = "sphere", EyeShape(radius, radius, 0.0)
     elif cornea == "auto" and (bulging := _with_cornea(ball, points, axes, len(tracked))) is not None:
         found, status, shape = bulging, "cornea", EyeShape(*bulging.parameters[3:].tolist())
-    sigmas = dict(zip(("center", "radius", "cornea_radius", "cornea_offset"), _sizes(found, len(tracked)), strict=False))
+    sigmas = dict(
+        zip(("center", "radius", "cornea_radius", "cornea_offset"), _sizes(found, len(tracked)), strict=False)
+    )
     rms = float(np.sqrt(np.mean(found.residual**2)))
     log.info("%s: radius %.2f mm, %s, vertices within %.3f mm (rms)", name, 1e3 * shape.radius_m, status, 1e3 * rms)
     if gaze_rms > FOLLOWING_DEG:
@@ -159,7 +161,9 @@ def _axes(
     try:
         turns = np.stack([align_rigid(rest, part, LEAST_SIGMA_M).R for part in tracked])
     except ValueError as error:
-        raise InputError(f"{name}: expected vertices that span an eyeball, found: {error}; see template.eyes") from error
+        raise InputError(
+            f"{name}: expected vertices that span an eyeball, found: {error}; see template.eyes"
+        ) from error
     # The coordinatewise median: a third of the directions may be wrong.
     axis = np.median(np.einsum("fji,fj->fi", turns, gaze), axis=0)
     length = np.linalg.norm(axis)
