@@ -17,6 +17,10 @@ GRAZING = 0.02
 """Cosine between a ray and a sphere's normal below which the ray misses: slopes of the normal by the sphere's centre
 stay below 50 per radius, and what is left out is the outer 0.02 % of its disc."""
 
+PIXEL_STD = 0.5
+"""Standard deviation of a pixel's filter, in pixels: sums of glints then stay within 1 % wherever between pixels they
+are."""
+
 LEAST_SHARE = 1e-4
 """A pixel in which eyes weigh less shows none of them."""
 
@@ -24,26 +28,22 @@ LEAST_SHARE = 1e-4
 def trace_spheres(
     origin: Float[Tensor, "3"], rays: Float[Tensor, "n 3"], centers: Float[Tensor, "spheres 3"],
     radii: Float[Tensor, " spheres"],
-) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"], Int[Tensor, " hits"]]:  # fmt: skip
-    """Where rays (unit) enter the union of balls: points (metres), unit normals, and the rows of rays that do.
+) -> tuple[Int[Tensor, " hits"], Int[Tensor, " hits"], Float[Tensor, "hits 3"], Float[Tensor, "hits 3"]]:  # fmt: skip
+    """Where rays (unit) enter the union of balls: rows of the rays that do, the ball each enters, points (metres) and
+    unit normals, differentiable by centres and radii.
 
-    Zeros for the others: those that miss, graze, or start inside of the ball they would meet first. Differentiable by
-    centres and radii.
+    Rays that graze, or start inside of the ball they would meet first, do not enter it.
     """
     toward = centers - origin
     along = rays @ toward.T
     below_root = radii**2 - (toward.square().sum(-1) - along**2)
     met = below_root > (GRAZING * radii) ** 2
     root = torch.where(met, below_root, torch.ones_like(below_root)).sqrt()
-    distance = torch.where(met & (along > root), along - root, torch.inf)
-    nearest, ball = distance.min(1)
-    hits = torch.nonzero(torch.isfinite(nearest))[:, 0]
-    points, normals = torch.zeros_like(rays), torch.zeros_like(rays)
-    if not len(hits):
-        return points, normals, hits
-    at = origin + nearest[hits, None] * rays[hits]
-    outward = unit_or(at - centers[ball[hits]], 0.0)
-    return points.index_copy(0, hits, at), normals.index_copy(0, hits, outward), hits
+    nearest, ball = torch.where(met & (along > root), along - root, torch.inf).min(1)
+    rows = torch.nonzero(torch.isfinite(nearest))[:, 0]
+    ball = ball[rows]
+    points = origin + nearest[rows, None] * rays[rows]
+    return rows, ball, points, unit_or(points - centers[ball], 0.0)
 
 
 def mirror_layer(roughness: Float[Tensor, " n"], visibility: Float[Tensor, " n"]) -> Float[Tensor, "n 2"]:
@@ -52,15 +52,23 @@ def mirror_layer(roughness: Float[Tensor, " n"], visibility: Float[Tensor, " n"]
 
 
 def mirror_pixels(
-    layer: Float[Tensor, "h w 2"], spheres: tuple[Float[Tensor, "spheres 3"], Float[Tensor, " spheres"]],
+    layer: Float[Tensor, "h w 2"], balls: tuple[Float[Tensor, "spheres 3"], Float[Tensor, " spheres"]],
     R: Float[Tensor, "3 3"], center: Float[Tensor, "3"], K: Float[Tensor, "3 3"],
 ) -> tuple[Tensor, ...]:  # fmt: skip
-    """Row and column of the pixels in which an eye mirrors, and there: points (metres), normals, roughness and
-    visibility, the last two [n]."""
+    """Row and column of the pixels in which an eye mirrors, and there: points (metres), normals, roughness (rad) and
+    visibility, as `shade_specular` takes them.
+
+    A step p across a sphere of radius r turns the mirrored ray by 2 p / r, on average of its two directions. A pixel
+    shows the mean over what it covers, so its own width joins the lobe's, sigma'^2 = sigma^2 + (2 PIXEL_STD p / r)^2,
+    and the same light is spread over sigma'^2: visibility falls by sigma / sigma', as the lobe's height has 1 / sigma'.
+    """
     row, column = torch.nonzero(layer[..., 0].detach() > LEAST_SHARE, as_tuple=True)
     x, y = (column + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1]
     rays = unit_or(torch.stack([x, y, torch.ones_like(x)], -1) @ R, 0.0)
-    points, normals, hits = trace_spheres(center, rays, *spheres)
-    row, column = row[hits], column[hits]
+    hits, ball, points, normals = trace_spheres(center, rays, *balls)
+    row, column, points = row[hits], column[hits], points.detach()
     visibility, weighed = layer[row, column].unbind(-1)
-    return row, column, points[hits].detach(), normals[hits], weighed / visibility, visibility
+    roughness = weighed / visibility
+    pixel_m = (points - center).norm(dim=-1) / K[0, 0]
+    width = (roughness.square() + (2 * PIXEL_STD * pixel_m / balls[1].detach()[ball]).square()).sqrt()
+    return row, column, points, normals, width, visibility * roughness / width

@@ -40,7 +40,7 @@ LEAST_BULGE_M = 3e-4
 """How far a cornea has to stand out to be taken for one: a third of the usual."""
 
 FOLLOWING_DEG = 5.0
-"""Tracked eyes whose axis differs more from the gaze do not follow it: the eye's optical and visual axis differ by 5."""
+"""Tracked eyes whose axis is further off the gaze do not follow it: optical and visual axis of an eye differ by 5."""
 
 Cornea = Literal["auto", "usual", "none"]
 

@@ -36,8 +36,8 @@ class EyeShape:
     Attributes:
         radius_m: r_e of the eyeball.
         cornea_radius_m: r_c.
-        cornea_offset_m: d, from the eyeball's centre to the cornea's along the axis. With d = 0 and r_c = r_e the eye is
-            a plain sphere.
+        cornea_offset_m: d, from the eyeball's centre to the cornea's along the axis; with d = 0 and r_c = r_e the eye
+            is a plain sphere.
     """
 
     radius_m: float

@@ -59,7 +59,7 @@ def make_avatar(atlas: Atlas, eyes: dict[str, FittedEye], **choices) -> Avatar:
 
 
 def make_frame(atlas: Atlas, gaze: np.ndarray, lights: np.ndarray, head: np.ndarray | None = None) -> FrameRecord:
-    """The template under a head motion (world from head, [3, 4]), both eyes looking along `gaze` in the head's frame."""
+    """The template under a head motion (world from head, [3, 4]); both eyes look along `gaze` in the head's frame."""
     world = np.eye(3, 4) if head is None else head
     back = np.concatenate([world[:, :3].T, -world[:, :3].T @ world[:, 3:]], 1)
     return FrameRecord(
@@ -89,20 +89,25 @@ def make_image(center: np.ndarray, target: np.ndarray, mm_per_pixel: float, pixe
 
 
 def glint_points(
-    center: np.ndarray, axis: np.ndarray, shape: EyeShape, camera: np.ndarray, light: np.ndarray
+    center: np.ndarray, axis: np.ndarray, shape: EyeShape, camera: np.ndarray, light: np.ndarray, clear: float = 0.0
 ) -> list[np.ndarray]:
-    """Where an eye mirrors a point light into a camera: on the cornea, and on the eyeball beside it; often only one."""
+    """Where an eye mirrors a point light into a camera: on the cornea, and on the eyeball beside it; often only one.
+
+    None at all if either sphere's own reflection is within `clear` radians of the crease, seen from the sphere's
+    centre: the other sphere then shows a part of the glint.
+    """
     found = []
-    limbus = shape.radius_m * np.cos(shape.limbus_angle)
-    spheres = [(center, shape.radius_m)]
-    if not shape.is_sphere:
-        spheres.append((center + shape.cornea_offset_m * axis, shape.cornea_radius_m))
-    for number, (middle, radius) in enumerate(spheres):
+    height = shape.radius_m * np.cos(shape.limbus_angle)
+    spheres = [(0.0, shape.radius_m)] + [(shape.cornea_offset_m, shape.cornea_radius_m)] * (not shape.is_sphere)
+    for offset, radius in spheres:
+        middle = center + offset * axis
         point = reflection_points(middle[None], radius, camera[None], light[None])[0]
         normal = (point - middle) / radius
         lit = normal @ (camera - point) > 0 and normal @ (light - point) > 0
-        beyond = shape.is_sphere or ((point - center) @ axis > limbus) == (number == 1)
-        if lit and beyond:
+        from_crease = np.arccos((height - offset) / radius) - np.arccos(np.clip(normal @ axis, -1, 1))
+        if lit and not shape.is_sphere and abs(from_crease) < clear:
+            return []
+        if lit and (shape.is_sphere or (from_crease > 0) == (offset > 0)):
             found.append(point)
     return found
 

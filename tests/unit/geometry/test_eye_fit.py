@@ -88,7 +88,7 @@ def test_front_of_an_eye_is_enough():
 
 
 def test_eye_that_does_not_follow_the_gaze_is_told(caplog):
-    rest, tracked, gaze = planted(TRUE, frames=9)
+    rest, _, gaze = planted(TRUE, frames=9)
     found = fit(rest, np.tile(rest, (9, 1, 1)), gaze)
     assert found.gaze_rms_deg > 5
     assert "does not follow" in caplog.text
