@@ -16,6 +16,7 @@ from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.config.fit_eyes import FitEyes
 from pipeline.config.index_capture import IndexCapture
 from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.pack_shards import PackShards
@@ -62,6 +63,7 @@ class SubjectSettings(Settings):
     track_mesh: TrackMesh = TrackMesh()
     review_tracking: ReviewTracking = ReviewTracking()
     plan_effects: PlanEffects = PlanEffects()
+    fit_eyes: FitEyes = FitEyes()
     trace_irradiance: TraceIrradiance = TraceIrradiance()
     pack_shards: PackShards = PackShards()
     train_avatar: TrainAvatar = TrainAvatar()

@@ -21,6 +21,7 @@ OUTPUTS = {
     "track_mesh": ["{chunk}.safetensors", "{chunk}.parquet"],
     "unwrap_atlas": ["atlas.safetensors", "atlas.png", "template.glb"],
     "plan_effects": [""],
+    "fit_eyes": [""],
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
@@ -54,7 +55,8 @@ for path in sorted(Path(word) for key, values in flags.items() if key != "out" f
     for file in sorted(path.rglob("*.*")) if path.is_dir() else [path] if path.is_file() else []:
         if file.is_file() and not file.name.startswith("."):
             content.update(file.read_bytes())
-text = json.dumps({"shadow": {"on": flags.get("shadow") != ["off"]}, "content": content.hexdigest()})
+effects = {name: {"on": flags.get(name) != ["off"]} for name in ("shadow", "eyes")}
+text = json.dumps({**effects, "content": content.hexdigest()})
 for output in OUTPUTS:
     output = output.replace("{chunk}", flags.get("chunk", [""])[0])
     path = Path(f"{out}{output}") if output[:1] in ("", "/", ".") else out / output
@@ -63,7 +65,7 @@ for output in OUTPUTS:
 """
 SUBJECT = "source: synthetic\nchunk_frames: 12\nsynthesize_capture: {frames: 24}\n"
 AFTER_PACKING = {"pack_shards": 2, "train_avatar": 1, "evaluate_avatar": 1}
-AFTER_TRACKING = {"track_mesh": 2, "plan_effects": 1, **AFTER_PACKING}
+AFTER_TRACKING = {"track_mesh": 2, "plan_effects": 1, "fit_eyes": 1, **AFTER_PACKING}
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +113,10 @@ def test_changed_setting_reruns_its_stage_and_what_follows(workflow, setting, ex
     workflow.append("config/subjects/subjectA.yaml", setting + "\n")
     planned = workflow.planned(TARGET)
     if "track_mesh" in expected:
-        planned.pop("trace_irradiance", None)  # Whether there are shadows is open until plan_effects has run.
-    assert planned == expected
+        # Whether there are shadows and eyes is open until plan_effects has run.
+        for open_until_planned in ("trace_irradiance", "fit_eyes"):
+            planned.pop(open_until_planned, None)
+    assert planned == {stage: jobs for stage, jobs in expected.items() if stage != "fit_eyes"}
 
 
 def test_number_of_training_processes_reruns_nothing_and_starts_so_many(workflow):
@@ -186,6 +190,13 @@ def test_effect_that_is_off_has_no_job(workflow):
     workflow.append("config/subjects/subjectA.yaml", "plan_effects: {shadow: off}\n")
     assert workflow.ran(TARGET) == ["plan_effects", "pack_shards", "pack_shards", "train_avatar", "evaluate_avatar"]
     shutil.rmtree(workflow.folder / "results/subjectA/irradiance")
+    assert workflow.planned(TARGET) == {}
+
+
+def test_eyes_are_fitted_only_where_an_avatar_has_them(workflow):
+    workflow.append("config/subjects/subjectA.yaml", "variants: {full: {eyes: off}}\n")
+    (workflow.folder / "results/subjectA/eyes.json").unlink()
+    assert workflow.ran(TARGET) == ["train_avatar", "evaluate_avatar"]
     assert workflow.planned(TARGET) == {}
 
 

@@ -72,6 +72,7 @@ rule train_avatar:
         effects="results/{subject}/effects.json",
         train=shards_of("train"),
         frames=frame_shards,
+        eyes=fitted_eyes,
     output:
         avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
         config="results/{subject}/avatars/{variant}/config.json",
@@ -90,11 +91,12 @@ rule train_avatar:
         code=code_of("train_avatar"),
         shards=lambda wildcards: f"results/{wildcards.subject}/shards",
         frames=frame_folders,
+        eyes=lambda wildcards, input: ["--eyes", *input.eyes] if input.eyes else [],
         out=subpath(output.avatar, parent=True),
         settings=settings_of("train_avatar"),
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
         "{resources.launcher} -m pipeline.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
-        "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} --out {params.out:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} {params.eyes:q} "
+        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"

@@ -124,15 +124,26 @@ def frame_shards(wildcards):
 def traced_irradiance(wildcards):
     """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows and an avatar learns
     them. It holds the maps' digests and stands for their folder, whose content Snakemake cannot compare."""
-    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
-    effects = json.loads(Path(path).read_text())
-    planned = [name for name in EFFECTS if effects.get(name, {}).get("on")]
+    planned = planned_effects(wildcards)
     subject = project.subject(wildcards.subject)
     is_own = "variant" in wildcards.keys()
     variants = [wildcards.variant] if is_own else subject.variants
     read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned) for variant in variants)
     own = f"variants/{wildcards.variant}/" if is_own else ""
     return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if read else []
+
+
+def planned_effects(wildcards):
+    """The effects that plan_effects turned on."""
+    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
+    effects = json.loads(Path(path).read_text())
+    return [name for name in EFFECTS if effects.get(name, {}).get("on")]
+
+
+def fitted_eyes(wildcards):
+    """The file of a variant's explicit eyes, if it has any."""
+    settings = section_of(project.subject(wildcards.subject), "train_avatar", wildcards.variant)
+    return [f"results/{wildcards.subject}/eyes.json"] if settings.reads_eyes(planned_effects(wildcards)) else []
 
 
 def avatars_of(*files):
