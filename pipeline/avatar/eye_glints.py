@@ -36,7 +36,9 @@ def trace_spheres(
     """
     toward = centers - origin
     along = rays @ toward.T
-    below_root = radii**2 - (toward.square().sum(-1) - along**2)
+    # The distance of a ray from a centre, as a vector: |c|^2 - (c . ray)^2 would lose four digits at a metre.
+    aside = toward - along[..., None] * rays[:, None]
+    below_root = radii**2 - aside.square().sum(-1)
     met = below_root > (GRAZING * radii) ** 2
     root = torch.where(met, below_root, torch.ones_like(below_root)).sqrt()
     nearest, ball = torch.where(met & (along > root), along - root, torch.inf).min(1)

@@ -80,10 +80,12 @@ def test_what_is_missing_is_named(inputs):
     with pytest.raises(InputError, match=r"found no gaze; set train_avatar.eyes: off"):
         stage.run(**inputs)
     write_table(gaze, table[table.eye == "eye_l"])
-    with pytest.raises(InputError, match="eye_r: expected 12 places of vertices and a frame with gaze, found 642 and 0"):
+    with pytest.raises(
+        InputError, match="eye_r: expected 12 places of vertices and a frame with gaze, found 642 and 0"
+    ):
         stage.run(**inputs)
     write_table(gaze, table)
     vertices = pd.read_parquet(eyes)
     write_table(eyes, vertices.replace({"vertex": {0: 10**6}}))
-    with pytest.raises(InputError, match="eye_l: expected vertices of .*, found 1000000"):
+    with pytest.raises(InputError, match=r"eye_l: expected vertices of .*, found 1000000"):
         stage.run(**inputs)
