@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn.functional import leaky_relu
 
 from pipeline.avatar.eye_glints import mirror_layer
-from pipeline.avatar.head_pose import gaze_of, head_from_world
+from pipeline.avatar.gaze import gaze_of
 from pipeline.avatar.pose import FrameInputs, PosedTexels, pose_texels
 from pipeline.avatar.pose_encoder import SLOPE, linear
 from pipeline.base.errors import InputError
@@ -136,7 +136,7 @@ class Eyes(nn.Module):
 
         How a disc lies says little about an eye: its quaternion has no gradient, its point and its normal have.
         """
-        motion = head_from_world(inputs, self.parts), gaze_of(inputs, self.parts, self.axes)
+        motion = inputs.head_from_world, gaze_of(inputs, self.parts, self.axes)
         (sizes, places, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
         quaternions = quaternion_from_matrix(frames.detach().double().cpu().numpy())
         rows = (points, frames, torch.as_tensor(quaternions).to(points))
@@ -147,7 +147,7 @@ class Eyes(nn.Module):
         frozen = {"offset": (0.0, 0.0, 0.0), "rotation": (1.0, 0.0, 0.0, 0.0), "normal_offset": (0.0, 0.0, 0.0)}
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
-        frame = frame | {"eye_turns": turns, "eye_balls": balls, "open_lids": inputs.open_lids}
+        frame = frame | {"posed": placed, "eye_turns": turns, "eye_balls": balls, "open_lids": inputs.open_lids}
         for name in frozen.keys() & frame.keys():
             frame[name] = frame[name].index_copy(0, self.chosen, points.new_tensor(frozen[name]).repeat(len(points), 1))
         return frame, placed

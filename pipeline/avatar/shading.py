@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.glints import gather_glints
-from pipeline.lighting.lobes import mirror_direction, unit
+from pipeline.lighting.lobes import Lobe, angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, clamped_cosine_coefficients
 
@@ -60,13 +60,15 @@ def shade_specular(
     camera_center: Float[Tensor, "3"],
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
+    lobe: Lobe = angular_gaussian,
 ) -> Float[Tensor, "pixels channels"]:
     """c_s = v F(n . w_o) sum over lights of (I / d^2) G(w_i; q, sigma): RFGCA 11-12 with point lights as Diracs.
 
     Points in metres, normals of any length (they are blended averages), linear radiance out. F: see `grazing_gain`.
     """
     normals, to_camera = unit(normals), unit(camera_center - points)
-    glints = gather_glints(points, mirror_direction(normals, to_camera), roughness, light_positions, intensities)
+    mirrored = mirror_direction(normals, to_camera)
+    glints = gather_glints(points, mirrored, roughness, light_positions, intensities, lobe)
     return (visibility * grazing_gain(normals, to_camera))[:, None] * glints
 
 
@@ -83,14 +85,24 @@ def grazing_gain(normals: Float[Tensor, "pixels 3"], to_camera: Float[Tensor, "p
 def shade_harmonics(
     albedo: Float[Tensor, "texels 3"],
     transfer_color: Float[Tensor, "texels 16 3"],
-    transfer_mono: Float[Tensor, "texels 65"],
+    transfer_mono: Float[Tensor, "texels 65"] | None,
     light: Float[Tensor, "#texels 81 channels"],
 ) -> Float[Tensor, "texels 3"]:
     """c_d with 113 SH coefficients per texel instead of 51 zonal ones (RGCA 5), in the frame of `light`; these are
-    stored times `UNTURNED_SCALE`."""
+    stored times `UNTURNED_SCALE`. Without the monochrome ones, degrees 4..8 of the light are not seen."""
     color = (transfer_color * light[:, : COLOR_DEGREES**2]).sum(1)
+    if transfer_mono is None:
+        return albedo / UNTURNED_SCALE * color
     mono = (transfer_mono[..., None] * light[:, COLOR_DEGREES**2 :]).sum(1)
     return albedo / UNTURNED_SCALE * (color + mono)
+
+
+def shade_viewed(
+    harmonics: Float[Tensor, "texels 81"], light: Float[Tensor, "#texels 81 channels"]
+) -> Float[Tensor, "texels channels"]:
+    """What is specular, by harmonics that depend on the view (EyeNeRF), in the frame of `light`; stored times
+    `UNTURNED_SCALE`. It may be negative, as a band-limited highlight is beside its peak."""
+    return (harmonics[..., None] * light).sum(1) / UNTURNED_SCALE
 
 
 @torch.no_grad()

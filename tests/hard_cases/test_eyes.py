@@ -166,7 +166,7 @@ def test_closed_lids(case: HardCase) -> None:
 
 @pytest.mark.parametrize("sigma", ROUGHNESS_BOUNDS)
 def test_light_exactly_in_the_mirror_direction(case: HardCase, sigma: float) -> None:
-    """Camera and light on the cornea's axis. The peak, of a lobe as wide as roughness and pixel, has no slope across."""
+    """Camera and light on the cornea's axis. The peak of a lobe as wide as roughness and pixel has no slope across."""
     center, cornea, radius, focal = torch.zeros(3), torch.tensor([[0.0, 0.0, -1.0]]), 0.0078, 4e5
     at, width = cornea.clone().requires_grad_(), torch.tensor([[[0.5, 0.5 * sigma]]], requires_grad=True)
     K = torch.tensor([[focal, 0, 0.5], [0, focal, 0.5], [0, 0, 1.0]])
@@ -240,7 +240,7 @@ def test_ray_that_touches_the_eye(case: HardCase) -> None:
     _, _, points, normals = trace_spheres(torch.zeros(3), rays, center, radii)
     slope = torch.autograd.grad(points.sum() + normals.sum() * 0.0125, radii)[0].abs().max()
     rows = len(points)
-    # Each coordinate of a point, and of a normal times the radius, moves at most 1 / GRAZING times as far as the radius.
+    # A coordinate of a point, and of a normal times the radius, moves at most 1 / GRAZING times as far as the radius.
     steepest = 2 * rows * math.sqrt(3) / GRAZING
     # Points a metre away are good to 6e-8 m, five millionths of a radius.
     case.check(worst((points - center.detach()).norm(dim=1), np.full(rows, 0.0125)), 1e-5, slope / steepest, 1.0)
