@@ -66,11 +66,15 @@ def single_glint(name, looks, head, light, shape, camera=CAMERA):
     return found[0] if len(found) == 1 else None
 
 
-@pytest.mark.parametrize("deferred", [True, False])
+HEAD = {"avatar": "head", "shading": "harmonics", "normals": "viewed", "code_size": 4, "decoder_channels": (4,)}
+KINDS = {"lobe per pixel": {"deferred": True}, "lobe per Gaussian": {"deferred": False}, "head": HEAD}
+
+
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("shape", [usual_shape(0.012), EyeShape(0.0125, 0.0125, 0.0)])
-def test_turning_the_gaze_turns_the_glint_as_the_mirror_law_says(deferred, shape):
+def test_turning_the_gaze_turns_the_glint_as_the_mirror_law_says(kind, shape):
     """For several gazes, lights and a moved head; texels are 1.8 mm, pixels 0.5 mm."""
-    loaded = LoadedAvatar(mirrors(make_eyes(shape), deferred=deferred), ATLAS)
+    loaded = LoadedAvatar(mirrors(make_eyes(shape), **KINDS[kind]), ATLAS)
     head, places = moved_head(), defaultdict(list)
     image = make_image(CAMERA, head[:, :3] @ MIDDLE + head[:, 3], 0.5, 200)
     for looks in (gaze(0, 0), gaze(15, 5), gaze(-20, -8), gaze(25, 10), gaze(-5, 20)):
