@@ -121,6 +121,11 @@ def frame_shards(wildcards):
     return [file for folder in dict.fromkeys(frame_folders(wildcards)) for file in shards_in(folder, wildcards)]
 
 
+def kind_of(subject):
+    """What a capture is of, once it is indexed: a body or a head."""
+    return json.loads(Path(f"results/{subject}/index/capture.json").read_text()).get("kind", "body")
+
+
 def traced_irradiance(wildcards):
     """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows and an avatar learns
     them. It holds the maps' digests and stands for their folder, whose content Snakemake cannot compare."""
@@ -128,7 +133,8 @@ def traced_irradiance(wildcards):
     subject = project.subject(wildcards.subject)
     is_own = "variant" in wildcards.keys()
     variants = [wildcards.variant] if is_own else subject.variants
-    read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned) for variant in variants)
+    kind = kind_of(wildcards.subject)
+    read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned, kind) for variant in variants)
     own = f"variants/{wildcards.variant}/" if is_own else ""
     return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if read else []
 
