@@ -29,6 +29,7 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.config.unwrap_textures import UnwrapTextures
 from pipeline.config.write_report import WriteReport
 
 NAME_PATTERN = "[A-Za-z0-9_-]+"
@@ -63,6 +64,7 @@ class SubjectSettings(Settings):
     review_tracking: ReviewTracking = ReviewTracking()
     plan_effects: PlanEffects = PlanEffects()
     trace_irradiance: TraceIrradiance = TraceIrradiance()
+    unwrap_textures: UnwrapTextures = UnwrapTextures()
     pack_shards: PackShards = PackShards()
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()

@@ -143,6 +143,10 @@ class TrainAvatar(Settings):
         decided = self.decided(planned)
         return decided.shadow == "on" and decided.visibility == "learned"
 
+    def reads_textures(self, kind: Literal["body", "head"] = "body") -> bool:
+        """Whether an avatar with these settings is encoded from mean textures."""
+        return kind == "head"
+
     @model_validator(mode="after")
     def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:
         if self.shading == "harmonics" and self.visibility == "traced":

@@ -135,6 +135,19 @@ def traced_irradiance(wildcards):
     return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if read else []
 
 
+def kind_of(subject):
+    """What a capture is of, body or head."""
+    return json.loads(Path(checkpoints.index_capture.get(subject=subject).output.capture).read_text())["kind"]
+
+
+def mean_textures(wildcards):
+    """A chunk's mean textures, if an avatar is encoded from them: not if all are of bodies."""
+    subject, kind = project.subject(wildcards.subject), kind_of(wildcards.subject)
+    variants = [wildcards.variant] if "variant" in wildcards.keys() else subject.variants
+    read = any(section_of(subject, "train_avatar", variant).reads_textures(kind) for variant in variants)
+    return [f"results/{wildcards.subject}/textures/{wildcards.chunk}.safetensors"] if read else []
+
+
 def avatars_of(*files):
     """A function of wildcards: files of all variants of a subject's avatar."""
     return lambda wildcards: expand(
