@@ -30,6 +30,7 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.config.unwrap_textures import UnwrapTextures
 from pipeline.config.write_report import WriteReport
 
 NAME_PATTERN = "[A-Za-z0-9_-]+"
@@ -65,6 +66,7 @@ class SubjectSettings(Settings):
     plan_effects: PlanEffects = PlanEffects()
     fit_eyes: FitEyes = FitEyes()
     trace_irradiance: TraceIrradiance = TraceIrradiance()
+    unwrap_textures: UnwrapTextures = UnwrapTextures()
     pack_shards: PackShards = PackShards()
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()

@@ -122,8 +122,15 @@ def frame_shards(wildcards):
 
 
 def kind_of(subject):
-    """What a capture is of, once it is indexed: a body or a head."""
-    return json.loads(Path(f"results/{subject}/index/capture.json").read_text()).get("kind", "body")
+    """What a capture is of, body or head."""
+    return json.loads(Path(checkpoints.index_capture.get(subject=subject).output.capture).read_text())["kind"]
+
+
+def planned_effects(wildcards):
+    """The effects that plan_effects turned on."""
+    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
+    effects = json.loads(Path(path).read_text())
+    return [name for name in EFFECTS if effects.get(name, {}).get("on")]
 
 
 def traced_irradiance(wildcards):
@@ -139,11 +146,12 @@ def traced_irradiance(wildcards):
     return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if read else []
 
 
-def planned_effects(wildcards):
-    """The effects that plan_effects turned on."""
-    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
-    effects = json.loads(Path(path).read_text())
-    return [name for name in EFFECTS if effects.get(name, {}).get("on")]
+def mean_textures(wildcards):
+    """A chunk's mean textures, if an avatar is encoded from them: not if all are of bodies."""
+    subject, kind = project.subject(wildcards.subject), kind_of(wildcards.subject)
+    variants = [wildcards.variant] if "variant" in wildcards.keys() else subject.variants
+    read = any(section_of(subject, "train_avatar", variant).reads_textures(kind) for variant in variants)
+    return [f"results/{wildcards.subject}/textures/{wildcards.chunk}.safetensors"] if read else []
 
 
 def fitted_eyes(wildcards):
