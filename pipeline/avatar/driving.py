@@ -2,7 +2,7 @@
 
 A head is driven from a latent code (`from_code`), from tracked vertices (a plain array, or `from_record`), or by the
 expressions of frames of any segment, held still or moved in another way (`from_record` with a motion). The light is
-`Relighter`'s to choose.
+`Relighter`'s to choose. The gaze of explicit eyes is apart from the expression: `replace(driver, gaze=...)`.
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ class Driver:
         head_from_world: as of `FrameRecord`; None: found from the vertices.
         texture: mean texture of the texels, linear RGB, for the encoder; None: that of an average frame.
         code: a head's latent code, in place of what the encoder says; None: encoded.
+        gaze: unit direction in which each explicit eye looks, in the head's frame; None: as the eyes' vertices lie.
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
     head_from_world: Float32[np.ndarray, "3 4"] | None = None
     texture: Float32[np.ndarray, "texels 3"] | None = None
     code: Float32[np.ndarray, " code"] | None = None
+    gaze: Float32[np.ndarray, "eyes 3"] | None = None
 
 
 def driver_of(pose: Float[np.ndarray, "vertices 3"] | Driver) -> Driver:
@@ -70,12 +72,12 @@ def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] |
         InputError: if it shall, but the frame does not say how its head moved.
     """
     if head_from_world is None:
-        return Driver(record.vertices, record.head_from_world, record.texture)
+        return Driver(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
     if record.head_from_world is None:
         raise InputError(f"frame {record.frame}: expected the motion of a head, found none; only heads move as a whole")
     tracked = record.head_from_world.astype(np.float64)
     local = record.vertices @ tracked[:, :3].T + tracked[:, 3]
-    return Driver(moved(local, head_from_world), head_from_world.astype(np.float32), record.texture)
+    return Driver(moved(local, head_from_world), head_from_world.astype(np.float32), record.texture, gaze=record.gaze)
 
 
 def moved(

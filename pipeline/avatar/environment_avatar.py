@@ -55,6 +55,15 @@ class EnvironmentAvatar(Avatar):
         light = gather_environment(inputs.sky.world_from_map.T @ axes, inputs.sky.harmonics)
         return shade_diffuse(self.albedo, frame["transfer_color"], frame["transfer_mono"], light)
 
+    def reflect(
+        self, frame: dict, center: Tensor, points: Tensor, normals: Tensor, roughness: Tensor, visibility: Tensor
+    ) -> Float[Tensor, "pixels 3"]:
+        """As the avatar's, of the sky."""
+        normals, to_camera = unit(normals), unit(center - points)
+        mirrored = mirror_direction(normals, to_camera) @ frame["sky"].world_from_map
+        gained = visibility * grazing_gain(normals, to_camera)
+        return gained[:, None] * frame["sky"].ladder.look_up(mirrored, roughness)
+
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor
     ) -> Tensor:
@@ -66,11 +75,8 @@ class EnvironmentAvatar(Avatar):
             )
             # All of a sky is as far away as its horizon: only the direction of a pixel's ray matters, not its depth.
             points = points_of_pixels(row, column, R.new_ones(len(row)), R, center, K)
-            normal, to_camera = unit(normal), unit(center - points)
-            mirrored = mirror_direction(normal, to_camera) @ frame["sky"].world_from_map
             width = roughness[:, 0] / picture.alpha[row, column]
-            gained = visibility * grazing_gain(normal, to_camera)[:, None]
-            specular = gained * frame["sky"].ladder.look_up(mirrored, width)
+            specular = self.reflect(frame, center, points, normal, width, visibility[:, 0])
             pixels = {name: layer for name, layer in pixels.items() if name != "normal"}
             pixels["color"] = pixels["color"].index_put((row, column), specular, accumulate=True)
         return super().shade_pixels(pixels, picture, frame, R, center, K)

@@ -177,6 +177,9 @@ def regularization(avatar: Avatar, frame: Mapping, weights: TrainAvatar, step: i
     if avatar.spec.lobe:
         roughness = frame.get("log_roughness", avatar.log_roughness).exp()
         terms["roughness"] = weights.weight_scale * outside(roughness, *ROUGHNESS_BOUNDS)
+    if avatar.spec.eyes:
+        found = avatar.eyes.losses(avatar, frame)
+        terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}
     if avatar.spec.gloss:
         terms["roughness"] = weights.weight_scale * outside(avatar.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS)
         terms["gloss"] = weights.weight_gloss * avatar.log_gloss.square().mean()

@@ -6,10 +6,14 @@ what changes with pose, expression and view. Only what `AvatarSpec` asks for is 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.avatar.eye_glints import mirror_pixels
+from pipeline.avatar.eyes import Eyes
 from pipeline.avatar.head_networks import HeadNetworks
 from pipeline.avatar.networks import Networks
 from pipeline.avatar.pixel_depth import depth_of_pixels
@@ -28,6 +32,7 @@ from pipeline.avatar.shading import (
 from pipeline.avatar.shadow_net import ShadowNet
 from pipeline.avatar.spec import AvatarSpec
 from pipeline.avatar.texel_parameters import START_AMBIENT, TexelParameters
+from pipeline.geometry.eye_fit import FittedEye
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.bounces import bounced_irradiance
@@ -49,9 +54,13 @@ class Avatar(TexelParameters):
     Args:
         atlas: the texels the Gaussians sit on.
         spacing: size of each texel on the rest surface along tangent and bitangent, metres [texels, 2].
+        eyes: of eyes.json, by name, for an avatar with explicit eyes.
     """
 
-    def __init__(self, atlas: Atlas, spacing: Float[Tensor, "texels 2"], spec: AvatarSpec) -> None:
+    def __init__(
+        self, atlas: Atlas, spacing: Float[Tensor, "texels 2"], spec: AvatarSpec,
+        eyes: Mapping[str, FittedEye] | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(atlas, spacing, spec)
         if spec.shadow_net:
             self.shadow_net = ShadowNet(atlas, spec.shadow_width)
@@ -60,6 +69,9 @@ class Avatar(TexelParameters):
         if spec.decoded:
             build = HeadNetworks if spec.head else Networks
             self.networks = build(atlas, spec, self.shared(), float(spacing.mean()))
+        if spec.eyes:
+            self.eyes = Eyes(atlas, eyes or {}, self.log_scale.detach().exp())
+            self.eyes.start(self)
 
     def prepare(self, inputs: FrameInputs, **expression: Tensor) -> dict:
         """Everything of a frame that no camera changes: placed Gaussians with their colour (RFGCA 5-10, 15).
@@ -73,6 +85,8 @@ class Avatar(TexelParameters):
         if self.spec.decoded:
             frame = self.networks.decode(frame, inputs, **expression)
         posed = frame["posed"] if self.spec.head else inputs.posed
+        if self.spec.eyes:
+            frame, posed = self.eyes.place(frame, posed, inputs)
         axes, quaternions = self.orient(frame, posed)
         frame |= {
             "means": posed.points + (posed.frames @ frame["offset"][..., None])[..., 0],
@@ -93,6 +107,8 @@ class Avatar(TexelParameters):
         if self.spec.shading == "linear":
             frame["head_light"] = inputs.body_light
         frame["diffuse"] = self.shade_direct(frame, axes, inputs)
+        if self.spec.eyes and not self.spec.shadow:
+            frame["diffuse"] = self.eyes.under_lids(frame, frame["diffuse"])
         if self.spec.shadow_net:
             frame["shadow"] = self.shadow_net(*inputs.irradiance)
         if self.spec.indirect != "none":
@@ -157,6 +173,8 @@ class Avatar(TexelParameters):
     def layers(self, frame: dict, center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, "texels _"]]:
         """What is splatted for one camera. The light that the shadow network's factor dims is a layer of its own."""
         spec, color = self.spec, frame["diffuse"]
+        if spec.eyes:
+            color = self.eyes.seen_from(frame, center, color)
         if spec.gloss:
             width = self.log_ggx_width.exp()
             color = color + self.log_gloss.exp()[:, None] * shade_gloss(width, frame, center)
@@ -168,6 +186,8 @@ class Avatar(TexelParameters):
         if spec.lobe:
             roughness = frame.get("log_roughness", self.log_roughness).exp()
             visibility = self.specular_visibility(viewed)
+            if spec.eyes:
+                visibility, eyes = self.eyes.split_mirrors(frame, roughness, visibility)
             normals = self.bend(frame, viewed["normal_offset"]) if spec.viewed_normals else frame["bent_normals"]
             if spec.deferred:
                 layers = {"normal": normals, "roughness": roughness[:, None], "visibility": visibility[:, None]}
@@ -182,6 +202,8 @@ class Avatar(TexelParameters):
                 layers["indirect"] = frame["indirect"]
         elif spec.indirect != "none":
             color = color + frame["indirect"]
+        if spec.eyes and spec.lobe:
+            layers["eyes"] = eyes
         return {"color": color, **layers}
 
     def viewed(self, frame: dict, center: Float[Tensor, "3"]) -> dict[str, Tensor]:
@@ -191,6 +213,13 @@ class Avatar(TexelParameters):
     def specular_visibility(self, viewed: dict[str, Tensor]) -> Float[Tensor, " texels"]:
         """v_k as the camera of `viewed` sees it."""
         return torch.sigmoid(self.visibility + viewed.get("visibility", 0))
+
+    def reflect(
+        self, frame: dict, center: Tensor, points: Tensor, normals: Tensor, roughness: Tensor, visibility: Tensor
+    ) -> Float[Tensor, "pixels channels"]:
+        """What mirrors show a camera at `center`; see `shade_specular`."""
+        lights = frame["light_positions"], frame["intensities"]
+        return shade_specular(points, normals, roughness, visibility, center, *lights, LOBES[self.spec.highlight])
 
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor
@@ -209,6 +238,10 @@ class Avatar(TexelParameters):
                 points, normal, roughness[:, 0] / weight, visibility[:, 0], center, frame["light_positions"],
                 frame["intensities"], LOBES[self.spec.highlight],
             )  # fmt: skip
+            color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
+        if "eyes" in pixels:
+            row, column, *mirror = mirror_pixels(pixels["eyes"], frame["eye_balls"], R, center, K)
+            specular = self.reflect(frame, center, *mirror)
             color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
         if "shadow" in pixels:
             color = color * (pixels["shadow"] / alpha[..., None].clamp_min(SMALLEST_ALPHA))

@@ -59,6 +59,8 @@ class FrameInputs:
     atlas: Atlas
     record: FrameRecord
     device: torch.device | str = field(default="cpu", kw_only=True)
+    open_lids: Float[Tensor, " eye_texels"] | None = field(default=None, init=False)
+    """What eye texels see past the lids, once an avatar with eyes has traced it."""
 
     @cached_property
     def posed(self) -> PosedTexels:

@@ -85,7 +85,9 @@ class Relighter:
     ) -> dict:
         """As `under_pixels`, shaded by the harmonics and panoramas in `sky`; `environment` only casts shadows."""
         if self._under_sky is None:
-            under_sky = EnvironmentAvatar(self.atlas, texel_spacing(self.atlas), self.avatar.spec).to(self.device)
+            eyes = self.avatar.eyes.fitted if self.avatar.spec.eyes else None
+            spacing = texel_spacing(self.atlas)
+            under_sky = EnvironmentAvatar(self.atlas, spacing, self.avatar.spec, eyes).to(self.device)
             under_sky.load_state_dict(self.avatar.state_dict())
             self._under_sky = under_sky.eval()
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
@@ -141,7 +143,7 @@ class Relighter:
             frame=0, segment="", fully_lit=False, vertices=driver.vertices.astype(np.float32), irradiance=maps[0],
             falling=maps[1], light_positions=lights.positions[lit].astype(np.float32),
             light_intensities=lights.intensities[lit].astype(np.float32), head_from_world=driver.head_from_world,
-            texture=driver.texture,
+            texture=driver.texture, gaze=driver.gaze,
         )  # fmt: skip
 
 

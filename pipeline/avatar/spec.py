@@ -44,6 +44,7 @@ class AvatarSpec:
         parameters: "texels": one value per texel, whatever the pose; "decoded": and what networks add to it for a pose
             and, to the specular visibility, for a view (RFGCA 3, 4, 14).
         articulation: the subject's limbs move: a code of the body's pose.
+        eyes: Gaussians of eyes lie on two spheres per eye that turn with the gaze (RGCA section 3.4).
         face: middle and radius of the face on the template at rest, metres: a code of its own; none if empty.
         pose_points, code_size: points of the surface behind a code, and its numbers.
         decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
@@ -70,6 +71,7 @@ class AvatarSpec:
     anchors: Anchors = "decoded"
     parameters: Literal["texels", "decoded"] = "texels"
     articulation: bool = False
+    eyes: bool = False
     face: tuple[float, ...] = ()
     pose_points: int = 64
     code_size: int = 16
@@ -174,7 +176,7 @@ def spec_of(settings: TrainAvatar, planned: Collection[str], kind: Kind = "body"
     decided = settings.decided(planned, kind)
     require_parts(decided)
     chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec)}
-    modes = ("specular", "shadow", "near_field", "articulation", "deferred")
+    modes = ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
     spec = AvatarSpec(**chosen | {name: chosen[name] == "on" for name in modes})
     # Light in the root's frame has no place for one texel's shadows.
     turns = spec.articulation or spec.traced

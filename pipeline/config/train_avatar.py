@@ -67,6 +67,10 @@ class TrainAvatar(Settings):
     near_field: Mode = Field("auto", description="Lights at their distance; off: one direction per light and frame")
     articulation: Mode = Field("auto", description="Transfer that turns with the limbs; off: SH in the root's frame")
     deferred: Mode = Field("on", description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
+    eyes: Mode = Field(
+        "auto",
+        description="Eyes as two spheres each that turn with the gaze (RGCA section 3.4), as fit_eyes finds them",
+    )
     depth: DepthSource = Field(
         "traced",
         description="How far a pixel's point is that the lobe is evaluated at: splatted depth as it is, divided by "
@@ -157,6 +161,17 @@ class TrainAvatar(Settings):
         "",
         description="File with the backbone's ImageNet weights, as for evaluate_avatar; empty: no LPIPS in the loss",
     )
+    weight_eye_scale: float = Field(
+        0.01,
+        ge=0,
+        description="Weight of scales of eye Gaussians that are larger than needed, squared (lambda_es) [1/mm^2]",
+    )
+    weight_eye_opacity: float = Field(
+        1e-4, ge=0, description="Weight of transparency of eye Gaussians, squared (lambda_eo)"
+    )
+    weight_eye_visibility: float = Field(
+        1e-4, ge=0, description="Weight of what eyes lack of a specular visibility of 1, squared (lambda_ev)"
+    )
     weight_gloss: float = Field(0.01, ge=0, description="Weight that keeps the gloss of GGX near a dielectric's")
     weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
@@ -173,7 +188,7 @@ class TrainAvatar(Settings):
             planned = set(planned) - {"shadow"}  # RGCA 5: what hides a light is in the transfer
         modes = {
             name: "on" if name in planned else "off"
-            for name in ("specular", "shadow", "near_field", "articulation", "deferred")
+            for name in ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
             if getattr(self, name) == "auto"
         }
         if self.normals == "auto":
@@ -197,6 +212,10 @@ class TrainAvatar(Settings):
     def reads_textures(self, kind: Kind = "body") -> bool:
         """Whether an avatar with these settings is encoded from mean textures."""
         return self.decided((), kind).avatar == "head"
+
+    def reads_eyes(self, planned: Collection[str]) -> bool:
+        """Whether an avatar with these settings has explicit eyes."""
+        return self.decided(planned).eyes == "on"
 
     @model_validator(mode="after")
     def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:

@@ -144,10 +144,11 @@ def coated_mesh(
     normals: np.ndarray,
     faces: np.ndarray,
     uv: np.ndarray,
+    ior: float = COAT_IOR,
 ) -> Any:
     """A subject's surface: a diffuse albedo texture under a rough dielectric coat (GGX of width `gloss_alpha`)."""
     bsdf = {
-        "type": "roughplastic", "distribution": "ggx", "alpha": gloss_alpha, "int_ior": COAT_IOR,
+        "type": "roughplastic", "distribution": "ggx", "alpha": gloss_alpha, "int_ior": ior,
         "diffuse_reflectance": bitmap_texture(texture, "bilinear"),
     }  # fmt: skip
     return triangle_mesh(bsdf, vertices, faces, uv, normals)

@@ -114,7 +114,7 @@ def test_wrong_configuration_is_said_at_once_and_without_traceback(copy_of_proje
 
 def test_stage_has_one_rule_with_a_log_and_a_benchmark_of_its_name(repo_root):
     text = "\n".join(path.read_text() for path in sorted((repo_root / "workflow/rules").glob("*.smk")))
-    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance"):
+    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance", "unwrap_textures"):
         assert len([line for line in text.splitlines() if line in (f"rule {stage}:", f"checkpoint {stage}:")]) == 1
         for expected in (f"/logs/{stage}.", f"/benchmarks/{stage}.", f'code_of("{stage}")', f"-m pipeline.{stage} "):
             assert expected in text
