@@ -249,10 +249,10 @@ def test_colour_depends_on_the_side_only_once_it_has_learned_to():
         assert torch.equal(avatar.eyes.seen_from(frame, side, color), color)
     seen = [avatar.eyes.seen_from(frame, side, color.detach()).sum() for side in sides]
     (seen[0] - seen[1]).backward()
-    gain = avatar.eyes.last.parametrizations.weight.original0.grad
+    gain = avatar.eyes.albedo.last.parametrizations.weight.original0.grad
     assert gain.abs().max() > 0
     with torch.no_grad():
-        avatar.eyes.last.parametrizations.weight.original0.add_(gain.sign())
+        avatar.eyes.albedo.last.parametrizations.weight.original0.add_(gain.sign())
     left, right = (avatar.eyes.seen_from(frame, side, color).sum() for side in sides)
     assert left > right
 
