@@ -136,7 +136,7 @@ def _photograph_frame(job: FrameJob) -> pd.DataFrame:
         for eye in _eyes_in_view(job.moment, scene, camera, settings.supersampling):
             x, y, width, height = eye.window
             window = slice(y, y + height), slice(x, x + width)
-            closer = paths * settings.spp_eyes / settings.spp
+            closer = max(1, round(paths * settings.spp_eyes / settings.spp))
             developed[window] = eye.develop(_render_lit(job, scene, eye, closer, seed))[window]
         random = generator_for(studio.subject, "sensor", name, job.frame)
         raw = studio.sensor_model.expose(developed[..., :3], studio.rig.raw_from_true[name], random)
@@ -177,7 +177,7 @@ def _lit_lights(job: FrameJob) -> tuple[np.ndarray, np.ndarray]:
     return job.studio.rig.lights_xyz[lit], job.intensities[lit]
 
 
-def _render_lit(job: FrameJob, scene: Any, view: LensView, paths: float, seed: int) -> np.ndarray:
+def _render_lit(job: FrameJob, scene: Any, view: LensView, paths: int, seed: int) -> np.ndarray:
     """A view of a scene of `_lit_subject` under all lights that are on, about `paths` per image pixel."""
     settings, (lights, intensities) = job.studio.settings, _lit_lights(job)
     samples = paths / settings.supersampling**2
