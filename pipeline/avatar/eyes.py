@@ -1,9 +1,8 @@
 """The explicit eyes of an avatar: Gaussians frozen on two spheres per eye that turn with the gaze (RGCA section 3.4).
 
-Position and normal of an eye's Gaussians follow from eight numbers per eye, which training refines, and from where the
+Position and normal of an eye's Gaussians follow from nine numbers per eye, which training refines, and from where the
 eye looks; their albedo depends on the direction they are seen from, since the iris is seen through a cornea that
-refracts. Lids are traced: how much of the outside an eye texel sees past the tracked skin. That takes no parameters,
-holds for expressions and gazes that were never captured, and is as good as the tracking of the lids.
+refracts. What eyes mirror is traced per pixel (`eye_glints`), and so is what of the outside they see past the lids.
 """
 
 from __future__ import annotations
@@ -15,40 +14,29 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
-from torch.nn.functional import leaky_relu
 
+from pipeline.avatar.eye_albedo import EyeAlbedo
 from pipeline.avatar.eye_glints import mirror_layer
 from pipeline.avatar.gaze import gaze_of
+from pipeline.avatar.lids import trace_lids
 from pipeline.avatar.pose import FrameInputs, PosedTexels, pose_texels
-from pipeline.avatar.pose_encoder import SLOPE, linear
 from pipeline.base.errors import InputError
 from pipeline.geometry.eye_fit import FittedEye
 from pipeline.geometry.eye_shape import EyeSurface, eye_surface, turn_to
 from pipeline.geometry.mesh import unit_or
 from pipeline.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from pipeline.geometry.texels import Atlas, any_tangent
-from pipeline.lighting.bounces import cosine_directions
 from pipeline.lighting.lobes import unit
-from pipeline.lighting.visibility import Occluders
 
 MOST_SHIFT_M, MOST_GROWTH, MOST_TURN = 0.002, 0.1, 0.1
 """How far training may move a centre (metres), change a size (in log) and turn an axis (rad): a few times what fits are
 off by. The optical axis of an eye is 5 degrees, 0.09 rad, off the line of sight that a gaze means. A cornea of 0.65 of
 the eyeball stays smaller than it."""
 
-LID_RAYS = 32
-"""Rays per texel: a lid's edge is then known to 3 % of what the texel sees."""
-
 START_ROUGHNESS = 0.05
 START_VISIBILITY = 0.39
 """A wet surface, nearly a mirror. A dielectric mirrors F0 = 0.04 of a light, which the lobe spreads over 2 pi sigma^2
 of solid angle: v C / sigma = F0 / (2 pi sigma^2) gives v = 0.39 for sigma = 0.05."""
-
-FEATURES, HIDDEN = 8, 16
-"""Numbers that a texel tells the network of its colour, and the network's width."""
-
-MOST_GAIN = 3.0
-"""Log of how much brighter or darker a texel may become from another side: between pupil (0.01) and iris (0.2)."""
 
 FILL_MM = 0.1
 """Scales of eye Gaussians that RGCA 16 lets pass, for texels of a sixth of a millimetre."""
@@ -90,9 +78,7 @@ class Eyes(nn.Module):
         corners = np.isin(atlas.faces, np.concatenate(self.parts))
         self.skin_faces = atlas.faces[~corners.all(1)].astype(np.int64)
         self.shift, self.growth, self.turn = (nn.Parameter(torch.zeros(len(names), 3)) for _ in range(3))
-        self.features = nn.Parameter(torch.randn(len(chosen), FEATURES))
-        self.hidden, self.last = linear(FEATURES + 3, HIDDEN), linear(HIDDEN, 3)
-        nn.init.zeros_(self.last.parametrizations.weight.original0)
+        self.albedo = EyeAlbedo(len(chosen))
 
     def refined(self) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
         """Centres, sizes (r_e, r_c, d) in metres, and turns of the axes that are the same for all gazes."""
@@ -143,7 +129,7 @@ class Eyes(nn.Module):
         old = (posed.points, posed.frames, posed.quaternions)
         placed = PosedTexels(*(a.index_copy(0, self.chosen, b) for a, b in zip(old, rows, strict=True)))
         if inputs.open_lids is None:
-            inputs.open_lids = self.trace_lids(inputs.mesh[0], points.detach(), frames.detach())
+            inputs.open_lids = trace_lids(inputs.mesh[0], self.skin_faces, points.detach(), frames.detach())
         frozen = {"offset": (0.0, 0.0, 0.0), "rotation": (1.0, 0.0, 0.0, 0.0), "normal_offset": (0.0, 0.0, 0.0)}
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
@@ -152,26 +138,13 @@ class Eyes(nn.Module):
             frame[name] = frame[name].index_copy(0, self.chosen, points.new_tensor(frozen[name]).repeat(len(points), 1))
         return frame, placed
 
-    def trace_lids(
-        self, vertices: np.ndarray, points: Float[Tensor, "n 3"], frames: Float[Tensor, "n 3 3"]
-    ) -> Float[Tensor, " n"]:
-        """Share of the outside that each eye texel sees past the skin, weighted by the cosine; 0 behind closed lids."""
-        at, axes = (tensor.double().cpu().numpy() for tensor in (points, frames))
-        if not len(self.skin_faces):
-            return torch.ones_like(points[:, 0])
-        rays = (axes[:, None] @ cosine_directions(LID_RAYS, len(at))[..., None])[..., 0].reshape(-1, 3)
-        above = np.repeat(axes[..., 2], LID_RAYS, 0)
-        hit, _ = Occluders(vertices, self.skin_faces).first_faces(np.repeat(at, LID_RAYS, 0), above, rays)
-        return torch.as_tensor((hit.reshape(-1, LID_RAYS) < 0).mean(1)).to(points)
-
     def split_mirrors(
         self, frame: Mapping[str, Tensor], roughness: Float[Tensor, " texels"], visibility: Float[Tensor, " texels"]
     ) -> tuple[Float[Tensor, " texels"], Float[Tensor, "texels 2"]]:
         """Specular visibility without the eyes, and the layer of what the eyes mirror past the lids."""
-        layer = mirror_layer(roughness[self.chosen], visibility[self.chosen] * frame["open_lids"])
-        return visibility.index_fill(0, self.chosen, 0.0), layer.new_zeros(len(visibility), 2).index_copy(
-            0, self.chosen, layer
-        )
+        seen = mirror_layer(roughness[self.chosen], visibility[self.chosen] * frame["open_lids"])
+        layer = seen.new_zeros(len(visibility), 2).index_copy(0, self.chosen, seen)
+        return visibility.index_fill(0, self.chosen, 0.0), layer
 
     def under_lids(self, frame: Mapping[str, Tensor], values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
         """What of the texels' light passes the lids."""
@@ -181,15 +154,10 @@ class Eyes(nn.Module):
     def seen_from(
         self, frame: Mapping[str, Tensor], center: Float[Tensor, " 3"], color: Float[Tensor, "texels 3"]
     ) -> Float[Tensor, "texels 3"]:
-        """Diffuse colour with the albedo that the eyes show a camera at `center` (RGCA 10).
-
-        Refraction depends on the direction in the eye's own frame alone; the factor is positive, and starts at 1.
-        """
+        """Diffuse colour with the albedo that the eyes show a camera at `center`."""
         toward = unit(center - frame["means"].detach()[self.chosen])
         inward = (frame["eye_turns"].detach()[self.eye].mT @ toward[..., None])[..., 0]
-        known = leaky_relu(self.hidden(torch.cat([self.features, inward], -1)), SLOPE)
-        gain = torch.exp(MOST_GAIN * torch.tanh(self.last(known)))
-        return color.index_copy(0, self.chosen, color[self.chosen] * gain)
+        return color.index_copy(0, self.chosen, color[self.chosen] * self.albedo(inward))
 
     @torch.no_grad()
     def start(self, avatar: nn.Module) -> None:

@@ -65,6 +65,11 @@ class SynthesizeCapture(Settings):
     spp_fully_lit: int = Field(
         256, ge=1, description="light paths per image pixel of fully lit frames, whose paths choose among more lights"
     )
+    light_choice: Literal["drawn", "all"] = Field(
+        "drawn",
+        description="drawn: every path goes to one of the lights that are on; all: the paths are shared out among "
+        "them, each gets one at least, which leaves less noise",
+    )
     spp_eyes: int = Field(
         512,
         ge=1,

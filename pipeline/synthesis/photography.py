@@ -131,14 +131,13 @@ def _photograph_frame(job: FrameJob) -> pd.DataFrame:
     for name, sensor_camera in studio.rig.cameras.items():
         camera = sensor_camera.downsampled(settings.downsample_from_sensor)
         view = view_points(camera, job.moment.vertices, settings.supersampling)
-        samples = max(1, round(paths / settings.supersampling**2))
         seed = seed_for(studio.subject, "paths", name, job.frame) % 2**31
-        developed = view.develop(scenes.render(scene, view, samples, seed))
+        developed = view.develop(_render_lit(job, scene, view, paths, seed))
         for eye in _eyes_in_view(job.moment, scene, camera, settings.supersampling):
-            closer = max(1, round(samples * settings.spp_eyes / settings.spp))
             x, y, width, height = eye.window
             window = slice(y, y + height), slice(x, x + width)
-            developed[window] = eye.develop(scenes.render(scene, eye, closer, seed))[window]
+            closer = max(1, round(paths * settings.spp_eyes / settings.spp))
+            developed[window] = eye.develop(_render_lit(job, scene, eye, closer, seed))[window]
         random = generator_for(studio.subject, "sensor", name, job.frame)
         raw = studio.sensor_model.expose(developed[..., :3], studio.rig.raw_from_true[name], random)
         write_exr(studio.root / f"images/{name}/{job.frame:06d}.exr", raw)
@@ -166,9 +165,25 @@ def _lit_subject(job: FrameJob, translucent: bool) -> Any:
     for surface in job.moment.surfaces:
         geometry = (surface.vertices, surface.normals, surface.faces, surface.uv, surface.ior)
         meshes.append(scenes.coated_mesh(surface.texture, surface.gloss_alpha, *geometry))
+    lights, intensities = _lit_lights(job)
+    if settings.light_choice == "all":
+        lights, intensities = lights[:1], intensities[:1]
+    integrator = "volpath" if translucent else "path"
+    return scenes.lit_scene(meshes, lights, intensities, settings.max_depth, integrator)
+
+
+def _lit_lights(job: FrameJob) -> tuple[np.ndarray, np.ndarray]:
     lit = job.intensities > 0
-    lights, integrator = job.studio.rig.lights_xyz[lit], "volpath" if translucent else "path"
-    return scenes.lit_scene(meshes, lights, job.intensities[lit], settings.max_depth, integrator)
+    return job.studio.rig.lights_xyz[lit], job.intensities[lit]
+
+
+def _render_lit(job: FrameJob, scene: Any, view: LensView, paths: int, seed: int) -> np.ndarray:
+    """A view of a scene of `_lit_subject` under all lights that are on, about `paths` per image pixel."""
+    settings, (lights, intensities) = job.studio.settings, _lit_lights(job)
+    samples = paths / settings.supersampling**2
+    if settings.light_choice == "drawn":
+        return scenes.render(scene, view, max(1, round(samples)), seed)
+    return scenes.render_each_light(scene, view, lights, intensities, max(1, round(samples / len(lights))), seed)
 
 
 def _eyes_in_view(moment: Moment, scene: Any, camera: Camera, samples: int) -> list[LensView]:

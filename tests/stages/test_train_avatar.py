@@ -54,6 +54,12 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     assert any("shadow" in name for name in read_arrays(tmp_path / "on/avatar.safetensors"))
 
 
+def test_eyes_that_are_on_ask_for_their_fit(inputs, tmp_path):
+    settings = SETTINGS.model_copy(update={"eyes": "on"})
+    with pytest.raises(InputError, match=r"--eyes: expected eyes.json of fit_eyes, as eyes are on, found none"):
+        stage.run(**{**inputs, "settings": settings}, out=tmp_path / "avatar")
+
+
 def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
     inputs["effects"].write_text(json.dumps({name: {"on": name != "eyes"} for name in EFFECTS}))
     dimmed = [

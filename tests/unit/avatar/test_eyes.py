@@ -2,6 +2,7 @@
 
 import math
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,15 +10,21 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.checkpoint import LoadedAvatar, load_avatar, save_avatar
+from pipeline.avatar.driving import from_record
 from pipeline.avatar.eye_glints import trace_spheres
 from pipeline.avatar.eyes import MOST_GROWTH, MOST_SHIFT_M, START_VISIBILITY, Eyes
 from pipeline.avatar.losses import regularization
 from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.relighting import Relighter
 from pipeline.avatar.training import Training
 from pipeline.base.errors import InputError
+from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.cameras import Camera
 from pipeline.geometry.eye_shape import EyeShape, usual_shape
 from pipeline.geometry.texels import write_atlas
+from pipeline.lighting.environment import Environment
+from pipeline.lighting.frame_lights import FrameLights
 from pipeline.lighting.lobes import LOBE_CONSTANT
 from pipeline.synthesis.mitsuba_scenes import mitsuba
 from tests.unit.avatar.eyeballs import (
@@ -242,10 +249,10 @@ def test_colour_depends_on_the_side_only_once_it_has_learned_to():
         assert torch.equal(avatar.eyes.seen_from(frame, side, color), color)
     seen = [avatar.eyes.seen_from(frame, side, color.detach()).sum() for side in sides]
     (seen[0] - seen[1]).backward()
-    gain = avatar.eyes.last.parametrizations.weight.original0.grad
+    gain = avatar.eyes.albedo.last.parametrizations.weight.original0.grad
     assert gain.abs().max() > 0
     with torch.no_grad():
-        avatar.eyes.last.parametrizations.weight.original0.add_(gain.sign())
+        avatar.eyes.albedo.last.parametrizations.weight.original0.add_(gain.sign())
     left, right = (avatar.eyes.seen_from(frame, side, color).sum() for side in sides)
     assert left > right
 
@@ -345,3 +352,34 @@ def test_eyes_that_the_template_has_not_are_named():
     lost["eye_l"] = lost["eye_l"].__class__(**{**lost["eye_l"].__dict__, "vertices": (0, 1)})
     with pytest.raises(InputError, match=r"\['eye_l'\]: expected texels"):
         make_avatar(ATLAS, lost)
+
+
+def test_eyes_mirror_a_sky_by_lobes_as_by_its_pixels():
+    """A smooth sky, brighter from above and from the left: prefiltered panoramas against one light per pixel."""
+    latitude, longitude = np.meshgrid(np.linspace(1, -1, 32), np.linspace(-np.pi, np.pi, 64), indexing="ij")
+    radiance = 1.2 + latitude[..., None] * [0.8, 0.6, 0.4] + 0.3 * np.sin(longitude)[..., None]
+    sky = Environment(radiance.astype(np.float32))
+    avatar = mirrors()
+    with torch.no_grad():
+        avatar.log_roughness.fill_(math.log(0.15))
+    relighter, turn = Relighter(LoadedAvatar(avatar, ATLAS), TraceIrradiance()), np.eye(3)
+    driver = from_record(make_frame(ATLAS, gaze(10, 5), LIGHTS[:1], moved_head()))
+    image = make_image(CAMERA, MIDDLE, 1.0, 100)
+    camera = Camera(image.R, image.t, image.K, np.zeros(5), 100, 100)
+    lobes = relighter.view(relighter.under_sky(driver, relighter.prepare_sky(sky), sky, turn), camera)[0]
+    pixels = relighter.view(relighter.under_pixels(driver, sky, turn), camera)[0]
+    assert pixels.max() > 0.02
+    assert (lobes - pixels).abs().max() < 0.03 * pixels.max()
+
+
+def test_driven_eyes_look_where_they_are_told():
+    """The gaze is apart from the rest of the pose."""
+    relighter = Relighter(LoadedAvatar(mirrors(), ATLAS), TraceIrradiance())
+    driver = from_record(make_frame(ATLAS, gaze(0, 0), LIGHTS[:1]))
+    told = replace(driver, gaze=np.tile(gaze(15, 5), (2, 1)).astype(np.float32))
+    lights = FrameLights(LIGHTS[:1], np.full((1, 3), 2.0))
+    expected = LoadedAvatar(mirrors(), ATLAS).avatar.prepare(
+        FrameInputs(ATLAS, make_frame(ATLAS, gaze(15, 5), LIGHTS[:1]))
+    )
+    assert torch.equal(relighter.under_lights(told, lights)["means"], expected["means"])
+    assert not torch.equal(relighter.under_lights(driver, lights)["means"], expected["means"])
