@@ -24,8 +24,8 @@ from pipeline.avatar.monitor import Monitor
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.processes import Processes, joined_processes
 from pipeline.avatar.spec import AvatarSpec, read_plan, spec_of
-from pipeline.avatar.training import BrokenStep, Position, Schedule, Training
-from pipeline.avatar.training_images import chosen_images
+from pipeline.avatar.training import BrokenStep, Position, Training
+from pipeline.avatar.training_images import Schedule, chosen_images
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, write_table
