@@ -1,8 +1,8 @@
 """The training loop: what is drawn at each step, the step itself, and states that continue bit for bit.
 
-What step s draws depends on (subject, epoch) and, of a head, on (subject, step) alone, and Adam's state is stored whole,
-so a run that was stopped and continued gives the same avatar as one that was not, to the bit on the CPU with as many
-processes.
+What step s draws depends on (subject, epoch) alone, and on (subject, step) for a head's code. Adam's state is stored
+whole. So a run that was stopped and continued gives the same avatar as one that was not, to the bit on the CPU with as
+many processes.
 """
 
 from __future__ import annotations
