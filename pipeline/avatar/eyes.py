@@ -144,7 +144,11 @@ class Eyes(nn.Module):
         """Specular visibility without the eyes, and the layer of what the eyes mirror, if lids are not shut over it."""
         seen = mirror_layer(roughness[self.chosen], visibility[self.chosen] * (frame["lids"].opening > 0))
         layer = seen.new_zeros(len(visibility), 2).index_copy(0, self.chosen, seen)
-        return visibility.index_fill(0, self.chosen, 0.0), layer
+        return self.without(visibility), layer
+
+    def without(self, values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
+        """Values of the texels with those of eyes zero."""
+        return values.index_fill(0, self.chosen, 0.0)
 
     def under_lids(self, frame: Mapping[str, Tensor], values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
         """What of the texels' light passes the lids."""

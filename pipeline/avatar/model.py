@@ -67,6 +67,8 @@ class Avatar(LitTexels):
             if spec.eyes:
                 visibility, eyes = self.eyes.split_mirrors(frame, roughness, visibility)
             normals = self.bend(frame, viewed["normal_offset"]) if spec.viewed_normals else frame["bent_normals"]
+            if spec.eyes:  # or skin beside an eye would shine as the eye does
+                normals = self.eyes.without(normals)
             if spec.deferred:
                 layers = {"normal": normals, "roughness": roughness[:, None], "visibility": visibility[:, None]}
             else:
