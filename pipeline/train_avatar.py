@@ -24,8 +24,8 @@ from pipeline.avatar.monitor import Monitor
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.processes import Processes, joined_processes
 from pipeline.avatar.spec import AvatarSpec, read_plan, spec_of
-from pipeline.avatar.training import BrokenStep, Position, Schedule, Training
-from pipeline.avatar.training_images import chosen_images
+from pipeline.avatar.training import BrokenStep, Position, Training
+from pipeline.avatar.training_images import Schedule, chosen_images
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, write_table
@@ -54,7 +54,7 @@ def run(
     effects: Path,
     out: Path,
     frames: Path | None = None,
-    eyes: Path | None = None,
+    fitted_eyes: Path | None = None,
     settings: TrainAvatar = TrainAvatar(),
 ) -> None:
     """Train an avatar on the shards of a subject.
@@ -67,7 +67,7 @@ def run(
         out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, previews/, and
             checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
         frames: folder of frame shards with other irradiance maps than SHARDS/frames.
-        eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
+        fitted_eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
         settings: see the flags below.
     """
     with joined_processes(settings.device) as processes:
@@ -83,13 +83,13 @@ def run(
         spec = spec_of(settings, planned, "head" if is_head else "body")
         if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in inputs.values()):
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
-        if spec.eyes and eyes is None:
-            raise InputError("--eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off")
-        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow"), *[eyes] * spec.eyes]
+        if spec.eyes and fitted_eyes is None:
+            raise InputError("--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off")
+        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow"), *[fitted_eyes] * spec.eyes]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
         torch.manual_seed(seed_for(subject, "train_avatar"))
-        fitted = read_eyes(eyes) if spec.eyes else None
+        fitted = read_eyes(fitted_eyes) if spec.eyes else None
         avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
         lit = {number: frame.record for number, frame in inputs.items()}
         chosen = chosen_images(images.table, lit, settings, subject)

@@ -1,7 +1,8 @@
 """The training loop: what is drawn at each step, the step itself, and states that continue bit for bit.
 
-What step s draws depends on (subject, epoch) alone and Adam's state is stored whole, so a run that was stopped and
-continued gives the same avatar as one that was not, to the bit on the CPU with as many processes.
+What step s draws depends on (subject, epoch) alone, and on (subject, step) for a head's code. Adam's state is stored
+whole. So a run that was stopped and continued gives the same avatar as one that was not, to the bit on the CPU with as
+many processes.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
 from pathlib import Path
 
 import safetensors.torch
@@ -42,31 +42,6 @@ RATE_OF = {
 
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 """What Adam keeps of each parameter."""
-
-
-class Schedule:
-    """Which images each step sees: every epoch all frames in random order, their cameras in random groups."""
-
-    def __init__(self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int) -> None:
-        self.subject, self.cameras_per_step = subject, cameras_per_step
-        self.by_frame: dict[int, list[int]] = defaultdict(list)
-        for index, frame in enumerate(frame_of_image):
-            self.by_frame[frame].append(index)
-        self.steps_per_epoch = sum(-(-len(group) // cameras_per_step) for group in self.by_frame.values())
-        self.epoch = lru_cache(maxsize=2)(self._epoch)
-
-    def _epoch(self, epoch: int) -> list[list[int]]:
-        generator = generator_for(self.subject, "train_avatar", epoch)
-        groups = []
-        for frame in sorted(self.by_frame):
-            shuffled = generator.permutation(self.by_frame[frame]).tolist()
-            groups += [shuffled[i : i + self.cameras_per_step] for i in range(0, len(shuffled), self.cameras_per_step)]
-        return [groups[i] for i in generator.permutation(len(groups))]
-
-    def __getitem__(self, step: int) -> list[int]:
-        """Indices of the images of one step; all belong to one frame."""
-        epoch, position = divmod(step, self.steps_per_epoch)
-        return self.epoch(epoch)[position]
 
 
 def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:

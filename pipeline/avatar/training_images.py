@@ -1,4 +1,4 @@
-"""Which of the training images an avatar is trained on: all, or those of fewer cameras or fewer light patterns.
+"""Which training images an avatar is trained on: all, or those of fewer cameras or light patterns; and in which order.
 
 The same images for equal settings, and fewer is always a part of more: 2 of 4 of 8 cameras, 10 of 20 of 50 % of the
 patterns.
@@ -7,7 +7,9 @@ patterns.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
@@ -16,6 +18,31 @@ from pipeline.base.errors import InputError
 from pipeline.base.seeds import generator_for
 from pipeline.capture.records import FrameRecord
 from pipeline.config.train_avatar import TrainAvatar
+
+
+class Schedule:
+    """Which images each step sees: every epoch all frames in random order, their cameras in random groups."""
+
+    def __init__(self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int) -> None:
+        self.subject, self.cameras_per_step = subject, cameras_per_step
+        self.by_frame: dict[int, list[int]] = defaultdict(list)
+        for index, frame in enumerate(frame_of_image):
+            self.by_frame[frame].append(index)
+        self.steps_per_epoch = sum(-(-len(group) // cameras_per_step) for group in self.by_frame.values())
+        self.epoch = lru_cache(maxsize=2)(self._epoch)
+
+    def _epoch(self, epoch: int) -> list[list[int]]:
+        generator = generator_for(self.subject, "train_avatar", epoch)
+        groups = []
+        for frame in sorted(self.by_frame):
+            shuffled = generator.permutation(self.by_frame[frame]).tolist()
+            groups += [shuffled[i : i + self.cameras_per_step] for i in range(0, len(shuffled), self.cameras_per_step)]
+        return [groups[i] for i in generator.permutation(len(groups))]
+
+    def __getitem__(self, step: int) -> list[int]:
+        """Indices of the images of one step; all belong to one frame."""
+        epoch, position = divmod(step, self.steps_per_epoch)
+        return self.epoch(epoch)[position]
 
 
 def chosen_images(

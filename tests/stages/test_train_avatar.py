@@ -56,7 +56,7 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
 
 def test_eyes_that_are_on_ask_for_their_fit(inputs, tmp_path):
     settings = SETTINGS.model_copy(update={"eyes": "on"})
-    with pytest.raises(InputError, match=r"--eyes: expected eyes.json of fit_eyes, as eyes are on, found none"):
+    with pytest.raises(InputError, match=r"--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none"):
         stage.run(**{**inputs, "settings": settings}, out=tmp_path / "avatar")
 
 

@@ -86,6 +86,12 @@ def test_ablations_are_one_command_for_any_subject(workflow):
     assert planned == {**once, "train_avatar": len(variants)}
 
 
+def test_rows_of_a_head_are_one_command_for_any_subject(workflow):
+    planned = workflow.planned("results/tiny/ablations.csv", "--configfile", "config/presets/head_rows.yaml")
+    variants = yaml.safe_load((workflow.folder / "config/presets/head_rows.yaml").read_text())["variants"]
+    assert planned == {"synthesize_capture": 1, **ALWAYS, "train_avatar": len(variants)}
+
+
 def test_missing_subject_is_told_what_is_expected_and_what_there_is(workflow):
     printed = workflow.refused("results/nobody/metrics.csv")
     assert "subject 'nobody': expected captures/nobody/capture.yaml, found no such file" in printed

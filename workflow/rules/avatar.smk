@@ -93,7 +93,7 @@ rule train_avatar:
         code=code_of("train_avatar"),
         shards=lambda wildcards: f"results/{wildcards.subject}/shards",
         frames=frame_folders,
-        eyes=lambda wildcards, input: ["--eyes", *input.eyes] if input.eyes else [],
+        eyes=lambda wildcards, input: ["--fitted-eyes", *input.eyes] if input.eyes else [],
         out=subpath(output.avatar, parent=True),
         settings=settings_of("train_avatar"),
     message:
