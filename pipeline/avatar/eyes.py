@@ -128,12 +128,12 @@ class Eyes(nn.Module):
         rows = (points, frames, torch.as_tensor(quaternions).to(points))
         old = (posed.points, posed.frames, posed.quaternions)
         placed = PosedTexels(*(a.index_copy(0, self.chosen, b) for a, b in zip(old, rows, strict=True)))
-        if inputs.open_lids is None:
-            inputs.open_lids = trace_lids(inputs.mesh[0], self.skin_faces, points.detach(), frames.detach())
+        if inputs.lids is None:
+            inputs.lids = trace_lids(inputs.mesh[0], self.skin_faces, points.detach(), frames.detach())
         frozen = {"offset": (0.0, 0.0, 0.0), "rotation": (1.0, 0.0, 0.0, 0.0), "normal_offset": (0.0, 0.0, 0.0)}
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
-        frame = frame | {"posed": placed, "eye_turns": turns, "eye_balls": balls, "open_lids": inputs.open_lids}
+        frame = frame | {"posed": placed, "eye_turns": turns, "eye_balls": balls, "lids": inputs.lids}
         for name in frozen.keys() & frame.keys():
             frame[name] = frame[name].index_copy(0, self.chosen, points.new_tensor(frozen[name]).repeat(len(points), 1))
         return frame, placed
@@ -141,14 +141,18 @@ class Eyes(nn.Module):
     def split_mirrors(
         self, frame: Mapping[str, Tensor], roughness: Float[Tensor, " texels"], visibility: Float[Tensor, " texels"]
     ) -> tuple[Float[Tensor, " texels"], Float[Tensor, "texels 2"]]:
-        """Specular visibility without the eyes, and the layer of what the eyes mirror past the lids."""
-        seen = mirror_layer(roughness[self.chosen], visibility[self.chosen] * frame["open_lids"])
+        """Specular visibility without the eyes, and the layer of what the eyes mirror, if lids are not shut over it."""
+        seen = mirror_layer(roughness[self.chosen], visibility[self.chosen] * (frame["lids"].opening > 0))
         layer = seen.new_zeros(len(visibility), 2).index_copy(0, self.chosen, seen)
-        return visibility.index_fill(0, self.chosen, 0.0), layer
+        return self.without(visibility), layer
+
+    def without(self, values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
+        """Values of the texels with those of eyes zero."""
+        return values.index_fill(0, self.chosen, 0.0)
 
     def under_lids(self, frame: Mapping[str, Tensor], values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
         """What of the texels' light passes the lids."""
-        share = frame["open_lids"].reshape(-1, *[1] * (values.ndim - 1))
+        share = frame["lids"].opening.reshape(-1, *[1] * (values.ndim - 1))
         return values.index_copy(0, self.chosen, values[self.chosen] * share)
 
     def seen_from(

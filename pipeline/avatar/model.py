@@ -14,7 +14,7 @@ from torch import Tensor
 from pipeline.avatar.eye_glints import mirror_pixels
 from pipeline.avatar.lit_texels import LitTexels
 from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.shading import points_of_pixels, shade_gloss, shade_specular, shade_viewed
+from pipeline.avatar.shading import points_of_pixels, shade_gloss, shade_near_mirrors, shade_specular, shade_viewed
 from pipeline.lighting.lobes import angular_gaussian, cosine_gaussian
 from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.supersample import splat_supersampled
@@ -67,6 +67,8 @@ class Avatar(LitTexels):
             if spec.eyes:
                 visibility, eyes = self.eyes.split_mirrors(frame, roughness, visibility)
             normals = self.bend(frame, viewed["normal_offset"]) if spec.viewed_normals else frame["bent_normals"]
+            if spec.eyes:  # or skin beside an eye would shine as the eye does
+                normals = self.eyes.without(normals)
             if spec.deferred:
                 layers = {"normal": normals, "roughness": roughness[:, None], "visibility": visibility[:, None]}
             else:
@@ -95,9 +97,9 @@ class Avatar(LitTexels):
     def reflect(
         self, frame: dict, center: Tensor, points: Tensor, normals: Tensor, roughness: Tensor, visibility: Tensor
     ) -> Float[Tensor, "pixels channels"]:
-        """What mirrors show a camera at `center`; see `shade_specular`."""
+        """What mirrors show a camera at `center`, all of them near each other: see `shade_near_mirrors`."""
         lights = frame["light_positions"], frame["intensities"]
-        return shade_specular(points, normals, roughness, visibility, center, *lights, LOBES[self.spec.highlight])
+        return shade_near_mirrors(points, normals, roughness, visibility, center, *lights, LOBES[self.spec.highlight])
 
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor
@@ -118,8 +120,11 @@ class Avatar(LitTexels):
             )  # fmt: skip
             color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
         if "eyes" in pixels:
-            row, column, *mirror = mirror_pixels(pixels["eyes"], frame["eye_balls"], R, center, K)
-            specular = self.reflect(frame, center, *mirror)
+            row, column, points, normals, width, visibility = mirror_pixels(
+                pixels["eyes"], frame["eye_balls"], R, center, K
+            )
+            visibility = visibility * frame["lids"].pass_mirrored(points, normals, center)
+            specular = self.reflect(frame, center, points, normals, width, visibility)
             color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
         if "shadow" in pixels:
             color = color * (pixels["shadow"] / alpha[..., None].clamp_min(SMALLEST_ALPHA))

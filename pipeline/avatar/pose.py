@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from pipeline.avatar.lids import Lids
 from pipeline.avatar.shading import gather_harmonics
 from pipeline.capture.records import FrameRecord
 from pipeline.geometry.mesh import area_vectors, unit_or
@@ -59,8 +60,8 @@ class FrameInputs:
     atlas: Atlas
     record: FrameRecord
     device: torch.device | str = field(default="cpu", kw_only=True)
-    open_lids: Float[Tensor, " eye_texels"] | None = field(default=None, init=False)
-    """What eye texels see past the lids, once an avatar with eyes has traced it."""
+    lids: Lids | None = field(default=None, init=False)
+    """What eyes see past the lids, once an avatar with eyes has traced it."""
 
     @cached_property
     def posed(self) -> PosedTexels:

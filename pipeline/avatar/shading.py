@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
@@ -9,7 +11,7 @@ from torch import Tensor
 
 from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.glints import gather_glints
-from pipeline.lighting.lobes import Lobe, angular_gaussian, mirror_direction, unit
+from pipeline.lighting.lobes import Lobe, angle_between, angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, clamped_cosine_coefficients
 
@@ -72,7 +74,32 @@ def shade_specular(
     return (visibility * grazing_gain(normals, to_camera))[:, None] * glints
 
 
-def grazing_gain(normals: Float[Tensor, "pixels 3"], to_camera: Float[Tensor, "pixels 3"]) -> Float[Tensor, " pixels"]:
+def shade_near_mirrors(
+    points: Float[Tensor, "pixels 3"],
+    normals: Float[Tensor, "pixels 3"],
+    roughness: Float[Tensor, "pixels"],
+    visibility: Float[Tensor, "pixels"],
+    camera_center: Float[Tensor, "3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+    lobe: Lobe = angular_gaussian,
+) -> Float[Tensor, "pixels channels"]:
+    """As `shade_specular`, of points near each other whose normals change much within a pixel: eyes.
+
+    F is taken at each light's own half vector, seen from the middle of the points. At the normal of a pixel that covers
+    a sphere's rim it would be that of a grazing mirror for lights that the pixel mirrors elsewhere.
+    """
+    if not len(points):
+        return points.new_zeros(0, intensities.shape[1])
+    middle = points.mean(0)
+    to_camera, to_light = unit(camera_center - middle), unit(light_positions - middle)
+    gain = grazing_gain(unit(to_light + to_camera), to_camera[None])
+    mirrored = mirror_direction(unit(normals), unit(camera_center - points))
+    glints = gather_glints(points, mirrored, roughness, light_positions, gain[:, None] * intensities, lobe)
+    return visibility[:, None] * glints
+
+
+def grazing_gain(normals: Float[Tensor, "n 3"], to_camera: Float[Tensor, "#n 3"]) -> Float[Tensor, " n"]:
     """How much more a dielectric mirrors towards w_o than straight back: 1 at normal incidence, 25 at grazing.
 
     v depends on the view in RFGCA 14. This is the part of it that all dielectrics share (Schlick 1994, divided by its
@@ -80,6 +107,17 @@ def grazing_gain(normals: Float[Tensor, "pixels 3"], to_camera: Float[Tensor, "p
     """
     cosine = (normals * to_camera).sum(-1).clamp(0, 1)
     return 1 + (1 / DIELECTRIC_F0 - 1) * (1 - cosine) ** 5
+
+
+def mean_grazing_gain(
+    normals: Float[Tensor, "n 3"], to_camera: Float[Tensor, "n 3"], width: Float[Tensor, " n"]
+) -> Float[Tensor, " n"]:
+    """Mean of `grazing_gain` over half vectors that spread by half of a lobe's width, radians, by Gauss and Hermite's
+    three points. Light from beyond the camera's horizon comes back on the other side of it."""
+    angle, step = angle_between(normals, to_camera), math.sqrt(3) / 2 * width
+    cosines = torch.stack([(angle + offset * step).cos().abs() for offset in (-1, 0, 1)], -1)
+    gains = 1 + (1 / DIELECTRIC_F0 - 1) * (1 - cosines) ** 5
+    return gains @ gains.new_tensor([1 / 6, 2 / 3, 1 / 6])
 
 
 def shade_harmonics(

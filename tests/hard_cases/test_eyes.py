@@ -154,7 +154,7 @@ def test_closed_lids(case: HardCase) -> None:
     frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, np.array([[0.1, 0.1, 1.5]]))))
     eyes = avatar.eyes.chosen
     _, layer = avatar.eyes.split_mirrors(frame, avatar.log_roughness.exp(), torch.sigmoid(avatar.visibility))
-    light = torch.cat([frame["open_lids"], frame["diffuse"][eyes].flatten(), layer[eyes].flatten()])
+    light = torch.cat([frame["lids"].opening, frame["diffuse"][eyes].flatten(), layer[eyes].flatten()])
     image = make_image(np.array([0.0, 0.01, 1.0]), np.array([0.0, 0.01, 0.07]), 1.0, 96)
     camera = [torch.tensor(array, dtype=torch.float32) for array in (image.R, image.t, image.K)]
     picture = avatar.view(frame, *camera, 96, 96)

@@ -65,7 +65,8 @@ planned = {name: {"on": flags.get(name) != ["off"]} for name in ("shadow", "eyes
 text = json.dumps({**planned, "kind": "head" if head else "body", "content": content.hexdigest()})
 for output in OUTPUTS:
     output = output.replace("{chunk}", flags.get("chunk", [""])[0])
-    path = Path(f"{out}{output}") if output[:1] in ("", "/", ".") else out / output
+    path = Path(f"{out}{output}") if output[:1] in ("", "/") else out / output
+    path = out.with_suffix(output) if output[:1] == "." else path
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text + " changed" * (output in CHANGED))
 """
