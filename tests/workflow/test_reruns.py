@@ -22,7 +22,7 @@ OUTPUTS = {
     "unwrap_atlas": ["atlas.safetensors", "atlas.png", "template.glb"],
     "plan_effects": [""],
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
-    "unwrap_textures": ["", ".png"],
+    "unwrap_textures": [".safetensors", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
