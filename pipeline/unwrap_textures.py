@@ -2,8 +2,8 @@
 
 Images of training cameras in fully lit frames are looked up at the tracked mesh's texels and averaged, weighted by
 visibility and the cosine of the view. Other frames lie between fully lit ones and get what lies between their textures;
-without any fully lit frame, all frames of the chunk count as such and share their mean. Out: `out`/CHUNK.safetensors
-(frames, textures: float16, linear RGB) and CHUNK.png, a contact sheet. Heads are encoded from vertices and this.
+without any fully lit frame, all frames of the chunk count as such and share their mean. Out: CHUNK.safetensors (frames,
+textures: float16, linear RGB) and CHUNK.png, a contact sheet. Heads are encoded from vertices and this.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def run(
         color: color.json of calibrate_color.
         effects: effects.json of plan_effects, which says whether colours are corrected.
         frames: frames.parquet of book_patterns; only its frames get a texture.
-        out: CHUNK.safetensors; the contact sheet is written beside it as CHUNK.png.
+        out: textures/CHUNK; written are OUT.safetensors and a contact sheet, OUT.png.
         settings: numbers.
     """
     texels = read_atlas(atlas)
@@ -76,9 +76,9 @@ def run(
     filled = fill_unseen(found, points)
     takes = pd.factorize(booked.segment)[0].astype(np.int64)
     textures = between_lit_frames(filled, lit, takes) if lit.any() else np.repeat(filled, len(lit), axis=0)
-    write_textures(out, booked.frame.to_numpy(), textures)
+    write_textures(out.with_name(f"{out.name}.safetensors"), booked.frame.to_numpy(), textures)
     tiles = [(str(shown[i]), srgb_from_linear(filled[i].clip(0, 1))) for i in spread_tiles(len(filled))]
-    write_atlas_sheet(out.with_suffix(".png"), texels, tiles)
+    write_atlas_sheet(out.with_name(f"{out.name}.png"), texels, tiles)
 
 
 def booked_frames(chunk: TrackedChunk, frames: Path, tracking: Path) -> pd.DataFrame:

@@ -59,7 +59,7 @@ def own_ball(ball, tmp_path):
 
 def unwrapped(ball, out):
     names = ("capture", "index", "atlas", "tracking", "cameras", "color", "effects", "frames")
-    run(**{name: ball[1][name] for name in names}, out=out / "0000.safetensors")
+    run(**{name: ball[1][name] for name in names}, out=out / "0000")
     return read_textures(out / "0000.safetensors")
 
 

@@ -23,7 +23,7 @@ OUTPUTS = {
     "plan_effects": [""],
     "fit_eyes": [""],
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
-    "unwrap_textures": ["", ".png"],
+    "unwrap_textures": [".safetensors", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],

@@ -25,6 +25,7 @@ rule unwrap_textures:
         code=code_of("unwrap_textures"),
         capture=capture_folder,
         index=subpath(input.capture, parent=True),
+        out=lambda wildcards, output: output.textures.removesuffix(".safetensors"),
         settings=settings_of("unwrap_textures"),
     message:
         "{wildcards.subject}: averaging what cameras see of the surface, chunk {wildcards.chunk}"
@@ -32,4 +33,4 @@ rule unwrap_textures:
         "python -m pipeline.unwrap_textures --capture {params.capture:q} --index {params.index:q} "
         "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
         "--color {input.color:q} --effects {input.effects:q} --frames {input.frames:q} "
-        "--out {output.textures:q} {params.settings:q} > {log:q} 2>&1"
+        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
