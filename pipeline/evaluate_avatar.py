@@ -3,7 +3,8 @@
 In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
 pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
 stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet, ablations.csv (a row per
-variant: its scores on all held-out images, and what it costs) and images/VARIANT_{worst,median,best}.png.
+variant: its scores on all held-out images, on new segments and on new light, and what it costs) and
+images/VARIANT_{worst,median,best}.png.
 """
 
 from __future__ import annotations
@@ -41,6 +42,9 @@ log = logging.getLogger("evaluate_avatar")
 
 TIMED_IMAGES = 9
 """Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
+
+TABLES = ("held_out_segments", "held_out_lights")
+"""Splits that have columns of their own in ablations.csv: the two tables of RGCA."""
 
 
 def run(
@@ -99,9 +103,11 @@ def run(
 
 
 def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
-    """METRIC_LIT of all held-out images, for each metric and lighting."""
+    """METRIC_LIT of all held-out images, for each metric and lighting; METRIC_SPLIT of `TABLES`."""
     rows = means[means.split == "test"].set_index("lit")
-    return {f"{metric}_{lit}": rows.loc[lit, metric] for metric in METRICS for lit in LIT}
+    scores = {f"{metric}_{lit}": rows.loc[lit, metric] for metric in METRICS for lit in LIT}
+    rows = means[means.lit == "all"].set_index("split")
+    return scores | {f"{metric}_{split}": rows.loc[split, metric] for split in TABLES for metric in METRICS}
 
 
 def costs_of(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:

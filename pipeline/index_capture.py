@@ -23,8 +23,8 @@ def run(*, capture: Path, out: Path, settings: IndexCapture = IndexCapture()) ->
 
     Args:
         capture: the capture folder; capture.yaml lies at its root.
-        out: the folder for cameras, frames, lights, patterns, images and keypoints_2d.parquet, capture.json and
-            calibration_cameras, calibration_lights and calibration_color.json.
+        out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, eyes and gaze.parquet,
+            capture.json and calibration_cameras, calibration_lights and calibration_color.json.
     """
     index = index_folder(capture, settings.decode_threads)
     for name, table in index.tables.items():

@@ -21,6 +21,7 @@ from pipeline.base.errors import Complaints
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.base.progress import progress
 from pipeline.capture.crops import cut_crop, mesh_silhouette
+from pipeline.capture.head_data import head_motions, read_gaze, read_textures
 from pipeline.capture.images import read_exr_channel, read_image, read_mask
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_shard
@@ -48,6 +49,7 @@ def run(
     lights: Path,
     out: Path,
     irradiance: Path | None = None,
+    textures: Path | None = None,
     chunk: int = 0,
     chunk_size: int = 64,
     only_frames: bool = False,
@@ -68,13 +70,15 @@ def run(
         lights: lights.parquet of calibrate_lights.
         out: folder of the shards.
         irradiance: irradiance/CHUNK of trace_irradiance; not given, nothing is in shadow.
+        textures: textures/CHUNK.safetensors of unwrap_textures; not given, frames have no mean texture.
         chunk: which chunk; chunk c holds the sorted frames from c * chunk_size.
         chunk_size: frames per chunk.
         only_frames: write frames/CHUNK.arrow alone.
         settings: see the flags below.
     """
     on = {name: bool(effect["on"]) for name, effect in read_json(effects).items()}
-    facts = read_json(index / "capture.json")["images"]
+    described = read_json(index / "capture.json")
+    facts = described["images"]
     numbers = np.sort(read_table(index / "frames.parquet").frame.to_numpy())[
         chunk * chunk_size : (chunk + 1) * chunk_size
     ]
@@ -96,6 +100,9 @@ def run(
         atlas=read_atlas(atlas),
         patterns=read_table(patterns).merge(read_table(lights)[["light", "x", "y", "z"]], on="light", how="left"),
         irradiance=irradiance,
+        heads=head_motions(tracked) if described["kind"] == "head" else {},
+        gazes=read_gaze(index / "gaze.parquet"),
+        textures=read_textures(textures) if textures else {},
     )
     complain_about(inputs, images, effects)
     log.info("chunk %d: %d frames, %d images; on: %s", chunk, len(booked), len(images), [n for n in EFFECTS if on[n]])
@@ -111,7 +118,10 @@ def run(
 
 @dataclass(frozen=True)
 class Inputs:
-    """Everything read before the images; `patterns` carry the positions of their lights."""
+    """Everything read before the images; `patterns` carry the positions of their lights.
+
+    `heads`, `gazes` and `textures` are by frame, as in `FrameRecord`; empty if there are none.
+    """
 
     capture: Path
     facts: dict
@@ -123,6 +133,9 @@ class Inputs:
     atlas: object
     patterns: pd.DataFrame
     irradiance: Path | None
+    heads: dict[int, np.ndarray]
+    gazes: dict[int, np.ndarray]
+    textures: dict[int, np.ndarray]
 
 
 def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
@@ -145,6 +158,9 @@ def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
     for frame in inputs.booked.index.tolist() if inputs.irradiance else []:
         if not irradiance_file(inputs.irradiance, frame).exists():
             complaints.add("--irradiance", f"frame {frame}", expected="a map", found="none")
+    for frame in inputs.booked.index.tolist() if inputs.textures else []:
+        if frame not in inputs.textures:
+            complaints.add("--textures", f"frame {frame}", expected="a mean texture", found="none")
     complaints.raise_if_any()
 
 
@@ -203,6 +219,9 @@ def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
         falling=falling.astype(np.float32),
         light_positions=lit[["x", "y", "z"]].to_numpy(np.float32),
         light_intensities=lit[["intensity_r", "intensity_g", "intensity_b"]].to_numpy(np.float32),
+        head_from_world=inputs.heads.get(frame),
+        gaze=inputs.gazes.get(frame),
+        texture=inputs.textures.get(frame),
     )
 
 

@@ -86,12 +86,13 @@ def run(
     sample = [(posed[f], lit[f].positions) for f in chosen.tolist()]
     found = read_cameras(cameras)
     downsample = float(described["images"]["downsample_from_sensor"])
-    eyes = len(described.get("template", {}).get("eyes", ()))
+    # Eyes turn with the gaze: without one they are part of the mesh like everything else.
+    eyes = read_table(index / "gaze.parquet").eye.nunique()
     evidence = {
         "shadow": shadow_evidence(texels, sample, settings.local_radius_percent, settings.rays, random),
         "near_field": near_field_evidence(texels, sample, settings.rays, random),
         "articulation": articulation_evidence(chunks, texels),
-        "eyes": Evidence(float(eyes), f"the template declares {eyes or 'no'} eyes"),
+        "eyes": Evidence(float(eyes), f"the capture declares {eyes or 'no'} eyes and their gaze"),
         "lens_distortion": distortion_evidence(found, downsample),
         "color_correction": color_evidence(color),
     }

@@ -15,13 +15,15 @@ import numpy as np
 import pandas as pd
 
 from pipeline.avatar.checkpoint import load_avatar
+from pipeline.avatar.driving import Driver
 from pipeline.avatar.light_sources import ListedLights, TurningSky
 from pipeline.avatar.relighting import Relighter, view_independent_color
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError, listed
-from pipeline.base.files import write_table, written_whole
+from pipeline.base.files import read_arrays, write_table, written_whole
 from pipeline.base.progress import progress
+from pipeline.capture.head_data import head_motions
 from pipeline.capture.images import write_exr, write_png
 from pipeline.capture.video import write_video
 from pipeline.config.relight_avatar import RelightAvatar
@@ -67,6 +69,7 @@ def run(
     numbers, vertices = read_poses(tracking, len(relighter.atlas.rest_vertices), settings)
     pictures = settings.pictures or len(numbers)
     poses = np.arange(pictures) * len(numbers) // pictures
+    motions = motions_of_heads(tracking) if relighter.avatar.spec.head else {}
     path = camera_path(vertices, cameras, keyframes, settings, pictures)
     if environment is None:
         light = ListedLights(relighter, read_light_list(lights))
@@ -77,7 +80,9 @@ def run(
         lit: tuple[int, dict] | None = None
         for picture in progress(range(pictures), "pictures"):
             if lit is None or not light.still or lit[0] != poses[picture]:
-                lit = (poses[picture], light.frame(vertices[poses[picture]], picture))
+                pose = poses[picture]
+                driver = Driver(vertices[pose], motions.get(int(numbers[pose])))
+                lit = (pose, light.frame(driver, picture))
             if settings.splats == "all" or (settings.splats == "first" and picture == 0):
                 write_splats(folder / f"splats/{picture:06d}.ply", splats_of(lit[1], settings.exposure))
             rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(lit[1], path[picture]))
@@ -108,6 +113,11 @@ def read_poses(tracking: tuple[Path, ...], vertex_count: int, settings: RelightA
             "change --first-frame or --last-frame"
         )
     return numbers[shown], np.concatenate([chunk.vertices for chunk in chunks])[shown]
+
+
+def motions_of_heads(tracking: tuple[Path, ...]) -> dict[int, np.ndarray]:
+    """How the head moved in each frame, by which its expression is told from its turns; see `FrameRecord`."""
+    return {frame: motion for path in tracking for frame, motion in head_motions(read_arrays(path)).items()}
 
 
 def camera_path(

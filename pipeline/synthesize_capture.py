@@ -21,13 +21,12 @@ from pipeline.base.errors import Complaints
 from pipeline.base.files import written_whole
 from pipeline.base.progress import progress
 from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.synthesis.capture_files import write_capture_yaml, write_tables, write_truth
+from pipeline.synthesis.capture_files import write_capture_yaml, write_gaze, write_tables, write_truth
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.head import build_head
 from pipeline.synthesis.photography import FrameJob, Job, Studio, all_jobs, take
 from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_of
-
-BUILDERS = {"body": build_figure, "head": build_head}
+from pipeline.synthesis.subject import Subject
 
 log = logging.getLogger("synthesize_capture")
 
@@ -42,8 +41,7 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
         settings: the subject, the stage and the pictures.
     """
     check_settings(subject, settings)
-    build = BUILDERS[settings.figure]
-    shown = build(subject, settings.vertex_spacing_m, settings.texture_size, settings.gloss_alpha)
+    shown = build_subject(subject, settings)
     rig = build_stage_rig(subject, settings)
     patterns = light_patterns(subject, rig, settings)
     intensities = patterns.pivot(index="frame", columns="light", values="intensity").fillna(0.0)
@@ -65,7 +63,15 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
         write_tables(root, subject, rig, patterns, keypoints, settings)
         shown.write_template(root / "template", settings)
         write_truth(root, rig, shown, moments, settings.uvs)
-        write_capture_yaml(root, subject, shown.kind, rig, settings)
+        if shown.eyes:
+            write_gaze(root, moments)
+        write_capture_yaml(root, subject, shown, rig, settings)
+
+
+def build_subject(subject: str, settings: SynthesizeCapture) -> Subject:
+    """The figure or head that is captured."""
+    common = (subject, settings.vertex_spacing_m, settings.texture_size, settings.gloss_alpha)
+    return build_head(*common, settings.cornea_alpha) if settings.figure == "head" else build_figure(*common)
 
 
 def _taken(jobs: list[Job], workers: int) -> Iterator[pd.DataFrame | None]:
@@ -96,6 +102,8 @@ def check_settings(subject: str, settings: SynthesizeCapture) -> None:
     demand("partial_lights_min", settings.partial_lights_min, settings.partial_lights_max, "partial_lights_max")
     demand("test_cameras", settings.test_cameras, settings.cameras - 1, "to leave a camera for training")
     demand("test_frames", settings.test_frames, len(partial), "the partially lit frames of segment a")
+    rest = len(partial) - settings.test_frames
+    demand("test_patterns", settings.test_patterns, max(rest, 0), "what test_frames leaves of them")
     demand("ball_cameras", settings.ball_cameras, settings.cameras, "the number of cameras")
     if settings.board_marker_m >= settings.board_square_m:
         found = str(settings.board_marker_m)

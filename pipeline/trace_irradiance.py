@@ -13,7 +13,6 @@ import logging
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pandas as pd
 
@@ -24,6 +23,7 @@ from pipeline.base.progress import progress
 from pipeline.base.seeds import generator_for
 from pipeline.capture.images import write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.figures.atlas_sheet import spread_tiles, write_atlas_sheet
 from pipeline.geometry.texels import Atlas, read_atlas
 from pipeline.geometry.tracked import TrackedChunk, read_tracked
 from pipeline.lighting.environment import read_environment
@@ -34,9 +34,6 @@ log = logging.getLogger("trace_irradiance")
 
 DARK_BELOW = 0.5 / 255
 """Irradiance that would be shown as black in 8 bits: what the table counts as a dark texel."""
-
-SHEET_FRAMES = 12
-"""Maps on the contact sheet, evenly spaced over the chunk."""
 
 
 def run(
@@ -81,7 +78,7 @@ def run(
         return tracer.trace(int(chunk.frames[row]), chunk.vertices[row], random)
 
     table, sheet = [], []
-    shown = set(rows[np.linspace(0, len(rows) - 1, min(SHEET_FRAMES, len(rows))).astype(int)])
+    shown = set(rows[spread_tiles(len(rows))])
     with written_whole(out) as folder, ThreadPoolExecutor(threads) as pool:
         folder.mkdir()
         for row, traced in zip(rows, progress(pool.map(trace, rows.tolist()), "frames", len(rows)), strict=True):
@@ -91,8 +88,8 @@ def run(
             write_exr(path, images)
             table.append({**describe(frame, traced, stage, texels), "digest": digest_file(path)})
             if row in shown:
-                sheet.append((frame, images["Y"]))
-        _write_sheet(out.with_name(f"{out.name}.png"), texels, sheet)
+                sheet.append((str(frame), traced.values[:, None]))
+        write_atlas_sheet(out.with_name(f"{out.name}.png"), texels, sheet)
         write_table(out.with_name(f"{out.name}.parquet"), pd.DataFrame(table))
     report(pd.DataFrame(table))
 
@@ -139,22 +136,6 @@ def report(table: pd.DataFrame) -> None:
     parts = ", ".join(f"{name.removeprefix('saved_')} {100 * count / asked:.1f} %" for name, count in saved.items())
     log.info("%d frames, %.3g rays, %d frames without a light", len(table), rays, table.unlit.sum())
     log.info("traced %.1f %% of all pixels x lights; saved: %s", 100 * rays / asked, parts.replace("_", " "))
-
-
-def _write_sheet(path: Path, atlas: Atlas, maps: list[tuple[int, np.ndarray]]) -> None:
-    """A contact sheet: irradiance 0..1 as grey, the atlas's background in blue, the frame's number above each map."""
-    outside = atlas.to_map(np.zeros(atlas.texel_count), 1.0) > 0
-    tiles = []
-    for frame, image in maps:
-        grey = np.clip(image * 255, 0, 255).astype(np.uint8)
-        tile = np.where(outside[..., None], np.array([96, 48, 16], np.uint8), grey[..., None])
-        tile = cv2.copyMakeBorder(tile, 18, 2, 2, 2, cv2.BORDER_CONSTANT, value=(255, 255, 255))
-        tiles.append(cv2.putText(tile, str(frame), (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA))
-    across = int(np.ceil(np.sqrt(len(tiles))))
-    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % across)
-    sheet = cv2.vconcat([cv2.hconcat(tiles[i : i + across]) for i in range(0, len(tiles), across)])
-    with written_whole(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
 
 
 def main() -> None:

@@ -15,7 +15,6 @@ import time
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import torch
 
@@ -25,7 +24,8 @@ from pipeline.avatar.monitor import Monitor
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.processes import Processes, joined_processes
 from pipeline.avatar.spec import AvatarSpec, read_plan, spec_of
-from pipeline.avatar.training import BrokenStep, Position, Schedule, Training
+from pipeline.avatar.training import BrokenStep, Position, Training
+from pipeline.avatar.training_images import Schedule, chosen_images
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, write_table
@@ -34,6 +34,7 @@ from pipeline.base.seeds import seed_for
 from pipeline.base.stopping import Stopped, StopRequests
 from pipeline.capture.shards import ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.eye_fit import read_eyes
 from pipeline.geometry.texels import read_atlas
 
 log = logging.getLogger("train_avatar")
@@ -53,6 +54,7 @@ def run(
     effects: Path,
     out: Path,
     frames: Path | None = None,
+    fitted_eyes: Path | None = None,
     settings: TrainAvatar = TrainAvatar(),
 ) -> None:
     """Train an avatar on the shards of a subject.
@@ -65,6 +67,7 @@ def run(
         out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, previews/, and
             checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
         frames: folder of frame shards with other irradiance maps than SHARDS/frames.
+        fitted_eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
         settings: see the flags below.
     """
     with joined_processes(settings.device) as processes:
@@ -76,17 +79,26 @@ def run(
         records = read_frame_shards([frames]).items()
         inputs = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
         planned = read_plan(effects)
-        spec = spec_of(settings, planned)
+        is_head = any(frame.record.head_from_world is not None for frame in inputs.values())
+        spec = spec_of(settings, planned, "head" if is_head else "body")
         if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in inputs.values()):
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
-        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow")]
+        if spec.eyes and fitted_eyes is None:
+            raise InputError("--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off")
+        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow"), *[fitted_eyes] * spec.eyes]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
         torch.manual_seed(seed_for(subject, "train_avatar"))
-        avatar = Avatar(texels, texel_spacing(texels), spec).to(processes.device)
-        work = f"{len(images)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
+        fitted = read_eyes(fitted_eyes) if spec.eyes else None
+        avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
+        lit = {number: frame.record for number, frame in inputs.items()}
+        chosen = chosen_images(images.table, lit, settings, subject)
+        if spec.head:
+            learn_expressions(avatar, [inputs[number] for number in sorted(set(images.table.frame.iloc[chosen]))])
+        work = f"{len(chosen)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
-        done = train(subject, Training(avatar, settings, processes), images, inputs, out, fingerprint)
+        training = Training(avatar, settings, processes, subject)
+        done = train(subject, training, images, chosen, inputs, out, fingerprint)
         if processes.leads:
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
@@ -98,10 +110,17 @@ def run(
             log.info("%d steps in %.0f s, photometric %.4f", done.step, done.seconds, done.rows[-1]["photometric"])
 
 
+def learn_expressions(avatar: Avatar, frames: list[FrameInputs]) -> None:
+    """What the encoder of a head knows of the training frames before the first step."""
+    textures = [frame.record.texture for frame in frames if frame.record.texture is not None]
+    avatar.networks.expression.learn_statistics([avatar.networks.tracked(frame) for frame in frames], textures)
+
+
 def train(
-    subject: str, training: Training, images: ImageShards, frames: dict[int, FrameInputs], out: Path, fingerprint: str
-) -> Position:
-    """All steps that are left after the checkpoint, if there is one.
+    subject: str, training: Training, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs],
+    out: Path, fingerprint: str,
+) -> Position:  # fmt: skip
+    """All steps that are left after the checkpoint, if there is one, on the chosen images.
 
     Raises:
         InputError: if a number is not finite, with the step, its images, what is not, and a state to look at.
@@ -112,11 +131,11 @@ def train(
     require_same_start(at.step, processes)
     if (out / CHECKPOINT).exists():
         log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
-    schedule = Schedule(subject, images.table.frame.tolist(), settings.cameras_per_step)
+    schedule = Schedule(subject, images.table.frame.iloc[chosen].tolist(), settings.cameras_per_step)
     steps, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
-    with StopRequests() as stop, monitor_of(out, images, frames, training, at) as monitor:
+    with StopRequests() as stop, monitor_of(out, images, chosen, frames, training, at) as monitor:
         for step in progress(steps, "train_avatar") if processes.leads else steps:
-            batch = schedule[step]
+            batch = [chosen[i] for i in schedule[step]]
             mine, frame = [images[i] for i in processes.share(batch)], frames[int(images.table.frame[batch[0]])]
             try:
                 values, stopping = training.take_step(step, frame, mine, len(batch), bool(stop.received))
@@ -148,13 +167,13 @@ def require_same_start(step: int, processes: Processes) -> None:
 
 
 def monitor_of(
-    out: Path, images: ImageShards, frames: dict[int, FrameInputs], training: Training, at: Position
+    out: Path, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], training: Training, at: Position
 ) -> AbstractContextManager[Monitor | None]:
-    """The leader's view of the training: of the middle one of the images, a fully lit one if there is any."""
+    """The leader's view of the training: of the middle one of its images, a fully lit one if there is any."""
     if not training.processes.leads:
         return nullcontext()
-    chosen = np.flatnonzero(images.table.fully_lit) if images.table.fully_lit.any() else np.arange(len(images))
-    image = images[int(chosen[len(chosen) // 2])]
+    shown = [i for i in chosen if images.table.fully_lit.iloc[i]] or chosen
+    image = images[shown[len(shown) // 2]]
     return Monitor(out, image, frames[image.frame], training.settings, at.step)
 
 

@@ -132,13 +132,15 @@ def _write_measured_calibration(root: Path) -> None:
     write_lines(root / "calibration/chart/chart.csv", "patch,r,g,b", *rows)
 
 
-def write_template(path: Path, mode: int = 4) -> None:
-    """A tetrahedron with a skin of two joints, nodes 1 and 2; glTF's mode 4 is triangles."""
+def write_template(path: Path, mode: int = 4, copies: int = 1) -> None:
+    """Equal tetrahedra with a skin of two joints, nodes 1 and 2; glTF's mode 4 is triangles."""
     file = GlbFile()
     positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
     faces = np.array([0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3], np.uint16)
     joints = np.array([[0, 0, 0, 0], [0, 1, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0]], np.uint8)
     weights = np.array([[1, 0, 0, 0], [0.5, 0.5, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0]], np.float32)
+    faces = np.concatenate([faces + 4 * copy for copy in range(copies)]).astype(np.uint16)
+    positions, joints, weights = (np.tile(values, (copies, 1)) for values in (positions, joints, weights))
     attributes = {
         "POSITION": file.accessor(positions), "JOINTS_0": file.accessor(joints), "WEIGHTS_0": file.accessor(weights)
     }  # fmt: skip

@@ -17,6 +17,7 @@ from pipeline.avatar.spec import AvatarSpec
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, write_json, written_whole
 from pipeline.capture.records import FrameRecord, ImageRecord
+from pipeline.geometry.eye_fit import eyes_from_json
 from pipeline.geometry.texels import Atlas, read_atlas
 
 
@@ -24,7 +25,8 @@ def save_avatar(folder: Path, avatar: Avatar, config: Mapping) -> None:
     """Write avatar.safetensors, then config.json with what was built and how it was trained."""
     with written_whole(folder / "avatar.safetensors") as temporary:
         temporary.write_bytes(safetensors.torch.save(avatar.state_dict()))
-    write_json(folder / "config.json", {"spec": avatar.spec.as_json(), **config})
+    eyes = {name: eye.as_json() for name, eye in avatar.eyes.fitted.items()} if avatar.spec.eyes else {}
+    write_json(folder / "config.json", {"spec": avatar.spec.as_json(), "eyes": eyes, **config})
 
 
 class LoadedAvatar:
@@ -54,10 +56,11 @@ def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
     InputError: if the folder holds no avatar, one of another version, or one trained on another atlas.
     """
     atlas = read_atlas(atlas_path)
-    stored = read_json(folder / "config.json")["spec"]
+    described = read_json(folder / "config.json")
+    stored, eyes = described["spec"], eyes_from_json(described.get("eyes", {}), f"{folder}/config.json: eyes")
     if stored.keys() != {field.name for field in fields(AvatarSpec)}:
         raise InputError(f"{folder}/config.json: spec: expected the keys of this version, found others; train again")
-    avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec.from_json(stored))
+    avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec.from_json(stored), eyes)
     state = load_tensors(folder / "avatar.safetensors")[0]
     if state.keys() != avatar.state_dict().keys():
         raise InputError(

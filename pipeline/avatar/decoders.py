@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Float, Float32, Int, Int64
 from torch import Tensor, nn
 from torch.nn.functional import embedding_bag, leaky_relu
 from torch.nn.utils.parametrizations import weight_norm
@@ -34,14 +35,15 @@ class Upsampling(nn.Module):
         inputs, outputs: channels.
         side: texels per side of its output.
         is_last: no bias of its own, and weights of length zero: its output is zero until it has learned.
+        has_bias: if not, it is linear.
     """
 
-    def __init__(self, inputs: int, outputs: int, side: int, is_last: bool = False) -> None:
+    def __init__(self, inputs: int, outputs: int, side: int, is_last: bool = False, has_bias: bool = True) -> None:
         super().__init__()
         conv = nn.ConvTranspose2d(inputs, outputs, 4, stride=2, padding=1, bias=False)
         nn.init.normal_(conv.weight, std=GAIN / math.sqrt(TAPS * inputs))
         self.conv = weight_norm(conv, dim=1)
-        self.bias = None if is_last else nn.Parameter(torch.zeros(outputs, side, side))
+        self.bias = None if is_last or not has_bias else nn.Parameter(torch.zeros(outputs, side, side))
         if is_last:
             nn.init.zeros_(self.conv.parametrizations.weight.original0)
 
@@ -70,31 +72,45 @@ class AtlasDecoder(nn.Module):
         channels: of the map that each layer reads; its number is that of the layers.
         outputs: values per texel.
         starts_at_zero: the last layer is an output, not features.
+        beside: channels of maps that come beside the code's.
     """
 
-    def __init__(self, atlas: Atlas, code: int, channels: Sequence[int], outputs: int, starts_at_zero: bool) -> None:
+    def __init__(
+        self, atlas: Atlas, code: int, channels: Sequence[int], outputs: int, starts_at_zero: bool, beside: int = 0
+    ) -> None:
         super().__init__()
         self.start = linear(code, channels[0] * FIRST_SIDE**2)
         self.layers = nn.ModuleList()
-        for layer, (inputs, passed) in enumerate(pairwise([*channels, outputs]), 1):
+        for layer, (inputs, passed) in enumerate(pairwise([channels[0] + beside, *channels[1:], outputs]), 1):
             is_last = starts_at_zero and layer == len(channels)
             self.layers.append(Upsampling(inputs, passed, FIRST_SIDE * 2**layer, is_last))
         nearest, weights = bilinear(atlas, FIRST_SIDE * 2 ** len(channels))
         self.register_buffer("nearest", torch.as_tensor(nearest), persistent=False)
         self.register_buffer("weights", torch.as_tensor(weights), persistent=False)
 
-    def forward(self, code: Float[Tensor, " code"]) -> Float[Tensor, "texels outputs"]:
+    def forward(
+        self, code: Float[Tensor, " code"], beside: Float[Tensor, "beside 8 8"] | None = None
+    ) -> Float[Tensor, "texels outputs"]:
         """Values of every valid texel."""
         features = self.start(code).reshape(1, -1, FIRST_SIDE, FIRST_SIDE)
+        if beside is not None:
+            features = torch.cat([features, beside[None]], 1)
         for layer in self.layers:
             features = layer(leaky_relu(features, SLOPE))
-        rows = features[0].flatten(1).T.contiguous()
-        # Sums of weighted rows; three times as fast as drawing the whole map at the atlas' size.
-        return embedding_bag(self.nearest, rows, per_sample_weights=self.weights, mode="sum")
+        return draw(features[0], self.nearest, self.weights)
+
+
+def draw(
+    map_: Float[Tensor, "channels h w"], nearest: Int[Tensor, "texels 4"], weights: Float[Tensor, "texels 4"]
+) -> Float[Tensor, "texels channels"]:
+    """Values of a map at the texels that `bilinear` placed on it."""
+    rows = map_.flatten(1).T.contiguous()
+    # Sums of weighted rows; three times as fast as drawing the whole map at the atlas' size.
+    return embedding_bag(nearest, rows, per_sample_weights=weights, mode="sum")
 
 
 class PoseDecoder(nn.Module):
-    """D_ci of RFGCA 4: what a pose adds to the parameters of every texel.
+    """D_ci of RFGCA 4 and RGCA 3, 9: what a pose or an expression adds to the parameters of every texel.
 
     Args:
         atlas: the texels.
@@ -102,13 +118,15 @@ class PoseDecoder(nn.Module):
         channels: see `AtlasDecoder`.
         parameters: the texels' own, by name, [texels, ...].
         units: what a value of 1 adds, where that is not 1.
+        bounds: most that is added to a parameter, approached smoothly, where there is such a bound.
     """
 
     def __init__(
         self, atlas: Atlas, code: int, channels: Sequence[int], parameters: Mapping[str, Tensor],
-        units: Mapping[str, float],
+        units: Mapping[str, float], bounds: Mapping[str, float] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         super().__init__()
+        self.bounds = dict(bounds)
         self.shapes = {name: tensor.shape for name, tensor in parameters.items()}
         self.units = dict(units)
         self.widths = [math.prod(shape[1:]) for shape in self.shapes.values()]
@@ -117,10 +135,11 @@ class PoseDecoder(nn.Module):
     def forward(self, code: Float[Tensor, " code"]) -> dict[str, Float[Tensor, "texels *_"]]:
         """What is added to each parameter."""
         parts = self.decoder(code).split(self.widths, -1)
-        return {
+        added = {
             name: self.units.get(name, 1.0) * part.reshape(shape)
             for (name, shape), part in zip(self.shapes.items(), parts, strict=True)
         }
+        return added | {name: bound * torch.tanh(added[name] / bound) for name, bound in self.bounds.items()}
 
 
 class ViewDecoder(nn.Module):

@@ -10,8 +10,8 @@ STEP_US = {
 """Microseconds of a training step per texel on one core, with an effect less without it, all others on: differences
 of medians over 24 steps of two images (6,765 texels, 5 to 24 lights); a factor of two either way on other captures."""
 
-CHANNELS = {"shadow": 1, "deferred": 5}
-"""Blended per pixel on top of colour: the shadow factor; normal, roughness and visibility."""
+CHANNELS = {"shadow": 1, "deferred": 5, "eyes": 2}
+"""Blended per pixel on top of colour: the shadow factor; normal, roughness and visibility; the last two of eyes."""
 
 ZONAL, HARMONIC = 3 * (4 * 3 + 5), 16 * 3 + 65
 """Transfer coefficients of a texel: along three axes, and unturned (RFGCA 9, RGCA 5)."""
@@ -35,7 +35,7 @@ def effect_cost(effect: str, texels: int, chunks: int) -> dict[str, int | float]
     }
     seconds = 1e-6 * STEP_US.get(effect, 0.0) * texels * settings.steps
     return {
-        "jobs": chunks if effect == "shadow" else 0,
+        "jobs": {"shadow": chunks, "eyes": 1}.get(effect, 0),
         "channels": CHANNELS.get(effect, 0),
         "parameters": parameters.get(effect, 0),
         "seconds": round(seconds, 1),

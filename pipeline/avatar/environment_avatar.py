@@ -14,7 +14,7 @@ from torch import Tensor
 
 from pipeline.avatar.model import SMALLEST_ALPHA, Avatar
 from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.shading import grazing_gain, points_of_pixels, shade_diffuse
+from pipeline.avatar.shading import grazing_gain, mean_grazing_gain, points_of_pixels, shade_diffuse
 from pipeline.lighting.environment_lobes import LobeLadder
 from pipeline.lighting.environment_sh import gather_environment
 from pipeline.lighting.lobes import mirror_direction, unit
@@ -54,7 +54,15 @@ class EnvironmentAvatar(Avatar):
         """Diffuse light of the sky (RFGCA 7-9)."""
         harmonics = inputs.sky.harmonics[: self.spec.degrees**2]
         light = gather_environment(inputs.sky.world_from_map.T @ axes, harmonics)
-        return shade_diffuse(self.albedo, frame["transfer_color"], frame["transfer_mono"], light)
+        return shade_diffuse(self.albedo, frame["transfer_color"], frame.get("transfer_mono"), light)
+
+    def reflect(
+        self, frame: dict, center: Tensor, points: Tensor, normals: Tensor, roughness: Tensor, visibility: Tensor
+    ) -> Float[Tensor, "pixels 3"]:
+        """As the avatar's, of the sky: a pixel on an eye's rim mirrors much of it."""
+        to_camera = unit(center - points)
+        gained = visibility * mean_grazing_gain(normals, to_camera, roughness)
+        return gained[:, None] * _mirrored_sky(frame, normals, to_camera, roughness)
 
     def shade_pixels(
         self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor
@@ -67,11 +75,17 @@ class EnvironmentAvatar(Avatar):
             )
             # All of a sky is as far away as its horizon: only the direction of a pixel's ray matters, not its depth.
             points = points_of_pixels(row, column, R.new_ones(len(row)), R, center, K)
-            normal, to_camera = unit(normal), unit(center - points)
-            mirrored = mirror_direction(normal, to_camera) @ frame["sky"].world_from_map
             width = roughness[:, 0] / picture.alpha[row, column]
+            normal, to_camera = unit(normal), unit(center - points)
             gained = visibility * grazing_gain(normal, to_camera)[:, None]
-            specular = gained * frame["sky"].ladder.look_up(mirrored, width)
+            specular = gained * _mirrored_sky(frame, normal, to_camera, width)
             pixels = {name: layer for name, layer in pixels.items() if name != "normal"}
             pixels["color"] = pixels["color"].index_put((row, column), specular, accumulate=True)
         return super().shade_pixels(pixels, picture, frame, R, center, K)
+
+
+def _mirrored_sky(
+    frame: dict, normals: Float[Tensor, "n 3"], to_camera: Float[Tensor, "n 3"], width: Float[Tensor, " n"]
+) -> Float[Tensor, "n 3"]:
+    mirrored = mirror_direction(normals, to_camera) @ frame["sky"].world_from_map
+    return frame["sky"].ladder.look_up(mirrored, width)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
+from pipeline.avatar.driving import Driver
 from pipeline.avatar.relighting import Relighter
 from pipeline.base.errors import InputError
 from pipeline.config.relight_avatar import RelightAvatar
@@ -21,9 +22,9 @@ class ListedLights:
         self.relighter, self.lights = relighter, lights
         self.still = all(len(times) == 1 for times, _ in lights.keys.values())
 
-    def frame(self, vertices: Float[np.ndarray, "vertices 3"], picture: int) -> dict:
+    def frame(self, pose: Float[np.ndarray, "vertices 3"] | Driver, picture: int) -> dict:
         """The avatar in a pose, lit as in a picture."""
-        return self.relighter.under_lights(vertices, self.lights.at(picture))
+        return self.relighter.under_lights(pose, self.lights.at(picture))
 
     def behind(self, camera: Camera, picture: int) -> Float[np.ndarray, "h w 3"]:
         """Linear RGB where the subject is not."""
@@ -63,11 +64,11 @@ class TurningSky:
         sine, cosine = np.sin(angle), np.cos(angle)
         return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
 
-    def frame(self, vertices: Float[np.ndarray, "vertices 3"], picture: int) -> dict:
+    def frame(self, pose: Float[np.ndarray, "vertices 3"] | Driver, picture: int) -> dict:
         """The avatar in a pose, lit as in a picture."""
         if self.prepared is None:
-            return self.relighter.under_pixels(vertices, self.reduced, self.turn(picture))
-        return self.relighter.under_sky(vertices, self.prepared, self.reduced, self.turn(picture))
+            return self.relighter.under_pixels(pose, self.reduced, self.turn(picture))
+        return self.relighter.under_sky(pose, self.prepared, self.reduced, self.turn(picture))
 
     def behind(self, camera: Camera, picture: int) -> Float32[np.ndarray, "h w 3"]:
         """Linear RGB where the subject is not: the map as the camera sees it, or black."""

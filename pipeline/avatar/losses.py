@@ -1,4 +1,4 @@
-"""The terms of the training loss (RFGCA 17, 18 and Appendix B), each as a small function of tensors."""
+"""The terms of the training loss (RFGCA 17, 18 and Appendix B; RGCA 11-15), each as a small function of tensors."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.avatar.head_losses import structural_dissimilarity
 from pipeline.avatar.model import SMALLEST_ALPHA, Avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
@@ -119,9 +120,11 @@ def reconstruction(
     """All terms that look at one picture of `Avatar.view`, weighted; those of weight 0 are not computed."""
     rgb, alpha = picture["rgb"], picture["alpha"]
     terms = {
-        "photometric": photometric(rgb, captured, mask, weights.edges),
+        "photometric": weights.weight_photometric * photometric(rgb, captured, mask, weights.edges),
         "silhouette": weights.weight_mask * silhouette(alpha, mask),
     }
+    if weights.weight_ssim:
+        terms["ssim"] = weights.weight_ssim * structural_dissimilarity(rgb, captured, mask)
     if weights.weight_alpha_sparsity:
         terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask)
     if weights.weight_normal_orient and "normal" in picture:
@@ -156,9 +159,7 @@ def normal_weight(weights: TrainAvatar, step: int) -> float:
     return weights.weight_normal * max(0.0, 1 - step / weights.normal_steps)
 
 
-def regularization(
-    avatar: Avatar, frame: Mapping[str, Tensor], weights: TrainAvatar, step: int = 0
-) -> dict[str, Tensor]:
+def regularization(avatar: Avatar, frame: Mapping, weights: TrainAvatar, step: int = 0) -> dict[str, Tensor]:
     """All terms that look at the parameters of a prepared frame, weighted."""
     size = avatar.spacing.mean(-1, keepdim=True)
     terms = {
@@ -169,14 +170,16 @@ def regularization(
         "negative": weights.weight_negative * (negative(frame["diffuse"]) + negative(avatar.albedo)),
     }
     if avatar.spec.shading != "microfacet":
-        # Up to degree 3 there is no monochrome part, and the mean of nothing is not a number.
-        built = [name for name in TRANSFER if frame[name].numel()]
-        distances = [frame[name] - avatar.get_buffer(f"start_{name}") for name in built]
+        distances = [frame[name] - avatar.get_buffer(f"start_{name}") for name in TRANSFER if name in frame]
         terms["transfer"] = weights.weight_transfer * sum(distance.square().mean() for distance in distances)
     if avatar.spec.bent_normals:
         terms["normal"] = normal_weight(weights, step) * frame["normal_offset"].square().mean()
     if avatar.spec.lobe:
-        terms["roughness"] = weights.weight_scale * outside(avatar.log_roughness.exp(), *ROUGHNESS_BOUNDS)
+        roughness = frame.get("log_roughness", avatar.log_roughness).exp()
+        terms["roughness"] = weights.weight_scale * outside(roughness, *ROUGHNESS_BOUNDS)
+    if avatar.spec.eyes:
+        found = avatar.eyes.losses(avatar, frame)
+        terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}
     if avatar.spec.gloss:
         terms["roughness"] = weights.weight_scale * outside(avatar.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS)
         terms["gloss"] = weights.weight_gloss * avatar.log_gloss.square().mean()

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jaxtyping import Float, Float32
-from numpy import ndarray
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.avatar.decoders import PoseDecoder, ViewDecoder
+from pipeline.avatar.pose import FrameInputs
 from pipeline.avatar.pose_encoder import PoseCode
 from pipeline.avatar.spec import AvatarSpec
 from pipeline.geometry.texels import Atlas
@@ -42,18 +42,20 @@ class Networks(nn.Module):
         self.pose = PoseDecoder(*sizes, parameters, {"offset": spacing_m}) if spec.pose_decoder else None
         self.view = ViewDecoder(*sizes) if spec.view_decoder else None
 
-    def decode(self, parameters: Mapping[str, Tensor], vertices: Float32[ndarray, "vertices 3"]) -> dict[str, Tensor]:
-        """The texels' parameters in the pose of these vertices, metres, and what its cameras share of D_cv."""
-        code, posed = self.code(vertices), dict(parameters)
+    def decode(self, parameters: Mapping[str, Tensor], inputs: FrameInputs) -> dict[str, Tensor]:
+        """The texels' parameters in the pose of a frame, and what its cameras share of D_cv."""
+        code, posed = self.code(inputs.record.vertices), dict(parameters)
         if self.pose is not None:
             posed |= {name: parameters[name] + added for name, added in self.pose(code).items()}
         if self.view is not None:
             posed["view_features"] = self.view.prepare(code)
         return posed
 
-    def visibility(self, frame: Mapping[str, Tensor], center: Float[Tensor, " 3"]) -> Float[Tensor, " texels"]:
-        """What a camera adds to the logit of the specular visibility in a prepared frame."""
+    def viewed(self, frame: Mapping[str, Tensor], center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, " texels"]]:
+        """What a camera adds in a prepared frame: to the logit of the specular visibility."""
+        if self.view is None:
+            return {}
         # Where a Gaussian is and how it lies is decided by what it looks like, not by how far it reflects.
         toward = unit(center - frame["means"].detach())
         directions = (frame["axes"].detach().mT @ toward[..., None])[..., 0]
-        return self.view(frame["view_features"], directions)
+        return {"visibility": self.view(frame["view_features"], directions)}

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from pipeline.avatar.lids import Lids
 from pipeline.avatar.shading import gather_harmonics
 from pipeline.capture.records import FrameRecord
 from pipeline.geometry.mesh import area_vectors, unit_or
@@ -59,6 +60,8 @@ class FrameInputs:
     atlas: Atlas
     record: FrameRecord
     device: torch.device | str = field(default="cpu", kw_only=True)
+    lids: Lids | None = field(default=None, init=False)
+    """What eyes see past the lids, once an avatar with eyes has traced it."""
 
     @cached_property
     def posed(self) -> PosedTexels:
@@ -90,11 +93,31 @@ class FrameInputs:
         return self._tensor(trace_bounces(self.atlas, occluders, points, frames, face_normals, BOUNCE_RAYS))
 
     @cached_property
+    def head_from_world(self) -> Float[Tensor, "3 4"]:
+        """[R | t] that brings points, metres, to the frame of the template at rest: that of the record, if it has one,
+        else the rigid motion that brings the posed vertices nearest to those at rest."""
+        if self.record.head_from_world is not None:
+            return self._tensor(self.record.head_from_world)
+        turn = body_rotation(self.atlas, self.record.vertices)
+        rest, posed = (torch.as_tensor(array.mean(0)) for array in (self.atlas.rest_vertices, self.record.vertices))
+        return torch.cat([turn, (rest - turn @ posed)[:, None]], 1).to(self.device)
+
+    @cached_property
+    def local_vertices(self) -> Float[Tensor, "vertices 3"]:
+        """The posed template in the frame of the template at rest, metres."""
+        motion = self.head_from_world
+        return self._tensor(self.record.vertices) @ motion[:, :3].T + motion[:, 3]
+
+    @cached_property
+    def texture(self) -> Float[Tensor, "texels 3"] | None:
+        """The frame's mean texture, linear RGB, if it has one."""
+        return None if self.record.texture is None else self._tensor(self.record.texture)
+
+    @cached_property
     def harmonics(self) -> Float[Tensor, "texels 81 channels"]:
         """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`."""
         positions, intensities = self.lights
-        body = body_rotation(self.atlas, self.record.vertices).to(self.device)
-        return gather_harmonics(self.posed.points, body, positions, white_once(intensities))
+        return gather_harmonics(self.posed.points, self.root_from_world, positions, white_once(intensities))
 
     @cached_property
     def far_lights(self) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights 3"]]:
@@ -109,7 +132,12 @@ class FrameInputs:
     @cached_property
     def body_light(self) -> Float[Tensor, "81 channels"]:
         """The same in the body's frame."""
-        return self._harmonics_at_center(body_rotation(self.atlas, self.record.vertices).to(self.device))
+        return self._harmonics_at_center(self.root_from_world)
+
+    @property
+    def root_from_world(self) -> Float[Tensor, "3 3"]:
+        """Rotation of the subject as a whole back to rest."""
+        return self.head_from_world[:, :3].contiguous()
 
     def _harmonics_at_center(self, turn: Float[Tensor, "3 3"]) -> Float[Tensor, "81 channels"]:
         positions, intensities = self.lights

@@ -19,6 +19,7 @@ from jaxtyping import Float, Float64
 from torch import Tensor
 
 from pipeline.avatar.checkpoint import LoadedAvatar
+from pipeline.avatar.driving import Driver, driver_of
 from pipeline.avatar.environment_avatar import EnvironmentAvatar, PreparedSky, SkyInputs
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.base.seeds import generator_for
@@ -57,38 +58,42 @@ class Relighter:
         return spec.shading == "transfer" and not one_by_one
 
     @torch.no_grad()
-    def under_lights(self, vertices: Float[np.ndarray, "vertices 3"], lights: FrameLights) -> dict:
+    def under_lights(self, pose: Float[np.ndarray, "vertices 3"] | Driver, lights: FrameLights) -> dict:
         """A frame under point lights: positions in metres, radiant intensities."""
-        maps = self._irradiance(vertices, lights.positions, lights.intensities, distant=False)
-        return self.avatar.prepare(FrameInputs(self.atlas, self._record(vertices, lights, maps), device=self.device))
+        return self._prepare(driver_of(pose), lights, lights, distant=False)
 
     @torch.no_grad()
     def under_pixels(
-        self, vertices: Float[np.ndarray, "vertices 3"], environment: Environment, turn: Float64[np.ndarray, "3 3"]
+        self,
+        pose: Float[np.ndarray, "vertices 3"] | Driver,
+        environment: Environment,
+        turn: Float64[np.ndarray, "3 3"],
     ) -> dict:
         """A frame under a map turned by `turn` (world from map), as distant lights."""
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
-        maps = self._irradiance(vertices, directions, irradiances, distant=True)
         far = FrameLights(FAR_M * directions, FAR_M**2 * irradiances)
-        return self.avatar.prepare(FrameInputs(self.atlas, self._record(vertices, far, maps), device=self.device))
+        return self._prepare(driver_of(pose), FrameLights(directions, irradiances), far, distant=True)
 
     @torch.no_grad()
     def under_sky(
         self,
-        vertices: Float[np.ndarray, "vertices 3"],
+        pose: Float[np.ndarray, "vertices 3"] | Driver,
         sky: PreparedSky,
         environment: Environment,
         turn: Float64[np.ndarray, "3 3"],
     ) -> dict:
         """As `under_pixels`, shaded by the harmonics and panoramas in `sky`; `environment` only casts shadows."""
         if self._under_sky is None:
-            under_sky = EnvironmentAvatar(self.atlas, texel_spacing(self.atlas), self.avatar.spec).to(self.device)
+            eyes = self.avatar.eyes.fitted if self.avatar.spec.eyes else None
+            spacing = texel_spacing(self.atlas)
+            under_sky = EnvironmentAvatar(self.atlas, spacing, self.avatar.spec, eyes).to(self.device)
             under_sky.load_state_dict(self.avatar.state_dict())
             self._under_sky = under_sky.eval()
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
-        maps = self._irradiance(vertices, directions, irradiances, distant=True)
+        driver = driver_of(pose)
+        maps = self._irradiance(driver.vertices, directions, irradiances, distant=True)
         turned = replace(sky, world_from_map=self._tensor(turn))
-        record = self._record(vertices, NO_LIGHTS, maps)
+        record = self._record(driver, NO_LIGHTS, maps)
         return self._under_sky.prepare(SkyInputs(self.atlas, record, turned, device=self.device))
 
     @torch.no_grad()
@@ -109,6 +114,13 @@ class Relighter:
         picture = avatar.view(frame, R, t, K, camera.width, camera.height)
         return picture["rgb"], picture["alpha"]
 
+    def _prepare(self, driver: Driver, sources: FrameLights, lights: FrameLights, distant: bool) -> dict:
+        """A frame under `lights`; shadow rays go to `sources`: the same, or directions and irradiances."""
+        maps = self._irradiance(driver.vertices, sources.positions, sources.intensities, distant)
+        inputs = FrameInputs(self.atlas, self._record(driver, lights, maps), device=self.device)
+        code = {} if driver.code is None else {"code": self._tensor(driver.code)}
+        return self.avatar.prepare(inputs, **code)
+
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.tensor(array, dtype=torch.float32, device=self.device)
 
@@ -123,12 +135,13 @@ class Relighter:
         traced = FrameTracer(self.atlas, stage, self.trace).trace(0, vertices, generator_for("relight_avatar"))
         return traced.values.astype(np.float32), traced.falling.astype(np.float32)
 
-    def _record(self, vertices: np.ndarray, lights: FrameLights, maps: tuple[np.ndarray, np.ndarray]) -> FrameRecord:
+    def _record(self, driver: Driver, lights: FrameLights, maps: tuple[np.ndarray, np.ndarray]) -> FrameRecord:
         lit = lights.intensities.any(1)
         return FrameRecord(
-            frame=0, segment="", fully_lit=False, vertices=vertices.astype(np.float32), irradiance=maps[0],
+            frame=0, segment="", fully_lit=False, vertices=driver.vertices.astype(np.float32), irradiance=maps[0],
             falling=maps[1], light_positions=lights.positions[lit].astype(np.float32),
-            light_intensities=lights.intensities[lit].astype(np.float32),
+            light_intensities=lights.intensities[lit].astype(np.float32), head_from_world=driver.head_from_world,
+            texture=driver.texture, gaze=driver.gaze,
         )  # fmt: skip
 
 

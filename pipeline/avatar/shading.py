@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
@@ -9,7 +11,7 @@ from torch import Tensor
 
 from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.glints import gather_glints
-from pipeline.lighting.lobes import mirror_direction, unit
+from pipeline.lighting.lobes import Lobe, angle_between, angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, clamped_cosine_coefficients
 
@@ -47,11 +49,13 @@ def start_harmonics(
 def shade_diffuse(
     albedo: Float[Tensor, "texels 3"],
     transfer_color: Float[Tensor, "texels 3 color 3"],
-    transfer_mono: Float[Tensor, "texels 3 mono"],
+    transfer_mono: Float[Tensor, "texels 3 mono"] | None,
     light: Float[Tensor, "texels 3 degrees channels"],
 ) -> Float[Tensor, "texels 3"]:
     """c_d = albedo * sum over axes a and degrees l of z_al times the light gathered there (RFGCA 7-9)."""
     color = (transfer_color * light[:, :, :COLOR_DEGREES]).sum((1, 2))
+    if transfer_mono is None:
+        return albedo * color
     mono = (transfer_mono[..., None] * light[:, :, COLOR_DEGREES:]).sum((1, 2))
     return albedo * (color + mono)
 
@@ -64,17 +68,44 @@ def shade_specular(
     camera_center: Float[Tensor, "3"],
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
+    lobe: Lobe = angular_gaussian,
 ) -> Float[Tensor, "pixels channels"]:
     """c_s = v F(n . w_o) sum over lights of (I / d^2) G(w_i; q, sigma): RFGCA 11-12 with point lights as Diracs.
 
     Points in metres, normals of any length (they are blended averages), linear radiance out. F: see `grazing_gain`.
     """
     normals, to_camera = unit(normals), unit(camera_center - points)
-    glints = gather_glints(points, mirror_direction(normals, to_camera), roughness, light_positions, intensities)
+    mirrored = mirror_direction(normals, to_camera)
+    glints = gather_glints(points, mirrored, roughness, light_positions, intensities, lobe)
     return (visibility * grazing_gain(normals, to_camera))[:, None] * glints
 
 
-def grazing_gain(normals: Float[Tensor, "pixels 3"], to_camera: Float[Tensor, "pixels 3"]) -> Float[Tensor, " pixels"]:
+def shade_near_mirrors(
+    points: Float[Tensor, "pixels 3"],
+    normals: Float[Tensor, "pixels 3"],
+    roughness: Float[Tensor, "pixels"],
+    visibility: Float[Tensor, "pixels"],
+    camera_center: Float[Tensor, "3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+    lobe: Lobe = angular_gaussian,
+) -> Float[Tensor, "pixels channels"]:
+    """As `shade_specular`, of points near each other whose normals change much within a pixel: eyes.
+
+    F is taken at each light's own half vector, seen from the middle of the points. At the normal of a pixel that covers
+    a sphere's rim it would be that of a grazing mirror for lights that the pixel mirrors elsewhere.
+    """
+    if not len(points):
+        return points.new_zeros(0, intensities.shape[1])
+    middle = points.mean(0)
+    to_camera, to_light = unit(camera_center - middle), unit(light_positions - middle)
+    gain = grazing_gain(unit(to_light + to_camera), to_camera[None])
+    mirrored = mirror_direction(unit(normals), unit(camera_center - points))
+    glints = gather_glints(points, mirrored, roughness, light_positions, gain[:, None] * intensities, lobe)
+    return visibility[:, None] * glints
+
+
+def grazing_gain(normals: Float[Tensor, "n 3"], to_camera: Float[Tensor, "#n 3"]) -> Float[Tensor, " n"]:
     """How much more a dielectric mirrors towards w_o than straight back: 1 at normal incidence, 25 at grazing.
 
     v depends on the view in RFGCA 14. This is the part of it that all dielectrics share (Schlick 1994, divided by its
@@ -84,17 +115,38 @@ def grazing_gain(normals: Float[Tensor, "pixels 3"], to_camera: Float[Tensor, "p
     return 1 + (1 / DIELECTRIC_F0 - 1) * (1 - cosine) ** 5
 
 
+def mean_grazing_gain(
+    normals: Float[Tensor, "n 3"], to_camera: Float[Tensor, "n 3"], width: Float[Tensor, " n"]
+) -> Float[Tensor, " n"]:
+    """Mean of `grazing_gain` over half vectors that spread by half of a lobe's width, radians, by Gauss and Hermite's
+    three points. Light from beyond the camera's horizon comes back on the other side of it."""
+    angle, step = angle_between(normals, to_camera), math.sqrt(3) / 2 * width
+    cosines = torch.stack([(angle + offset * step).cos().abs() for offset in (-1, 0, 1)], -1)
+    gains = 1 + (1 / DIELECTRIC_F0 - 1) * (1 - cosines) ** 5
+    return gains @ gains.new_tensor([1 / 6, 2 / 3, 1 / 6])
+
+
 def shade_harmonics(
     albedo: Float[Tensor, "texels 3"],
     transfer_color: Float[Tensor, "texels color 3"],
-    transfer_mono: Float[Tensor, "texels mono"],
+    transfer_mono: Float[Tensor, "texels mono"] | None,
     light: Float[Tensor, "#texels coefficients channels"],
 ) -> Float[Tensor, "texels 3"]:
     """c_d with SH coefficients, at degree 8 113 per texel instead of 51 zonal ones (RGCA 5), in the frame of `light`;
-    these are stored times `UNTURNED_SCALE`."""
+    these are stored times `UNTURNED_SCALE`. Without monochrome ones, degrees above 3 of the light are not seen."""
     color = (transfer_color * light[:, : COLOR_DEGREES**2]).sum(1)
+    if transfer_mono is None:
+        return albedo / UNTURNED_SCALE * color
     mono = (transfer_mono[..., None] * light[:, COLOR_DEGREES**2 :]).sum(1)
     return albedo / UNTURNED_SCALE * (color + mono)
+
+
+def shade_viewed(
+    harmonics: Float[Tensor, "texels 81"], light: Float[Tensor, "#texels 81 channels"]
+) -> Float[Tensor, "texels channels"]:
+    """What is specular, by harmonics that depend on the view (EyeNeRF), in the frame of `light`. It may be negative, as
+    a band-limited highlight is beside its peak."""
+    return (harmonics[..., None] * light).sum(1)
 
 
 @torch.no_grad()

@@ -1,7 +1,8 @@
 """The training loop: what is drawn at each step, the step itself, and states that continue bit for bit.
 
-What step s draws depends on (subject, epoch) alone and Adam's state is stored whole, so a run that was stopped and
-continued gives the same avatar as one that was not, to the bit on the CPU with as many processes.
+What step s draws depends on (subject, epoch) alone, and on (subject, step) for a head's code. Adam's state is stored
+whole. So a run that was stopped and continued gives the same avatar as one that was not, to the bit on the CPU with as
+many processes.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
 from pathlib import Path
 
 import safetensors.torch
@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from pipeline.avatar.checkpoint import camera_tensors, load_tensors
+from pipeline.avatar.head_losses import expression_terms
 from pipeline.avatar.losses import reconstruction, regularization
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs
@@ -43,31 +44,6 @@ MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 """What Adam keeps of each parameter."""
 
 
-class Schedule:
-    """Which images each step sees: every epoch all frames in random order, their cameras in random groups."""
-
-    def __init__(self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int) -> None:
-        self.subject, self.cameras_per_step = subject, cameras_per_step
-        self.by_frame: dict[int, list[int]] = defaultdict(list)
-        for index, frame in enumerate(frame_of_image):
-            self.by_frame[frame].append(index)
-        self.steps_per_epoch = sum(-(-len(group) // cameras_per_step) for group in self.by_frame.values())
-        self.epoch = lru_cache(maxsize=2)(self._epoch)
-
-    def _epoch(self, epoch: int) -> list[list[int]]:
-        generator = generator_for(self.subject, "train_avatar", epoch)
-        groups = []
-        for frame in sorted(self.by_frame):
-            shuffled = generator.permutation(self.by_frame[frame]).tolist()
-            groups += [shuffled[i : i + self.cameras_per_step] for i in range(0, len(shuffled), self.cameras_per_step)]
-        return [groups[i] for i in generator.permutation(len(groups))]
-
-    def __getitem__(self, step: int) -> list[int]:
-        """Indices of the images of one step; all belong to one frame."""
-        epoch, position = divmod(step, self.steps_per_epoch)
-        return self.epoch(epoch)[position]
-
-
 def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
     """Adam with one rate per kind of parameter."""
     groups: dict[str, list[Tensor]] = defaultdict(list)
@@ -81,7 +57,7 @@ def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
 
 def compute_loss(
     avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int,
-    step: int = 0, processes: Processes = Processes(),
+    step: int = 0, processes: Processes = Processes(), subject: str = "",
 ) -> dict[str, Tensor]:  # fmt: skip
     """This process's part of the weighted terms of one step; the sum of all parts and terms is what is minimised.
 
@@ -93,9 +69,11 @@ def compute_loss(
         batch: number of images of the step, in all processes.
         step: number of the step, which decides some weights.
         processes: share the terms that look at no image.
+        subject: seeds, with the step, what is drawn.
     """
-    frame = avatar.prepare(inputs)
-    terms = {name: term / processes.count for name, term in regularization(avatar, frame, settings, step).items()}
+    frame = avatar.prepare(inputs, **drawn_expression(avatar, subject, step))
+    shared = regularization(avatar, frame, settings, step) | expression_terms(avatar, frame, inputs, settings)
+    terms = {name: term / processes.count for name, term in shared.items()}
     device = avatar.albedo.device
     for image in images:
         R, t, K = camera_tensors(image, device)
@@ -104,6 +82,14 @@ def compute_loss(
         for name, term in reconstruction(picture, captured, mask, R, K, settings).items():
             terms[name] = terms.get(name, 0) + term / batch
     return terms
+
+
+def drawn_expression(avatar: Avatar, subject: str, step: int) -> dict[str, Tensor]:
+    """The noise that a step draws a head's code with: the same in all processes, and after a stop."""
+    if not avatar.spec.head:
+        return {}
+    noise = generator_for(subject, "train_avatar", "code", step).standard_normal(avatar.spec.code_size)
+    return {"noise": torch.tensor(noise, dtype=torch.float32, device=avatar.albedo.device)}
 
 
 class BrokenStep(InputError):
@@ -141,10 +127,12 @@ class Part:
 
 
 class Training:
-    """An avatar, its optimiser and its gradients, in one or several processes."""
+    """An avatar, its optimiser and its gradients, in one or several processes; `subject` seeds what steps draw."""
 
-    def __init__(self, avatar: Avatar, settings: TrainAvatar, processes: Processes = Processes()) -> None:
-        self.avatar, self.settings, self.processes = avatar, settings, processes
+    def __init__(
+        self, avatar: Avatar, settings: TrainAvatar, processes: Processes = Processes(), subject: str = ""
+    ) -> None:
+        self.avatar, self.settings, self.processes, self.subject = avatar, settings, processes, subject
         self.optimizer = make_optimizer(avatar, settings)
         self.gradients = FlatGradients(avatar)
 
@@ -186,7 +174,8 @@ class Training:
         self, step: int, inputs: FrameInputs, images: Sequence[ImageRecord], batch: int, stopping: bool
     ) -> Part:
         try:
-            terms = compute_loss(self.avatar, inputs, images, self.settings, batch, step, self.processes)
+            weighed = (self.settings, batch, step, self.processes, self.subject)
+            terms = compute_loss(self.avatar, inputs, images, *weighed)
         except NotFinite as error:  # Told to all processes: they wait for this one's gradients.
             return Part({}, stopping, str(error))
         sum(terms.values()).backward()

@@ -38,6 +38,8 @@ complete example.
   frame that lists every light is fully lit. Any order will do: every n-th frame fully lit, one light at a time,
   groups, dark frames between. Lights that can change colour have `intensity_r`, `intensity_g` and `intensity_b` in
   place of `intensity`.
+- **Eyes** (optional): eyeballs are separate parts of the template; `template.eyes` lists their vertices. `gaze` says
+  where each looks, in the frame of the template at rest: it does not turn with the head.
 - **Held out**: `splits` names cameras, frames, segments and patterns that no avatar is trained on. A pattern is
   named by any frame that shows it and is held out wherever it returns. Training frames under the same light as a
   partially lit test frame are found, too: `book_patterns.on_leak` says what then, error or warn.

@@ -54,6 +54,10 @@ class FrameRecord:
         falling: the same share weighted by the cosine, i.e. of the light falling on a matte surface.
         light_positions: lit lights only, stage frame, metres.
         light_intensities: radiant intensity of each, linear RGB.
+        head_from_world: of a head, the rigid motion [R | t] that brings points (R x + t, metres) and directions (R x)
+            to the frame of the template at rest; None for a body.
+        gaze: unit direction in which each eye looks, by name, in that frame; None if the capture declares none.
+        texture: mean colour of each texel in the nearest fully lit frames, linear RGB; None if none was unwrapped.
     """
 
     frame: int
@@ -64,3 +68,6 @@ class FrameRecord:
     falling: Float32[np.ndarray, " texels"]
     light_positions: Float32[np.ndarray, "lights 3"]
     light_intensities: Float32[np.ndarray, "lights 3"]
+    head_from_world: Float32[np.ndarray, "3 4"] | None = None
+    gaze: Float32[np.ndarray, "eyes 3"] | None = None
+    texture: Float32[np.ndarray, "texels 3"] | None = None

@@ -53,6 +53,9 @@ class Template(Section):
     )
     keypoints: CsvPath | None = Field(None, description="csv: keypoint, and node_index (of a joint) or vertex")
     scale_to_m: Length = Field(description="a vertex in metres is this times its (skinned) glTF position")
+    eyes: CsvPath | None = Field(
+        None, description="csv: eye, vertex; every vertex of each eyeball, which is a separate part of the mesh"
+    )
 
 
 class MirrorBallLights(Section):
@@ -143,5 +146,10 @@ class Capture(Section):
         None, description="parquet: frame, camera, keypoint, x, y, confidence"
     )
     template: Template = Field(description="the mesh that is tracked")
+    gaze: CsvPath | None = Field(
+        None,
+        description="csv: frame, eye, x, y, z; unit direction in which an eye of template.eyes looks, in the frame of "
+        "the template at rest; frames without a row are interpolated between their neighbours",
+    )
     calibration: Calibration = Field(description="how cameras, lights and colours are calibrated")
     splits: Splits = Field(description="what is held out for testing")

@@ -32,11 +32,17 @@ IMAGE_SCHEMA = pa.schema(
 """image: float16 or float32 little-endian [height, width, 3], see `PIXELS`; mask: uint8 [height, width]; K, R
 row-major."""
 
+FRAME_ARRAYS = {
+    "vertices": ("<f4", (-1, 3)), "irradiance": ("<f2", (-1,)), "falling": ("<f2", (-1,)),
+    "light_positions": ("<f4", (-1, 3)), "light_intensities": ("<f4", (-1, 3)),
+    "head_from_world": ("<f4", (3, 4)), "gaze": ("<f4", (-1, 3)), "texture": ("<f2", (-1, 3)),
+}  # fmt: skip
+"""How the arrays of a frame are stored, little-endian, and their shapes. What a frame lacks (None) is null."""
+
 FRAME_SCHEMA = pa.schema(
     [("frame", pa.int64()), ("segment", pa.string()), ("fully_lit", pa.bool_())]
-    + [(name, pa.binary()) for name in ("vertices", "irradiance", "falling", "light_positions", "light_intensities")]
+    + [(name, pa.binary()) for name in FRAME_ARRAYS]
 )
-"""irradiance, falling: float16 little-endian [texels]; the others float32 little-endian [., 3]."""
 
 PIXELS = {2: "<f2", 4: "<f4"}
 """How a channel is stored, by its bytes: a crop's size in bytes over its size in values says which."""
@@ -198,18 +204,19 @@ def _image_record(batch: pa.RecordBatch) -> ImageRecord:
 
 def _frame_row(record: FrameRecord) -> dict:
     row = {name: getattr(record, name) for name in FRAME_SCHEMA.names}
-    for name in ("irradiance", "falling"):
-        row[name] = np.clip(getattr(record, name), 0, FLOAT16_MAX).astype("<f2").tobytes()
-    for name in ("vertices", "light_positions", "light_intensities"):
-        row[name] = np.asarray(row[name]).astype("<f4").tobytes()
+    for name, (stored, _) in FRAME_ARRAYS.items():
+        if row[name] is not None:
+            values = np.asarray(row[name])
+            half = np.clip(values, 0, FLOAT16_MAX) if stored == "<f2" else values
+            row[name] = half.astype(stored).tobytes()
     return row
 
 
 def _frame_record(batch: pa.RecordBatch) -> FrameRecord:
     row = {name: batch.column(name)[0] for name in FRAME_SCHEMA.names}
-    arrays = {
-        name: np.frombuffer(row.pop(name).as_buffer(), "<f2").astype(np.float32) for name in ("irradiance", "falling")
-    }
-    for name in ("vertices", "light_positions", "light_intensities"):
-        arrays[name] = np.frombuffer(row.pop(name).as_buffer(), "<f4").reshape(-1, 3).astype(np.float32)
+    arrays = {}
+    for name, (stored, shape) in FRAME_ARRAYS.items():
+        value = row.pop(name)
+        if value.is_valid:
+            arrays[name] = np.frombuffer(value.as_buffer(), stored).reshape(shape).astype(np.float32)
     return FrameRecord(**{name: value.as_py() for name, value in row.items()}, **arrays)

@@ -1,42 +1,59 @@
-"""Checking a capture's template mesh and its keypoints."""
+"""Checking a capture's template mesh, its keypoints and its eyes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from jaxtyping import Int64
 
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.capture.csv_tables import complain_repeats, complain_rows, read_csv
+from pipeline.capture.eye_tables import read_eyes_csv
 from pipeline.capture.paths import locate
 from pipeline.capture.schema import Template
 from pipeline.geometry.gltf import GltfFile
 
 
-def check_template(root: Path, template: Template, complaints: Complaints) -> list[str] | None:
-    """Check that the mesh loads and that each keypoint lies on a joint or vertex that it has.
+@dataclass(frozen=True)
+class Shape:
+    """What other files may name of a template: `vertices` is their number, `joints` are nodes."""
+
+    vertices: int
+    faces: Int64[np.ndarray, "f 3"]
+    joints: set[int]
+
+
+def check_template(root: Path, template: Template, complaints: Complaints) -> tuple[list[str] | None, pd.DataFrame]:
+    """Check that the mesh loads, and that keypoints and eyes lie on joints or vertices that it has.
 
     Returns:
-        the keypoints' names; None if there is no table of them, or it is in doubt.
+        the keypoints' names, None if there is no table of them or it is in doubt; and the table of eyes.
     """
     shape = None
     with complaints.collecting():
         shape = _read_shape(root, template.mesh)
+    faces, vertices = (None, 0) if shape is None else (shape.faces, shape.vertices)
+    eyes = read_eyes_csv(root, template.eyes, faces, vertices, complaints)
     table = read_keypoint_places(root, template.keypoints, complaints)
     if table is None:
-        return None
+        return None, eyes
     complain_repeats(complaints, template.keypoints, table, ["keypoint"])
     if shape is not None:
-        _check_places(template.keypoints, table, *shape, complaints)
-    return list(table["keypoint"])
+        _check_places(template.keypoints, table, shape.vertices, shape.joints, complaints)
+    return list(table["keypoint"]), eyes
 
 
-def _read_shape(root: Path, path: str) -> tuple[int, set[int]]:
-    """Number of vertices, and the nodes that are joints."""
+def _read_shape(root: Path, path: str) -> Shape:
     try:
         mesh = GltfFile(locate(root, path))
-        vertices = sum(len(primitive.positions) for primitive in mesh.primitives())
-        return vertices, {joint for skin in mesh.document.skins or [] for joint in skin.joints}
+        primitives = mesh.primitives()
+        starts = np.cumsum([0] + [len(primitive.positions) for primitive in primitives])
+        faces = [primitive.faces + start for primitive, start in zip(primitives, starts[:-1], strict=True)]
+        joints = {joint for skin in mesh.document.skins or [] for joint in skin.joints}
+        return Shape(int(starts[-1]), np.concatenate(faces).astype(np.int64), joints)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         # A reference to nothing, an unknown type: the JSON part of a .glb may say anything.
         found = f"a file that does not keep to it ({type(error).__name__}: {error})"

@@ -12,6 +12,7 @@ from pipeline.base.errors import Complaints
 from pipeline.base.files import digest_file
 from pipeline.capture import calibration_files, tables
 from pipeline.capture.csv_tables import complain_unknown
+from pipeline.capture.eye_tables import read_gaze_csv
 from pipeline.capture.frame_images import expected_images, find_frame_images
 from pipeline.capture.image_checks import ExpectedImage, inspect_images
 from pipeline.capture.manifest import MANIFEST, read_manifest
@@ -46,7 +47,7 @@ def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
     _check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
-    contents["capture"] = _capture_content(root, manifest)
+    contents["capture"] = _capture_content(root, manifest, found["eyes"])
     return CaptureIndex(found | {"images": _images_table(images, digests, found["frames"], manifest.splits)}, contents)
 
 
@@ -63,7 +64,14 @@ def _read_tables(root: Path, manifest: Capture, complaints: Complaints) -> Table
     if manifest.patterns:
         frames, lights = found["frames"], found["lights"]
         found["patterns"] = tables.read_patterns_csv(root, manifest.patterns, frames, lights, complaints)
-    keypoints = check_template(root, manifest.template, complaints) if manifest.template else None
+    keypoints = None
+    if manifest.template:
+        keypoints, found["eyes"] = check_template(root, manifest.template, complaints)
+        if manifest.gaze and not manifest.template.eyes:
+            expected = "a csv that says which vertices the eyes of gaze consist of"
+            complaints.add(MANIFEST, "template.eyes", expected=expected, found="no such key")
+        else:
+            found["gaze"] = read_gaze_csv(root, manifest.gaze, found["frames"], found["eyes"], complaints)
     if manifest.template and manifest.keypoints_2d and not manifest.template.keypoints:
         expected = "a csv that says where the keypoints of keypoints_2d lie on the template"
         complaints.add(MANIFEST, "template.keypoints", expected=expected, found="no such key")
@@ -145,7 +153,7 @@ def _images_table(images: pd.DataFrame, digests: dict[str, str], frames: pd.Data
     )
 
 
-def _capture_content(root: Path, manifest: Capture) -> dict[str, Any]:
+def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[str, Any]:
     """`capture.json`: no splits and no calibration, so that a change there reruns only what reads it."""
     template, images = manifest.template, manifest.images
     return {
@@ -159,5 +167,6 @@ def _capture_content(root: Path, manifest: Capture) -> dict[str, Any]:
             "keypoints": template.keypoints,
             "keypoints_digest": digest_file(root / template.keypoints) if template.keypoints else None,
             "scale_to_m": template.scale_to_m,
+            "eyes": sorted(set(eyes["eye"])),
         },
     }

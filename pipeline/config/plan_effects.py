@@ -4,8 +4,6 @@ Where a threshold bounds an error of the picture, the yardstick is a capture's o
 An effect that changes less than that is not worth simulating.
 """
 
-from typing import Literal
-
 from pydantic import Field
 
 from pipeline.config.effects import Mode
@@ -59,7 +57,7 @@ class PlanEffects(Settings):
     specular: Mode = Field("auto", description="gloss")
     deferred: Mode = Field("auto", description="gloss shaded per pixel, not per Gaussian")
     learned_transport: Mode = Field("auto", description="learned transport (subsurface, hair) in place of analytic")
-    eyes: Literal["auto", "off"] = Field("auto", description="eyes, if the template declares them; not modelled yet")
+    eyes: Mode = Field("auto", description="eyes as spheres that turn with the gaze, if the capture declares both")
     lens_distortion: Mode = Field("auto", description="removal of the lenses' distortion")
     color_correction: Mode = Field("auto", description="removal of the cameras' colour differences")
     shadow_percent: float = Field(SHADOW_PERCENT, ge=0, le=100, description="shadow is on above this share [%]")

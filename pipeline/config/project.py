@@ -17,6 +17,7 @@ from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.config.fit_eyes import FitEyes
 from pipeline.config.index_capture import IndexCapture
 from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.pack_shards import PackShards
@@ -30,6 +31,7 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.config.unwrap_textures import UnwrapTextures
 from pipeline.config.write_report import WriteReport
 
 NAME_PATTERN = "[A-Za-z0-9_-]+"
@@ -70,7 +72,9 @@ class SubjectSettings(Settings):
     track_mesh: TrackMesh = TrackMesh()
     review_tracking: ReviewTracking = ReviewTracking()
     plan_effects: PlanEffects = PlanEffects()
+    fit_eyes: FitEyes = FitEyes()
     trace_irradiance: TraceIrradiance = TraceIrradiance()
+    unwrap_textures: UnwrapTextures = UnwrapTextures()
     pack_shards: PackShards = PackShards()
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()

@@ -38,6 +38,9 @@ class SynthesizeCapture(Settings):
     downsample_from_sensor: int = Field(4, ge=1, description="sensor pixels per image pixel along one axis")
     test_cameras: int = Field(2, ge=0, description="cameras held out for testing")
     test_frames: int = Field(2, ge=0, description="partially lit frames of segment a held out for testing")
+    test_patterns: int = Field(
+        0, ge=0, description="further partially lit frames of segment a, whose light patterns are held out for testing"
+    )
 
     fully_lit_every: int = Field(3, ge=2, description="every n-th frame has all lights on")
     partial_lights_min: int = Field(4, ge=1, description="fewest lights on in a partially lit frame")
@@ -55,11 +58,23 @@ class SynthesizeCapture(Settings):
     vertex_spacing_m: float = Field(0.032, gt=0.002, lt=0.08, description="edge length of the figure's mesh [m]")
     texture_size: int = Field(512, ge=64, description="size of the albedo texture that is rendered [texels]")
     gloss_alpha: float = Field(0.25, gt=0.02, le=1, description="GGX width of the figure's gloss")
+    cornea_alpha: float = Field(0.05, ge=0.01, le=1, description="GGX width of a head's corneas: nearly a mirror")
     scale_to_m: float = Field(1.0, gt=0, description="metres per unit of the template file [m]")
 
     spp: int = Field(64, ge=1, description="light paths per image pixel of partially lit frames")
     spp_fully_lit: int = Field(
         256, ge=1, description="light paths per image pixel of fully lit frames, whose paths choose among more lights"
+    )
+    light_choice: Literal["drawn", "all"] = Field(
+        "drawn",
+        description="drawn: every path goes to one of the lights that are on; all: the paths are shared out among "
+        "them, each gets one at least, which leaves less noise",
+    )
+    spp_eyes: int = Field(
+        512,
+        ge=1,
+        description="light paths per image pixel around a head's eyes in partially lit frames, as glints are smaller "
+        "than pixels; in fully lit frames more, as elsewhere",
     )
     supersampling: int = Field(2, ge=1, le=8, description="rendered pixels per image pixel along one axis")
     max_depth: int = Field(

@@ -11,12 +11,16 @@ from pipeline.config.effects import Mode
 from pipeline.config.settings import Settings
 
 Edges = Literal["captured", "ignored"]
+Kind = Literal["body", "head"]
+Anchors = Literal["decoded", "tracked", "rigid"]
+Highlight = Literal["angular", "cosine", "harmonics"]
+TransferStart = Literal["lambertian", "traced"]
 Device = Literal["auto", "cpu", "cuda"]
 DepthSource = Literal["expected", "normalised", "median", "traced"]
 
 
 class TrainAvatar(Settings):
-    """How an avatar is trained; the loss weights are those of RFGCA 17-18 and its Appendix B where named there."""
+    """How an avatar is trained; loss weights are those of RFGCA 17-18 and its Appendix B, or RGCA 11-15 where named."""
 
     steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
     cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
@@ -29,26 +33,58 @@ class TrainAvatar(Settings):
     )
     device: Device = Field("auto", description="Where to train; auto: on a GPU if there is one for each process")
 
-    shading: Literal["auto", "transfer", "harmonics", "microfacet"] = Field(
+    cameras: int = Field(0, ge=0, description="Train on so many cameras, spread over the stage; 0: on all [cameras]")
+    light_share: float = Field(
+        1.0, gt=0, le=1, description="Train on this share of the partially lit patterns, and on all fully lit frames"
+    )
+
+    avatar: Literal["auto", "body", "head"] = Field(
+        "auto",
+        description="body (RFGCA): texels turn with the limbs; head (RGCA): a latent code of vertices and mean texture "
+        "changes all texels, light is unturned SH of the head's frame; auto: what the capture is of",
+    )
+    shading: Literal["auto", "transfer", "harmonics", "microfacet", "linear"] = Field(
         "transfer",
-        description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH, or Lambert and GGX "
-        "(auto: transfer if learned_transport is planned, else microfacet with traced visibility and one bounce)",
+        description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH (RGCA 5; all heads), "
+        "Lambert and GGX, or, for heads, a network that is linear in the light (auto: transfer if learned_transport is "
+        "planned, else microfacet with traced visibility and one bounce)",
+    )
+    transfer_start: TransferStart = Field(
+        "lambertian",
+        description="Unturned SH start at, and are held near, the Lambertian lobe, or that lobe without the directions "
+        "that the template at rest hides",
+    )
+    highlight: Highlight = Field(
+        "angular",
+        description="The lobe: a spherical Gaussian of the angle (RGCA 6), of the cosine, or, for heads, SH that the "
+        "view decoder gives (EyeNeRF)",
     )
     specular: Mode = Field("auto", description="The specular lobe (RFGCA 10-14), or GGX")
     shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")
     near_field: Mode = Field("auto", description="Lights at their distance; off: one direction per light and frame")
     articulation: Mode = Field("auto", description="Transfer that turns with the limbs; off: SH in the root's frame")
     deferred: Mode = Field("on", description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
+    eyes: Mode = Field(
+        "auto",
+        description="Eyes as two spheres each that turn with the gaze (RGCA section 3.4), as fit_eyes finds them",
+    )
     depth: DepthSource = Field(
         "traced",
         description="How far a pixel's point is that the lobe is evaluated at: splatted depth as it is, divided by "
         "alpha, the depth that half of the light gets past, or the depth of the posed mesh",
     )
     transfer_degree: int = Field(
-        8, ge=1, le=8, description="Highest degree of the transfer (RFGCA 7-9); above 3 it is monochrome"
+        8, ge=1, le=8, description="Highest degree of the transfer (RFGCA 7-9, RGCA 5); above 3 it is monochrome"
     )
-    normals: Literal["learned", "mesh"] = Field(
-        "learned", description="Normals for shading: learned (RFGCA 10) or mesh"
+    normals: Literal["auto", "viewed", "learned", "mesh"] = Field(
+        "auto",
+        description="Normals for shading: seen differently by each camera (RGCA 9, heads alone), learned (RFGCA 10) or "
+        "mesh; auto: viewed for heads, else learned",
+    )
+    anchors: Anchors = Field(
+        "decoded",
+        description="Heads: what the Gaussians sit on: vertices decoded from the code (RGCA 4), those tracked, or the "
+        "template at rest, moved rigidly",
     )
     visibility: Literal["learned", "traced"] = Field(
         "learned",
@@ -96,6 +132,14 @@ class TrainAvatar(Settings):
         "captured",
         description="Pixels just outside the mask: as captured (the background is dark) or ignored (it is not)",
     )
+    weight_photometric: float = Field(1.0, ge=0, description="Weight of the L1 between pictures (lambda_l1)")
+    weight_ssim: float = Field(0.0, ge=0, description="Weight of D-SSIM, (1 - SSIM) / 2, of pictures (lambda_ssim)")
+    weight_geometry: float = Field(
+        1.0, ge=0, description="Heads: weight of squared errors of decoded vertices, per variance (lambda_geo)"
+    )
+    weight_kl: float = Field(
+        2e-4, ge=0, description="Heads: weight of the latent code's divergence from a standard normal (lambda_kl)"
+    )
     weight_mask: float = Field(0.1, ge=0, description="Weight of the L1 between alpha and mask (lambda_mask)")
     weight_offset: float = Field(0.05, ge=0, description="Weight of the squared offset, in texel sizes (lambda_offset)")
     weight_scale: float = Field(0.01, ge=0, description="Weight of the bounds on scales and roughness (lambda_bound)")
@@ -117,22 +161,41 @@ class TrainAvatar(Settings):
         "",
         description="File with the backbone's ImageNet weights, as for evaluate_avatar; empty: no LPIPS in the loss",
     )
+    weight_eye_scale: float = Field(
+        0.01,
+        ge=0,
+        description="Weight of scales of eye Gaussians that are larger than needed, squared (lambda_es) [1/mm^2]",
+    )
+    weight_eye_opacity: float = Field(
+        1e-4, ge=0, description="Weight of transparency of eye Gaussians, squared (lambda_eo)"
+    )
+    weight_eye_visibility: float = Field(
+        1e-4, ge=0, description="Weight of what eyes lack of a specular visibility of 1, squared (lambda_ev)"
+    )
     weight_gloss: float = Field(0.01, ge=0, description="Weight that keeps the gloss of GGX near a dielectric's")
     weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
 
-    def decided(self, planned: Collection[str]) -> TrainAvatar:
+    def decided(self, planned: Collection[str], kind: Kind = "body") -> TrainAvatar:
         """The same settings with what a plan decided in place of every `auto`; what else they say is obeyed.
 
         Args:
             planned: the effects that are on.
+            kind: what the capture is of.
         """
+        avatar = kind if self.avatar == "auto" else self.avatar
+        if avatar == "head":
+            planned = set(planned) - {"shadow"}  # RGCA 5: what hides a light is in the transfer
         modes = {
             name: "on" if name in planned else "off"
-            for name in ("specular", "shadow", "near_field", "articulation", "deferred")
+            for name in ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
             if getattr(self, name) == "auto"
         }
-        decided = self.model_copy(update=modes)
+        if self.normals == "auto":
+            modes["normals"] = "viewed" if avatar == "head" else "learned"
+        decided = self.model_copy(update=modes | {"avatar": avatar})
+        if avatar == "head" and self.shading in ("auto", "transfer"):
+            return decided.model_copy(update={"shading": "harmonics"})
         if self.shading != "auto":
             return decided
         if "learned_transport" in planned:
@@ -141,10 +204,18 @@ class TrainAvatar(Settings):
         indirect = "bounce" if decided.shadow == "on" else "none"
         return decided.model_copy(update={"shading": "microfacet", "visibility": "traced", "indirect": indirect})
 
-    def reads_irradiance(self, planned: Collection[str]) -> bool:
+    def reads_irradiance(self, planned: Collection[str], kind: Kind = "body") -> bool:
         """Whether an avatar with these settings has a shadow network."""
-        decided = self.decided(planned)
+        decided = self.decided(planned, kind)
         return decided.shadow == "on" and decided.visibility == "learned"
+
+    def reads_textures(self, kind: Kind = "body") -> bool:
+        """Whether an avatar with these settings is encoded from mean textures."""
+        return self.decided((), kind).avatar == "head"
+
+    def reads_eyes(self, planned: Collection[str]) -> bool:
+        """Whether an avatar with these settings has explicit eyes."""
+        return self.decided(planned).eyes == "on"
 
     @model_validator(mode="after")
     def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces
-from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, angular_gaussian, unit
+from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, Lobe, angular_gaussian, unit
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
 
 REACH_SIGMAS = 6.0
@@ -25,12 +25,13 @@ the peak."""
 
 
 def gather_glints_reference(
-    points: Tensor, lobe_centers: Tensor, sigma: Tensor, light_positions: Tensor, intensities: Tensor
-) -> Tensor:
+    points: Tensor, lobe_centers: Tensor, sigma: Tensor, light_positions: Tensor, intensities: Tensor,
+    lobe: Lobe = angular_gaussian,
+) -> Tensor:  # fmt: skip
     """Slow twin of `gather_glints`, any float type: its oracle, forward and backward."""
     to_light = light_positions - points[:, None]
     distance2 = to_light.square().sum(-1).clamp_min(float(SMALLEST_DISTANCE2_M2))
-    return (angular_gaussian(unit(to_light), lobe_centers[:, None], sigma[:, None]) / distance2) @ intensities
+    return (lobe(unit(to_light), lobe_centers[:, None], sigma[:, None]) / distance2) @ intensities
 
 
 def gather_glints(
@@ -39,9 +40,10 @@ def gather_glints(
     sigma: Float[Tensor, " pixels"],
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
+    lobe: Lobe = angular_gaussian,
 ) -> Float[Tensor, "pixels channels"]:
-    """sum_j I_j / d_j^2 G(w_j; q, sigma), differentiable in `lobe_centers` and `sigma` (not in `points`); by a kernel
-    on the CPU.
+    """sum_j I_j / d_j^2 G(w_j; q, sigma), differentiable in `lobe_centers` and `sigma` (not in `points`); the angular
+    lobe by a kernel on the CPU.
 
     Args:
         points: metres.
@@ -49,20 +51,22 @@ def gather_glints(
         sigma: lobe widths, radians, positive.
         light_positions: metres.
         intensities: radiant intensity, linear.
+        lobe: G.
     """
     if points.requires_grad:
         raise ValueError("gather_glints: expected points without gradient (detach them), found points that require it")
-    if points.device.type != "cpu":
-        return gather_glints_in_torch(points, lobe_centers, sigma, light_positions, intensities)
+    if points.device.type != "cpu" or lobe is not angular_gaussian:
+        return gather_glints_in_torch(points, lobe_centers, sigma, light_positions, intensities, lobe)
     return _GatherGlints.apply(points, lobe_centers, sigma, light_positions, intensities)
 
 
 def gather_glints_in_torch(
-    points: Tensor, lobe_centers: Tensor, sigma: Tensor, light_positions: Tensor, intensities: Tensor
-) -> Tensor:
+    points: Tensor, lobe_centers: Tensor, sigma: Tensor, light_positions: Tensor, intensities: Tensor,
+    lobe: Lobe = angular_gaussian,
+) -> Tensor:  # fmt: skip
     """`gather_glints` on any device, without the kernel."""
     return sum_in_pieces(
-        lambda *piece: gather_glints_reference(*piece, light_positions, intensities),
+        lambda *piece: gather_glints_reference(*piece, light_positions, intensities, lobe),
         (points, lobe_centers, sigma),
         len(light_positions),
     )

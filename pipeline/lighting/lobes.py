@@ -1,8 +1,9 @@
-"""The angular spherical Gaussian of both papers and the mirror direction it is centred on (RGCA 6, RFGCA 13)."""
+"""The spherical Gaussians of both papers and the mirror direction they are centred on (RGCA 6, RFGCA 13)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
@@ -44,3 +45,18 @@ def angular_gaussian(
 ) -> Float[Tensor, "*out"]:
     """G(p; q, sigma) = C / sigma exp(-(angle(p, q) / sigma)^2 / 2)  (RFGCA 13); broadcasts like its arguments."""
     return LOBE_CONSTANT / sigma * torch.exp(-0.5 * (angle_between(p, q) / sigma).square())
+
+
+def cosine_gaussian(
+    p: Float[Tensor, "*#n 3"], q: Float[Tensor, "*#n 3"], sigma: Float[Tensor, "*#n"]
+) -> Float[Tensor, "*out"]:
+    """G(p; q, lambda, mu) = mu exp(lambda (p . q - 1)), the usual spherical Gaussian (RGCA supplement C).
+
+    lambda = 1 / sigma^2 and mu = C / sigma, so that near its centre it is the angular one of the same sigma. Of unit
+    vectors, p . q - 1 = -|p - q|^2 / 2, which keeps its digits where the cosine is one and nothing else.
+    """
+    return LOBE_CONSTANT / sigma * torch.exp(-0.5 * (p - q).square().sum(-1) / sigma.square())
+
+
+Lobe = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""(p, q, sigma) -> G: `angular_gaussian` or `cosine_gaussian`."""

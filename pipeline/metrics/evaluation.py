@@ -57,6 +57,9 @@ SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "test_frames": lambda t: t.test_frame,
     "test_segments": lambda t: t.test_segment,
     "test_patterns": lambda t: t.test_pattern,
+    # What RGCA's tables 1 and 2 tell apart: new expressions, and new light on expressions between those of training.
+    "held_out_segments": lambda t: t.test_segment & ~t.test_camera,
+    "held_out_lights": lambda t: (t.test_frame | t.test_pattern) & ~(t.test_segment | t.test_camera | t.fully_lit),
 }
 LIT: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "all": lambda t: pd.Series(True, t.index),

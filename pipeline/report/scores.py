@@ -24,6 +24,7 @@ DIGITS = {"psnr_db": 2, "ssim": 3, "lpips": 3, "flip": 3}
 SPLIT_NAMES = {
     "test": "all held-out images", "test_cameras": "new cameras", "test_frames": "new frames",
     "test_segments": "new segments", "test_patterns": "new patterns",
+    "held_out_segments": "new segments, known cameras", "held_out_lights": "new light, known cameras and segments",
 }  # fmt: skip
 LIT_NAMES = {"all": "all light", "full": "fully lit", "partial": "partially lit"}
 SIGNIFICANT = 0.05

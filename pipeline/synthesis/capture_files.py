@@ -46,7 +46,7 @@ def write_tables(
 
 
 def held_out(rig: StageRig, settings: SynthesizeCapture) -> dict[str, list]:
-    """The splits of capture.yaml: cameras and partially lit frames spread evenly, and segment b."""
+    """The splits of capture.yaml: cameras, partially lit frames and patterns spread evenly, and segment b."""
     names = list(rig.cameras)
     partial = [
         frame for frame in range(settings.frames - settings.frames_b) if frame % settings.fully_lit_every != 0
@@ -55,19 +55,28 @@ def held_out(rig: StageRig, settings: SynthesizeCapture) -> dict[str, list]:
     def spread(items: list, count: int) -> list:
         return [items[int((i + 0.5) * len(items) / count)] for i in range(count)]
 
+    test_frames = spread(partial, settings.test_frames)
+    rest = [frame for frame in partial if frame not in test_frames]
     return {
         "test_cameras": spread(names, settings.test_cameras),
-        "test_frames": spread(partial, settings.test_frames),
+        "test_frames": test_frames,
         "test_segments": ["b"],
+        "test_patterns": spread(rest, settings.test_patterns),
     }
 
 
-def write_capture_yaml(root: Path, name: str, kind: str, rig: StageRig, settings: SynthesizeCapture) -> None:
+def write_gaze(root: Path, moments: list[Moment]) -> None:
+    """gaze.csv: one row per frame and eye."""
+    rows = [(frame, eye, *look) for frame, moment in enumerate(moments) for eye, look in moment.gaze.items()]
+    write_table(root / "gaze.csv", pd.DataFrame(rows, columns=["frame", "eye", "x", "y", "z"]))
+
+
+def write_capture_yaml(root: Path, name: str, shown: Subject, rig: StageRig, settings: SynthesizeCapture) -> None:
     """capture.yaml, the file that names everything else."""
     content = {
         "format": FORMAT,
         "subject": name,
-        "kind": kind,
+        "kind": shown.kind,
         "units": "m",
         "up": "+y",
         "fps": settings.fps,
@@ -91,6 +100,9 @@ def write_capture_yaml(root: Path, name: str, kind: str, rig: StageRig, settings
         "calibration": _calibration_entries(settings),
         "splits": held_out(rig, settings),
     }
+    if shown.eyes:
+        content["template"]["eyes"] = "template/eyes.csv"
+        content["gaze"] = "gaze.csv"
     (root / "capture.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
 
 
@@ -128,6 +140,8 @@ def write_truth(root: Path, rig: StageRig, subject: Subject, moments: list[Momen
     write_table(root / "truth/lights.parquet", lights)
     responses = {name: matrix.tolist() for name, matrix in rig.raw_from_true.items()}
     write_json(root / "truth/color.json", {"raw_from_true": responses})
+    if subject.eyes:
+        write_json(root / "truth/eyes.json", subject.eye_truth())
     source = template_source(subject, uvs)
     tracking = {"frames": np.arange(len(moments)), "vertices": np.stack([m.vertices[source] for m in moments])}
     tracking |= {name: np.stack([moment.truth[name] for moment in moments]) for name in moments[0].truth}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -47,6 +48,7 @@ class Figure:
     kind: Literal["body"] = "body"
     keypoint_depth_m: float = 0.16
     detected_when_hidden: bool = True
+    eyes: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def keypoint_names(self) -> tuple[str, ...]:
@@ -71,6 +73,10 @@ class Figure:
         write_glb(folder / "template.glb", **template_mesh(self, settings), skin=skin)
         nodes = FIRST_JOINT_NODE + np.arange(len(self.skeleton.names))
         write_table(folder / "keypoints.csv", pd.DataFrame({"keypoint": self.skeleton.names, "node_index": nodes}))
+
+    def eye_truth(self) -> dict[str, dict[str, object]]:
+        """None: its eyes are painted."""
+        return {}
 
 
 def build_figure(subject: str, vertex_spacing_m: float, texture_size: int, gloss_alpha: float) -> Figure:

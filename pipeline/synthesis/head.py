@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -15,13 +16,37 @@ from pipeline.base.files import write_table
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis.appearance import Unwrapped, bake, unwrap
 from pipeline.synthesis.expression import displaced, performance_at
+from pipeline.synthesis.eyeball import (
+    CORNEA_OFFSET_M,
+    CORNEA_RADIUS_M,
+    EYE_CENTERS_M,
+    EYE_NAMES,
+    EYE_RADIUS_M,
+    Patch,
+    cornea_patch,
+    eye_directions,
+    sclera_patch,
+    template_eyeball,
+)
 from pipeline.synthesis.gltf_writer import write_glb
 from pipeline.synthesis.head_appearance import eye_albedo, skin_albedo
-from pipeline.synthesis.head_shape import EYE_CENTERS_M, EYE_RADIUS_M, eyeball, head_mesh
-from pipeline.synthesis.subject import Material, Moment, template_mesh, template_source
+from pipeline.synthesis.head_shape import head_mesh
+from pipeline.synthesis.mitsuba_scenes import COAT_IOR
+from pipeline.synthesis.subject import Material, Moment, Surface, template_mesh, template_source
 
-EYE_GLOSS_ALPHA = 0.06
-"""GGX width of the eyeballs' gloss: wet, nearly a mirror."""
+WET_ALPHA = 0.12
+"""GGX width of the gloss on the white of the eyes, which is wet but not even."""
+
+CORNEA_IOR = 1.8
+"""Refractive index of the corneas' coat. It reflects 8 % head on, three times as much as a real one: glints are to
+stand out in images in which they are smaller than a pixel."""
+
+EYE_TEXTURE_SIZE = 256
+"""Of the photographed eyes' albedo: texels of 0.15 mm."""
+
+EYE_UV_SCALE = 2.5
+"""How much larger eyes are drawn on the template's texture map than skin: an avatar's texels of eyes are as much finer,
+1.5 mm on a map of 128 x 128."""
 
 _PAIRED = {
     "brow_inner": (0.014, 0.033, 0.087), "brow_middle": (0.029, 0.036, 0.080), "brow_outer": (0.045, 0.031, 0.070),
@@ -44,6 +69,8 @@ class Head:
 
     Attributes:
         skin_count: number of vertices before those of the two eyeballs, which follow in equal halves.
+        patches: what of an eye is photographed, in the eye's own frame, with its gloss_alpha and ior.
+        eye_texture: linear albedo that the patches' uv look up.
         keypoint_vertices: of the uncut mesh, in the order of `keypoint_names`.
     """
 
@@ -55,6 +82,9 @@ class Head:
     materials: tuple[Material, ...]
     keypoint_names: tuple[str, ...]
     keypoint_vertices: Int64[np.ndarray, " keypoints"]
+    eyes: Mapping[str, Int64[np.ndarray, " vertices"]]
+    patches: tuple[tuple[Patch, float, float], ...]
+    eye_texture: Float32[np.ndarray, "texels texels 3"]
     kind: Literal["head"] = "head"
     keypoint_depth_m: float = 0.004
     detected_when_hidden: bool = False
@@ -70,43 +100,61 @@ class Head:
             "root_rotation": performance.turn.as_quat(scalar_first=True), "root_translation": performance.shift_m,
             "gaze": performance.gaze.as_quat(scalar_first=True), "keypoints": world[self.keypoint_vertices],
         }  # fmt: skip
-        return Moment(world, truth["keypoints"], truth)
+        look = performance.gaze.apply([0.0, 0.0, 1.0])
+        surfaces = [
+            Surface(
+                name, turn.apply(patch.vertices) + performance.turn.apply(center) + performance.shift_m,
+                turn.apply(patch.normals), patch.faces, patch.uv, self.eye_texture, alpha, ior,
+            )
+            for turn in (performance.turn * performance.gaze,)
+            for name, center in zip(EYE_NAMES, EYE_CENTERS_M, strict=True)
+            for patch, alpha, ior in self.patches
+        ]  # fmt: skip
+        return Moment(world, truth["keypoints"], truth, dict.fromkeys(EYE_NAMES, look), tuple(surfaces))
 
     def write_template(self, folder: Path, settings: SynthesizeCapture) -> None:
-        """template.glb without a skin, and keypoints.csv, which names vertices of that file."""
+        """template.glb without a skin, and keypoints.csv and eyes.csv, which name vertices of that file."""
         write_glb(folder / "template.glb", **template_mesh(self, settings))
         source = template_source(self, settings.uvs)
         # A vertex on a seam has copies: the first stands for it.
         first = np.array([np.flatnonzero(source == vertex)[0] for vertex in self.keypoint_vertices])
         write_table(folder / "keypoints.csv", pd.DataFrame({"keypoint": self.keypoint_names, "vertex": first}))
+        parts = [(name, np.flatnonzero(np.isin(source, vertices))) for name, vertices in self.eyes.items()]
+        rows = [(name, vertex) for name, vertices in parts for vertex in vertices.tolist()]
+        write_table(folder / "eyes.csv", pd.DataFrame(rows, columns=["eye", "vertex"]))
+
+    def eye_truth(self) -> dict[str, dict[str, object]]:
+        """Centre of each eyeball in the resting head, radii, and how far the cornea's centre lies from it."""
+        shape = {"radius_m": EYE_RADIUS_M, "cornea_radius_m": CORNEA_RADIUS_M, "cornea_offset_m": CORNEA_OFFSET_M}
+        return {
+            name: {"center_m": center.tolist(), **shape} for name, center in zip(EYE_NAMES, EYE_CENTERS_M, strict=True)
+        }
 
 
-def build_head(subject: str, vertex_spacing_m: float, texture_size: int, gloss_alpha: float) -> Head:
+def build_head(
+    subject: str, vertex_spacing_m: float, texture_size: int, gloss_alpha: float, cornea_alpha: float = 0.05
+) -> Head:
     """Build the head; equal arguments give an equal head."""
     skin, skin_faces = head_mesh(vertex_spacing_m)
-    eye, eye_faces = eyeball()
-    vertices = np.concatenate([skin, *(EYE_RADIUS_M * eye + center for center in EYE_CENTERS_M)])
+    eye, eye_faces = template_eyeball()
+    vertices = np.concatenate([skin, *(eye + center for center in EYE_CENTERS_M)])
     faces = np.concatenate([skin_faces, len(skin) + eye_faces, len(skin) + len(eye) + eye_faces])
     names, near = _keypoints()
-    pupils = np.array([len(skin), len(skin) + len(eye)])
-    unwrapped = unwrap(vertices, faces, texture_size)
+    pupils = len(skin) + len(eye) * np.arange(len(EYE_NAMES))
+    larger = np.concatenate([skin, *(EYE_UV_SCALE * eye + center for center in EYE_CENTERS_M)])
+    unwrapped = unwrap(larger, faces, texture_size)
 
     def albedo(corners: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        points = np.einsum("kc,kcd->kd", barycentric, vertices[corners])
-        in_eye = corners[:, 0] >= len(skin)
-        centers = EYE_CENTERS_M[np.where(corners[:, 0] >= pupils[1], 1, 0)]
-        outward = points - centers
-        colors = skin_albedo(points, skin, subject)
-        colors[in_eye] = eye_albedo(outward / np.linalg.norm(outward, axis=1, keepdims=True))[in_eye]
-        return colors
+        return skin_albedo(np.einsum("kc,kcd->kd", barycentric, vertices[corners]), skin, subject)
 
+    eye_colors = eye_albedo(eye_directions(EYE_TEXTURE_SIZE))
     return Head(
         vertices, faces, len(skin), unwrapped, bake(unwrapped, texture_size, albedo),
-        (
-            Material(slice(0, len(skin_faces)), gloss_alpha),
-            Material(slice(len(skin_faces), None), EYE_GLOSS_ALPHA, solid=False),
-        ),
-        (*names, "pupil_l", "pupil_r"), np.concatenate([cKDTree(skin).query(near)[1], pupils]),
+        (Material(slice(0, len(skin_faces)), gloss_alpha),), (*names, "pupil_l", "pupil_r"),
+        np.concatenate([cKDTree(skin).query(near)[1], pupils]),
+        {name: first + np.arange(len(eye)) for name, first in zip(EYE_NAMES, pupils, strict=True)},
+        ((cornea_patch(), cornea_alpha, CORNEA_IOR), (sclera_patch(), WET_ALPHA, COAT_IOR)),
+        eye_colors.reshape(EYE_TEXTURE_SIZE, EYE_TEXTURE_SIZE, 3),
     )  # fmt: skip
 
 

@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.seeds import generator_for
 from pipeline.synthesis.appearance import mottle
-from pipeline.synthesis.head_shape import EYE_RADIUS_M, MOUTH_CENTER_M
+from pipeline.synthesis.eyeball import radius_along
+from pipeline.synthesis.head_shape import MOUTH_CENTER_M
 
 SKIN = np.array([0.56, 0.33, 0.23])
 BLUSH = np.array([0.60, 0.24, 0.19])
@@ -24,8 +25,8 @@ SCLERA = np.array([0.75, 0.72, 0.70])
 IRIS = np.array([0.10, 0.22, 0.30])
 PUPIL = np.array([0.012, 0.012, 0.012])
 
-IRIS_M, PUPIL_M = 0.006, 0.0025
-"""Radius of iris and pupil, measured from the eye's axis."""
+IRIS_M, PUPIL_M = 0.0053, 0.0022
+"""Radius of iris and pupil, measured from the eye's axis; the iris ends within the cornea, which it is painted on."""
 
 MOTTLE_M, MOTTLE = 0.008, 0.14
 """Shortest wavelength and standard deviation of the skin's brightness variation."""
@@ -65,7 +66,7 @@ def skin_albedo(
 
 def eye_albedo(directions: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
     """Linear albedo of an eyeball in unit directions from its centre, pupil towards +z."""
-    from_axis = EYE_RADIUS_M * np.hypot(directions[:, 0], directions[:, 1])
+    from_axis = radius_along(directions) * np.hypot(directions[:, 0], directions[:, 1])
     around = np.arctan2(directions[:, 1], directions[:, 0])
     front = directions[:, 2] > 0
     color = np.tile(SCLERA, (len(directions), 1))

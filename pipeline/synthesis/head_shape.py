@@ -1,7 +1,7 @@
 """The procedural head's rest shape, in metres: origin between the ears, y up, facing +z, the subject's left is +x.
 
-A smooth union of ellipsoids and round cones from which mouth, eye sockets and ear shells are carved, and two eyeballs
-as separate spheres.
+A smooth union of ellipsoids and round cones from which mouth, eye sockets and ear shells are carved. The eyeballs are
+in `pipeline.synthesis.eyeball`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from jaxtyping import Float64, Int64
 
 from pipeline.synthesis.implicit_surface import distance_to_solids, even_out, smooth_minimum, surface_nets
@@ -22,13 +21,6 @@ BOX_HIGH_M = np.array([0.11, 0.15, 0.135])
 
 FILLET_M, CARVED_FILLET_M = 0.005, 0.0025
 """Width of the fillet between two solids, and around what is carved."""
-
-EYE_CENTERS_M = np.array([[0.032, 0.010, 0.0625], [-0.032, 0.010, 0.0625]])
-EYE_RADIUS_M = 0.0125
-"""Left and right eyeball, of a grown person's size."""
-
-EYE_SUBDIVISIONS = 2
-"""Of an icosahedron: 162 vertices, edges of about 3.5 mm."""
 
 MOUTH_CENTER_M = np.array([0.0, -0.0545, 0.082])
 """Middle of the slot between the lips, which stand a little open at rest."""
@@ -115,10 +107,3 @@ def head_mesh(spacing_m: float) -> tuple[Float64[np.ndarray, "v 3"], Int64[np.nd
     """The head's closed surface without eyeballs, edges of about `spacing_m`."""
     vertices, faces = surface_nets(head_field, BOX_LOW_M, BOX_HIGH_M, spacing_m)
     return even_out(vertices, faces, head_field), faces
-
-
-def eyeball() -> tuple[Float64[np.ndarray, "v 3"], Int64[np.ndarray, "f 3"]]:
-    """A sphere of radius 1 about the origin; vertex 0, the pupil's, looks along +z."""
-    sphere = trimesh.creation.icosphere(EYE_SUBDIVISIONS)
-    turn = trimesh.geometry.align_vectors(sphere.vertices[0], [0.0, 0.0, 1.0])
-    return np.asarray(sphere.vertices) @ turn[:3, :3].T, np.asarray(sphere.faces, np.int64)

@@ -24,6 +24,10 @@ SAMPLE_SET_SIZES = (64, 16, 4, 1)
 """Low-discrepancy sets exist for powers of four from 4 on; other sample counts are sums of several sets."""
 
 
+SEEDS_PER_LIGHT = 1009
+"""More than the sets of samples of one light take: each set has its own seed."""
+
+
 def mitsuba() -> Any:
     """The module `mitsuba` with its variant chosen and one rendering thread; results do not depend on the host."""
     import drjit
@@ -70,6 +74,28 @@ def render(scene: Any, view: LensView, samples: int, seed: int) -> Float32[np.nd
         part = mi.render(scene, sensor=loaded, seed=(seed + index) % 2**31)
         image = image + np.array(part, dtype=np.float32)
     return image / np.float32(passes)
+
+
+def render_each_light(
+    scene: Any, view: LensView, positions: Float64[np.ndarray, "n 3"], intensities: Float64[np.ndarray, "n"],
+    samples: int, seed: int,
+) -> Float32[np.ndarray, "crop_height crop_width 4"]:  # fmt: skip
+    """The sum of pictures by one light each, about `samples` paths per fine pixel and light.
+
+    Paths that draw one of n lights leave noise of how much those differ; these have none of it.
+
+    Args:
+        scene: of `lit_scene` with one light, which is moved.
+    """
+    light, image = mitsuba().traverse(scene), np.zeros(0, np.float32)
+    for index, (position, intensity) in enumerate(zip(positions, intensities, strict=True)):
+        light["light_0000.position"] = position.tolist()
+        light["light_0000.intensity.value"] = [float(intensity)] * 3
+        light.update()
+        part = render(scene, view, samples, seed + SEEDS_PER_LIGHT * index)
+        image = part if index == 0 else image + part
+    image[..., 3] /= len(positions)  # coverage, seen as often
+    return image
 
 
 def triangle_mesh(
@@ -144,10 +170,11 @@ def coated_mesh(
     normals: np.ndarray,
     faces: np.ndarray,
     uv: np.ndarray,
+    ior: float = COAT_IOR,
 ) -> Any:
     """A subject's surface: a diffuse albedo texture under a rough dielectric coat (GGX of width `gloss_alpha`)."""
     bsdf = {
-        "type": "roughplastic", "distribution": "ggx", "alpha": gloss_alpha, "int_ior": COAT_IOR,
+        "type": "roughplastic", "distribution": "ggx", "alpha": gloss_alpha, "int_ior": ior,
         "diffuse_reflectance": bitmap_texture(texture, "bilinear"),
     }  # fmt: skip
     return triangle_mesh(bsdf, vertices, faces, uv, normals)

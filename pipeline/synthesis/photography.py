@@ -17,7 +17,7 @@ from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import Camera
 from pipeline.synthesis import mitsuba_scenes as scenes
 from pipeline.synthesis.detector import detect_keypoints
-from pipeline.synthesis.lens import view_points
+from pipeline.synthesis.lens import LensView, view_points
 from pipeline.synthesis.sensor_model import SensorModel, write_8bit, write_exr
 from pipeline.synthesis.stage_rig import StageRig
 from pipeline.synthesis.subject import Moment, Subject, vertex_normals
@@ -45,6 +45,10 @@ HIGHLIGHT_SUPERSAMPLING = 4
 
 DARK, HIGHLIGHT, BACKDROP = 0.012, 0.9, 0.7
 """Values of a dark stage, of a pixel filled by a light's reflection, and of the bright backdrop, of 1 = saturated."""
+
+LOOKED_FOR, SAME_SURFACE_M = 300, 1e-3
+"""Points of an eye, 2 mm apart, that say where in an image it is seen; what is hit nearer than this before one hides
+it. The margin of a view, two pixels, is more than lies between two points."""
 
 COVERED = 0.5
 """A pixel belongs to the subject if the subject covers at least half of it."""
@@ -127,9 +131,13 @@ def _photograph_frame(job: FrameJob) -> pd.DataFrame:
     for name, sensor_camera in studio.rig.cameras.items():
         camera = sensor_camera.downsampled(settings.downsample_from_sensor)
         view = view_points(camera, job.moment.vertices, settings.supersampling)
-        samples = max(1, round(paths / settings.supersampling**2))
         seed = seed_for(studio.subject, "paths", name, job.frame) % 2**31
-        developed = view.develop(scenes.render(scene, view, samples, seed))
+        developed = view.develop(_render_lit(job, scene, view, paths, seed))
+        for eye in _eyes_in_view(job.moment, scene, camera, settings.supersampling):
+            x, y, width, height = eye.window
+            window = slice(y, y + height), slice(x, x + width)
+            closer = max(1, round(paths * settings.spp_eyes / settings.spp))
+            developed[window] = eye.develop(_render_lit(job, scene, eye, closer, seed))[window]
         random = generator_for(studio.subject, "sensor", name, job.frame)
         raw = studio.sensor_model.expose(developed[..., :3], studio.rig.raw_from_true[name], random)
         write_exr(studio.root / f"images/{name}/{job.frame:06d}.exr", raw)
@@ -154,9 +162,42 @@ def _lit_subject(job: FrameJob, translucent: bool) -> Any:
             meshes.append(translucent_mesh(medium, material.gloss_alpha, *geometry))
         else:
             meshes.append(scenes.coated_mesh(shown.texture, material.gloss_alpha, *geometry))
+    for surface in job.moment.surfaces:
+        geometry = (surface.vertices, surface.normals, surface.faces, surface.uv, surface.ior)
+        meshes.append(scenes.coated_mesh(surface.texture, surface.gloss_alpha, *geometry))
+    lights, intensities = _lit_lights(job)
+    if settings.light_choice == "all":
+        lights, intensities = lights[:1], intensities[:1]
+    integrator = "volpath" if translucent else "path"
+    return scenes.lit_scene(meshes, lights, intensities, settings.max_depth, integrator)
+
+
+def _lit_lights(job: FrameJob) -> tuple[np.ndarray, np.ndarray]:
     lit = job.intensities > 0
-    lights, integrator = job.studio.rig.lights_xyz[lit], "volpath" if translucent else "path"
-    return scenes.lit_scene(meshes, lights, job.intensities[lit], settings.max_depth, integrator)
+    return job.studio.rig.lights_xyz[lit], job.intensities[lit]
+
+
+def _render_lit(job: FrameJob, scene: Any, view: LensView, paths: int, seed: int) -> np.ndarray:
+    """A view of a scene of `_lit_subject` under all lights that are on, about `paths` per image pixel."""
+    settings, (lights, intensities) = job.studio.settings, _lit_lights(job)
+    samples = paths / settings.supersampling**2
+    if settings.light_choice == "drawn":
+        return scenes.render(scene, view, max(1, round(samples)), seed)
+    return scenes.render_each_light(scene, view, lights, intensities, max(1, round(samples / len(lights))), seed)
+
+
+def _eyes_in_view(moment: Moment, scene: Any, camera: Camera, samples: int) -> list[LensView]:
+    """A view of each eye of which something is seen, to be rendered with more paths than the rest."""
+    views = []
+    for name in dict.fromkeys(surface.name for surface in moment.surfaces):
+        points = np.concatenate([surface.vertices for surface in moment.surfaces if surface.name == name])
+        points = points[:: max(1, len(points) // LOOKED_FOR)]
+        ways = points - camera.center
+        distances = np.linalg.norm(ways, axis=1)
+        seen = scenes.hit_distances(scene, camera.center, ways / distances[:, None]) > distances - SAME_SURFACE_M
+        if seen.any():
+            views.append(view_points(camera, points[seen], samples))
+    return views
 
 
 def _detect(job: FrameJob, scene: object, name: str, camera: Camera) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
@@ -15,6 +15,27 @@ from pipeline.synthesis.appearance import Unwrapped
 
 
 @dataclass(frozen=True)
+class Surface:
+    """A surface that is photographed as it is, instead of faces of the template; world metres.
+
+    Attributes:
+        name: of what it belongs to.
+        normals: unit, for shading.
+        texture: linear albedo, row 0 at v = 0.
+        gloss_alpha, ior: width of the GGX lobe of its coat, and the coat's refractive index.
+    """
+
+    name: str
+    vertices: Float64[np.ndarray, "v 3"]
+    normals: Float64[np.ndarray, "v 3"]
+    faces: Int64[np.ndarray, "f 3"]
+    uv: Float64[np.ndarray, "v 2"]
+    texture: Float32[np.ndarray, "size size 3"]
+    gloss_alpha: float
+    ior: float
+
+
+@dataclass(frozen=True)
 class Moment:
     """The subject at one time, world metres.
 
@@ -22,11 +43,15 @@ class Moment:
         vertices: of the mesh that is not cut along texture seams.
         keypoints: what a detector looks for.
         truth: further arrays that say how the subject was posed, by the name under which truth/ stores them.
+        gaze: unit direction in which each eye looks, in the frame of the template at rest, by the eye's name.
+        surfaces: eyes, whose glints are smaller than a face of the template.
     """
 
     vertices: Float64[np.ndarray, "v 3"]
     keypoints: Float64[np.ndarray, "k 3"]
     truth: Mapping[str, np.ndarray]
+    gaze: Mapping[str, np.ndarray] = field(default_factory=dict)
+    surfaces: tuple[Surface, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -52,10 +77,11 @@ class Subject(Protocol):
         vertices, faces: the rest mesh in metres, not cut along texture seams.
         unwrapped: the same mesh cut along texture seams, faces in the same order.
         texture: linear albedo, row 0 at v = 0.
-        materials: every face belongs to one.
+        materials: of all faces but those that a moment's surfaces replace.
         keypoint_names: in the order of `Moment.keypoints`.
         keypoint_depth_m: a keypoint lies up to this far below its own skin; behind more, it is hidden.
         detected_when_hidden: whether a detector guesses hidden keypoints (joints) or leaves them out (skin).
+        eyes: vertices of the uncut mesh that each eye consists of, by name.
     """
 
     kind: Literal["body", "head"]
@@ -67,13 +93,18 @@ class Subject(Protocol):
     keypoint_names: tuple[str, ...]
     keypoint_depth_m: float
     detected_when_hidden: bool
+    eyes: Mapping[str, Int64[np.ndarray, " vertices"]]
 
     def at(self, time_s: float, segment: str) -> Moment:
         """The subject at a time within segment `a` or `b`, in the stage frame."""
         ...
 
     def write_template(self, folder: Path, settings: SynthesizeCapture) -> None:
-        """Write template.glb and keypoints.csv, vertices in the order of `template_source`."""
+        """Write template.glb, keypoints.csv and, if there are eyes, eyes.csv, vertices in `template_source`'s order."""
+        ...
+
+    def eye_truth(self) -> dict[str, dict[str, object]]:
+        """The shape of each eye in the resting template, metres."""
         ...
 
 

@@ -64,6 +64,7 @@ def write_cameras_and_color(folder: Path, k1: float, gain: float) -> dict[str, P
     write_json(folder / "index/capture.json", {"subject": "ball", "images": {"downsample_from_sensor": 2}})
     columns = ["camera", "frame", "path", "test_camera", "test_frame", "test_segment", "test_pattern"]
     write_table(paths["index"] / "images.parquet", pd.DataFrame(columns=columns))
+    write_table(paths["index"] / "gaze.parquet", pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]))
     intrinsics = np.array([[100.0, 0, 100], [0, 100, 50], [0, 0, 1]])
     straight = Camera(np.eye(3), np.array([0.3, 0, 5]), intrinsics, np.zeros(5), 200, 100)
     bent = Camera(np.diag([-1.0, -1, 1]), np.array([0, 1.0, 5]), intrinsics, np.array([k1, 0, 0, 0, 0]), 200, 100)

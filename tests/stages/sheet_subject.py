@@ -32,7 +32,8 @@ def write_subject(folder, images=None, shadow=False):
     dimmed = [dataclasses.replace(frame, irradiance=share * frame.irradiance) for frame in frames]
     write_frame_shard(folder / "shards/frames/0000.arrow", dimmed)
     write_image_shard(folder / "shards/train/0000.arrow", images or sheet_images(frames))
-    (folder / "effects.json").write_text(json.dumps({name: {"on": name != "shadow" or shadow} for name in EFFECTS}))
+    on = set(EFFECTS) - {"eyes"} - ({"shadow"} if not shadow else set())
+    (folder / "effects.json").write_text(json.dumps({name: {"on": name in on} for name in EFFECTS}))
 
 
 def arguments_of(folder):

@@ -95,6 +95,9 @@ def test_ablations_have_a_row_per_variant_with_scores_and_costs(results):
     row = metrics[(metrics.variant == "bad") & (metrics.split == "test") & (metrics.lit == "full")].iloc[0]
     assert table.ssim_full[1] == pytest.approx(row.ssim) and table.flip_full[1] == pytest.approx(row.flip)
     assert table.lpips_all.isna().all()
+    assert table.psnr_db_held_out_lights.tolist() == pytest.approx([expected_psnr(0.01), expected_psnr(0.1)], abs=0.01)
+    row = metrics[(metrics.variant == "bad") & (metrics.split == "held_out_segments") & (metrics.lit == "all")].iloc[0]
+    assert table.ssim_held_out_segments[1] == pytest.approx(row.ssim)
 
 
 def test_each_avatar_is_lit_by_its_own_frames(results):
@@ -115,7 +118,7 @@ def test_the_table_says_what_was_planted(results):
         "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
         "color_space", "region", "lpips_net", "lpips_weights",
     ]  # fmt: skip
-    assert len(table) == 2 * 5 * 3
+    assert len(table) == 2 * 7 * 3
     assert set(table.subject) == {"someone"}
     assert set(table.color_space) == {"sRGB"}
     rows = table.set_index(["variant", "split", "lit"])
@@ -127,6 +130,8 @@ def test_the_table_says_what_was_planted(results):
         ("test_frames", "all"): 2, ("test_frames", "full"): 0, ("test_frames", "partial"): 2,
         ("test_segments", "all"): 1, ("test_segments", "full"): 1, ("test_segments", "partial"): 0,
         ("test_patterns", "all"): 0, ("test_patterns", "full"): 0, ("test_patterns", "partial"): 0,
+        ("held_out_segments", "all"): 1, ("held_out_segments", "full"): 1, ("held_out_segments", "partial"): 0,
+        ("held_out_lights", "all"): 1, ("held_out_lights", "full"): 0, ("held_out_lights", "partial"): 1,
     }  # fmt: skip
     empty = rows.loc[("good", "test_frames", "full")]
     assert empty[["psnr_db", "ssim", "lpips", "flip"]].isna().all()

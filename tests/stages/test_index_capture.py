@@ -103,6 +103,7 @@ class TestValid:
                 "keypoints": "template/keypoints.csv",
                 "keypoints_digest": digest(known / "template/keypoints.csv"),
                 "scale_to_m": 0.5,
+                "eyes": [],
             },
         }
 

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.spatial.transform
+from safetensors.numpy import load_file
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays
@@ -46,7 +48,10 @@ def stage(tmp_path) -> Path:
     (tmp_path / "index").mkdir()
     pd.DataFrame(rows).to_parquet(tmp_path / "index/images.parquet")
     pd.DataFrame({"frame": FRAMES[::-1]}).to_parquet(tmp_path / "index/frames.parquet")
-    facts = {"images": {"transfer": "linear", "black_level": 0.25, "downsample_from_sensor": DOWNSAMPLE}}
+    pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]).to_parquet(tmp_path / "index/gaze.parquet")
+    facts = {
+        "kind": "body", "images": {"transfer": "linear", "black_level": 0.25, "downsample_from_sensor": DOWNSAMPLE}
+    }  # fmt: skip
     (tmp_path / "index/capture.json").write_text(json.dumps(facts))
     K = np.array([[80.0, 0, 30], [0, 80, 34], [0, 0, 1]])
     camera = Camera(np.eye(3), np.array([0.0, 0, 2]), K, np.array([-0.6, 0, 0, 0, 0]), SENSOR, SENSOR)
@@ -161,6 +166,39 @@ def test_without_masks_the_mesh_is_the_silhouette(stage):
     # The square spans 40 px/m x 0.4 m / 2 m = 8 by 12 pixels around (15, 17); frame 10 is tracked as it is at rest.
     assert (train[0].x0 + 2, train[0].y0 + 2, train[0].width - 4, train[0].height - 4) == (11, 11, 8, 12)
     assert train[0].mask.sum() == 8 * 12
+
+
+def test_a_head_has_its_motion_gaze_and_texture(stage):
+    facts = json.loads((stage / "index/capture.json").read_text())
+    (stage / "index/capture.json").write_text(json.dumps(facts | {"kind": "head"}))
+    turn = scipy.spatial.transform.Rotation.random(len(FRAMES), rng=3)
+    shift = np.random.default_rng(4).normal(size=(len(FRAMES), 3))
+    tracked = load_file(stage / "0000.safetensors")
+    tracked["root_rotation"] = turn.as_quat(scalar_first=True).astype(np.float32)
+    write_arrays(stage / "0000.safetensors", {**tracked, "root_translation": shift.astype(np.float32)})
+    looks = [(f, eye, *v) for f in FRAMES for eye, v in (("right", (1.0, 0.0, f)), ("left", (0.0, 1.0, f)))]
+    pd.DataFrame(looks, columns=["frame", "eye", "x", "y", "z"]).to_parquet(stage / "index/gaze.parquet")
+    textures = np.random.default_rng(5).uniform(size=(len(FRAMES), 3, 3)).astype(np.float16)
+    write_arrays(stage / "textures.safetensors", {"frames": np.array(FRAMES), "textures": textures})
+    _, _, frames = pack(stage, textures=stage / "textures.safetensors")
+    point = np.array([0.1, 0.2, 0.3])
+    for i, frame in enumerate(FRAMES[:3]):
+        moved = turn[i].apply(point) + shift[i]
+        motion = frames[frame].head_from_world
+        np.testing.assert_allclose(motion[:, :3] @ moved + motion[:, 3], point, atol=1e-6)  # float32 of about 1
+        np.testing.assert_array_equal(frames[frame].gaze, [[0, 1, frame], [1, 0, frame]])  # left before right
+        np.testing.assert_array_equal(frames[frame].texture, textures[i].astype(np.float32))
+    write_arrays(stage / "textures.safetensors", {"frames": np.array(FRAMES[:2]), "textures": textures[:2]})
+    with pytest.raises(InputError, match="frame 12: expected a mean texture"):
+        pack(stage, textures=stage / "textures.safetensors")
+    write_arrays(stage / "textures.safetensors", {"frames": np.array(FRAMES)})
+    with pytest.raises(InputError, match="run unwrap_textures again"):
+        pack(stage, textures=stage / "textures.safetensors")
+
+
+def test_a_body_has_none_of_that(stage):
+    _, _, frames = pack(stage)
+    assert (frames[10].head_from_world, frames[10].gaze, frames[10].texture) == (None, None, None)
 
 
 def test_chunks_partition_the_frames(stage):

@@ -8,17 +8,19 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 from pipeline import relight_avatar as stage
 from pipeline.avatar.checkpoint import save_avatar
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import texel_spacing
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec import AvatarSpec, spec_of
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays
 from pipeline.capture.images import read_exr_channel, read_stored, write_exr
 from pipeline.config.relight_avatar import RelightAvatar
+from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.camera_paths import orbit
 from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.texels import write_atlas
@@ -166,3 +168,26 @@ def test_map_is_prefiltered_at_the_height_that_is_asked_for(inputs, tmp_path):
     np.testing.assert_array_equal(shown[None], shown[4096])
     errors = [np.abs(shown[height] - shown[None]).mean() for height in (8, 2)]
     assert 0 < errors[0] < errors[1]
+
+
+def test_a_head_is_driven_by_its_tracked_expressions(inputs, tmp_path):
+    """Frames of a head carry its motion; without textures, its code is that of its vertices."""
+    atlas = make_sheet(10)
+    choices = TrainAvatar(avatar="head", deferred="off", code_size=4, decoder_channels=(8, 4), pose_points=4)
+    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(choices, {"near_field", "specular"}))
+    rest = torch.as_tensor(atlas.rest_vertices)
+    bent = rest + torch.tensor([0.0, 0.0, 0.1]) * (torch.arange(len(rest)) == 1)[:, None]
+    avatar.networks.expression.learn_statistics([rest, bent], [])
+    save_avatar(tmp_path / "avatar", avatar, {})
+    still = {
+        "root_rotation": np.tile(np.float32([1, 0, 0, 0]), (2, 1)),
+        "root_translation": np.zeros((2, 3), np.float32),
+    }
+    tracked = np.stack([atlas.rest_vertices, bent.numpy()]).astype(np.float32)
+    write_arrays(tmp_path / "0000.safetensors", {"frames": np.arange(2), "vertices": tracked, **still})
+    settings = RelightAvatar(**SMALL, stills="exr", splats="all")
+    stage.run(**inputs, lights=tmp_path / "lights.csv", out=tmp_path / "out", settings=settings)
+    assert film_length(tmp_path / "out/film.mp4") == 2
+    depths = [read_splats(tmp_path / f"out/splats/{picture:06d}.ply").means[:, 2].max() for picture in range(2)]
+    assert abs(float(depths[0])) < 0.01 and 0.05 < float(depths[1]) < 0.15
+    assert linear(tmp_path / "out", 0)[..., 3].max() > 0.9

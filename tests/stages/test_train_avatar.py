@@ -42,7 +42,7 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     assert not any("shadow" in name for name in read_arrays(tmp_path / "off/avatar.safetensors"))
     assert not (tmp_path / "off/checkpoint.safetensors").exists()
     assert len(load_avatar(tmp_path / "off", inputs["atlas"]).avatar.albedo) == 64
-    inputs["effects"].write_text(json.dumps({name: {"on": True} for name in EFFECTS}))
+    inputs["effects"].write_text(json.dumps({name: {"on": name != "eyes"} for name in EFFECTS}))
     with pytest.raises(InputError, match="expected traced shadows, found none"):
         stage.run(**inputs, out=tmp_path / "on")
     shadowed = [
@@ -54,8 +54,14 @@ def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
     assert any("shadow" in name for name in read_arrays(tmp_path / "on/avatar.safetensors"))
 
 
+def test_eyes_that_are_on_ask_for_their_fit(inputs, tmp_path):
+    settings = SETTINGS.model_copy(update={"eyes": "on"})
+    with pytest.raises(InputError, match=r"--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none"):
+        stage.run(**{**inputs, "settings": settings}, out=tmp_path / "avatar")
+
+
 def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
-    inputs["effects"].write_text(json.dumps({name: {"on": True} for name in EFFECTS}))
+    inputs["effects"].write_text(json.dumps({name: {"on": name != "eyes"} for name in EFFECTS}))
     dimmed = [
         dataclasses.replace(frame, irradiance=0.5 * frame.irradiance, falling=0.3 * frame.falling)
         for frame in read_frame_shards([tmp_path / "shards/frames"]).values()

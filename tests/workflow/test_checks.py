@@ -88,6 +88,12 @@ def test_ablations_are_one_command_for_any_subject(workflow):
     assert planned == {**once, "train_avatar": len(variants)}
 
 
+def test_rows_of_a_head_are_one_command_for_any_subject(workflow):
+    planned = workflow.planned("results/tiny/ablations.csv", "--configfile", "config/presets/head_rows.yaml")
+    variants = yaml.safe_load((workflow.folder / "config/presets/head_rows.yaml").read_text())["variants"]
+    assert planned == {"synthesize_capture": 1, **ALWAYS, "train_avatar": len(variants)}
+
+
 def test_missing_subject_is_told_what_is_expected_and_what_there_is(workflow):
     printed = workflow.refused("results/nobody/metrics.csv")
     assert "subject 'nobody': expected captures/nobody/capture.yaml, found no such file" in printed
@@ -116,7 +122,7 @@ def test_wrong_configuration_is_said_at_once_and_without_traceback(copy_of_proje
 
 def test_stage_has_one_rule_with_a_log_and_a_benchmark_of_its_name(repo_root):
     text = "\n".join(path.read_text() for path in sorted((repo_root / "workflow/rules").glob("*.smk")))
-    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance"):
+    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance", "unwrap_textures"):
         assert len([line for line in text.splitlines() if line in (f"rule {stage}:", f"checkpoint {stage}:")]) == 1
         for expected in (f"/logs/{stage}.", f"/benchmarks/{stage}.", f'code_of("{stage}")', f"-m pipeline.{stage} "):
             assert expected in text

@@ -9,7 +9,7 @@ import pytest
 from pipeline.config.project import SECTIONS
 
 TARGET = "results/subjectA/metrics.csv"
-INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d")
+INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "eyes", "gaze")
 INDEX_JSON = ("capture", "calibration_cameras", "calibration_lights", "calibration_color")
 OUTPUTS = {
     "synthesize_capture": ["capture.yaml"],
@@ -21,7 +21,9 @@ OUTPUTS = {
     "track_mesh": ["{chunk}.safetensors", "{chunk}.parquet"],
     "unwrap_atlas": ["atlas.safetensors", "atlas.png", "template.glb"],
     "plan_effects": [""],
+    "fit_eyes": [""],
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
+    "unwrap_textures": [".safetensors", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
@@ -37,6 +39,9 @@ ON_REQUEST = {
 }
 """Stages that nothing else waits for."""
 
+HEADS_ONLY = {"unwrap_textures"}
+"""Stages that captures of bodies do without."""
+
 STAND_IN = """
 import hashlib, json, sys
 from pathlib import Path
@@ -51,20 +56,24 @@ for word in words:
         flags[name].append(word)
 out = Path(flags["out"][0])
 content = hashlib.sha256(" ".join(words).encode())
+head = flags.get("figure") == ["head"]
 for path in sorted(Path(word) for key, values in flags.items() if key != "out" for word in values):
     for file in sorted(path.rglob("*.*")) if path.is_dir() else [path] if path.is_file() else []:
         if file.is_file() and not file.name.startswith("."):
             content.update(file.read_bytes())
-text = json.dumps({"shadow": {"on": flags.get("shadow") != ["off"]}, "content": content.hexdigest()})
+            head |= b'"kind": "head"' in file.read_bytes()
+planned = {name: {"on": flags.get(name) != ["off"]} for name in ("shadow", "eyes")}
+text = json.dumps({**planned, "kind": "head" if head else "body", "content": content.hexdigest()})
 for output in OUTPUTS:
     output = output.replace("{chunk}", flags.get("chunk", [""])[0])
-    path = Path(f"{out}{output}") if output[:1] in ("", "/", ".") else out / output
+    path = Path(f"{out}{output}") if output[:1] in ("", "/") else out / output
+    path = out.with_suffix(output) if output[:1] == "." else path
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text + " changed" * (output in CHANGED))
 """
 SUBJECT = "source: synthetic\nchunk_frames: 12\nsynthesize_capture: {frames: 24}\n"
 AFTER_PACKING = {"pack_shards": 2, "train_avatar": 1, "evaluate_avatar": 1}
-AFTER_TRACKING = {"track_mesh": 2, "plan_effects": 1, **AFTER_PACKING}
+AFTER_TRACKING = {"track_mesh": 2, "plan_effects": 1, "fit_eyes": 1, **AFTER_PACKING}
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +85,8 @@ def made(copy_of_project, tmp_path_factory):
         text = f"from pipeline.config import {stage}\n{STAND_IN}".replace("OUTPUTS:", f"{OUTPUTS[stage]!r}:")
         (workflow.folder / f"pipeline/{stage}.py").write_text(text)
     (workflow.folder / "config/subjects/subjectA.yaml").write_text(SUBJECT)
-    assert sorted(workflow.ran(TARGET)) == sorted([*OUTPUTS, "track_mesh", "trace_irradiance", "pack_shards"])
+    ran = [*(OUTPUTS.keys() - HEADS_ONLY), "track_mesh", "trace_irradiance", "pack_shards"]
+    assert sorted(workflow.ran(TARGET)) == sorted(ran)
     assert workflow.planned(TARGET) == {}
     return workflow
 
@@ -112,8 +122,10 @@ def test_changed_setting_reruns_its_stage_and_what_follows(workflow, setting, ex
     workflow.append("config/subjects/subjectA.yaml", setting + "\n")
     planned = workflow.planned(TARGET)
     if "track_mesh" in expected:
-        planned.pop("trace_irradiance", None)  # Whether there are shadows is open until plan_effects has run.
-    assert planned == expected
+        # Whether there are shadows and eyes is open until plan_effects has run.
+        for open_until_planned in ("trace_irradiance", "fit_eyes"):
+            planned.pop(open_until_planned, None)
+    assert planned == {stage: jobs for stage, jobs in expected.items() if stage != "fit_eyes"}
 
 
 def test_number_of_training_processes_reruns_nothing_and_starts_so_many(workflow):
@@ -190,10 +202,26 @@ def test_effect_that_is_off_has_no_job(workflow):
     assert workflow.planned(TARGET) == {}
 
 
+def test_eyes_are_fitted_only_where_an_avatar_has_them(workflow):
+    workflow.append("config/subjects/subjectA.yaml", "variants: {full: {eyes: off}}\n")
+    (workflow.folder / "results/subjectA/eyes.json").unlink()
+    assert workflow.ran(TARGET) == ["train_avatar", "evaluate_avatar"]
+    assert workflow.planned(TARGET) == {}
+
+
 def test_shadows_that_no_avatar_learns_have_no_job(workflow):
     workflow.append("config/subjects/subjectA.yaml", "variants: {auto: {shading: auto}}\n")
     shutil.rmtree(workflow.folder / "results/subjectA/irradiance")
     assert workflow.ran(TARGET) == ["pack_shards", "pack_shards", "train_avatar", "evaluate_avatar"]
+
+
+def test_heads_have_jobs_that_bodies_have_not(workflow):
+    workflow.edit("config/subjects/subjectA.yaml", "{frames: 24}", "{frames: 24, figure: head}")
+    ran = workflow.ran(TARGET)
+    assert ran.count("unwrap_textures") == 2
+    assert workflow.planned(TARGET) == {}
+    workflow.append("config/subjects/subjectA.yaml", "unwrap_textures: {cosine_power: 2}\n")
+    assert workflow.planned(TARGET) == {"unwrap_textures": 2, **AFTER_PACKING}
 
 
 def test_shards_of_other_chunks_are_refused(workflow):

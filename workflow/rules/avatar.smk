@@ -4,6 +4,7 @@ checkpoint pack_shards:
         capture="results/{subject}/index/capture.json",
         index_frames="results/{subject}/index/frames.parquet",
         images="results/{subject}/index/images.parquet",
+        gaze="results/{subject}/index/gaze.parquet",
         atlas="results/{subject}/atlas.safetensors",
         tracking="results/{subject}/tracking/{chunk}.safetensors",
         cameras="results/{subject}/calibration/cameras.json",
@@ -13,6 +14,7 @@ checkpoint pack_shards:
         patterns="results/{subject}/patterns.parquet",
         frames="results/{subject}/frames.parquet",
         irradiance=traced_irradiance,
+        textures=mean_textures,
     output:
         train="results/{subject}/shards/train/{chunk}.arrow",
         test="results/{subject}/shards/test/{chunk}.arrow",
@@ -34,6 +36,7 @@ checkpoint pack_shards:
         irradiance=lambda wildcards, input: [
             word for table in input.irradiance for word in ("--irradiance", table.removesuffix(".parquet"))
         ],
+        textures=lambda wildcards, input: [word for path in input.textures for word in ("--textures", path)],
         parts=[],
         chunk_size=chunk_size,
         settings=settings_of("pack_shards"),
@@ -44,7 +47,7 @@ checkpoint pack_shards:
         "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
         "--color {input.color:q} --lights {input.lights:q} --effects {input.effects:q} "
         "--patterns {input.patterns:q} --frames {input.frames:q} --chunk {wildcards.chunk} "
-        "--chunk-size {params.chunk_size} {params.irradiance:q} {params.parts:q} --out {params.out:q} "
+        "--chunk-size {params.chunk_size} {params.irradiance:q} {params.textures:q} {params.parts:q} --out {params.out:q} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -71,6 +74,7 @@ rule train_avatar:
         effects="results/{subject}/effects.json",
         train=shards_of("train"),
         frames=frame_shards,
+        eyes=fitted_eyes,
     output:
         avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
         config="results/{subject}/avatars/{variant}/config.json",
@@ -89,11 +93,12 @@ rule train_avatar:
         code=code_of("train_avatar"),
         shards=lambda wildcards: f"results/{wildcards.subject}/shards",
         frames=frame_folders,
+        eyes=lambda wildcards, input: ["--fitted-eyes", *input.eyes] if input.eyes else [],
         out=subpath(output.avatar, parent=True),
         settings=settings_of("train_avatar"),
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
         "{resources.launcher} -m pipeline.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
-        "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} --out {params.out:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} {params.eyes:q} "
+        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"

@@ -37,6 +37,8 @@ checkpoint index_capture:
         patterns="results/{subject}/index/patterns.parquet",
         images="results/{subject}/index/images.parquet",
         keypoints="results/{subject}/index/keypoints_2d.parquet",
+        eyes="results/{subject}/index/eyes.parquet",
+        gaze="results/{subject}/index/gaze.parquet",
         capture="results/{subject}/index/capture.json",
         calibration_cameras="results/{subject}/index/calibration_cameras.json",
         calibration_lights="results/{subject}/index/calibration_lights.json",

@@ -125,16 +125,27 @@ def frame_shards(wildcards):
     return [file for folder in dict.fromkeys(frame_folders(wildcards)) for file in shards_in(folder, wildcards)]
 
 
+def kind_of(subject):
+    """What a capture is of, body or head."""
+    return json.loads(Path(checkpoints.index_capture.get(subject=subject).output.capture).read_text())["kind"]
+
+
+def planned_effects(wildcards):
+    """The effects that plan_effects turned on."""
+    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
+    effects = json.loads(Path(path).read_text())
+    return [name for name in EFFECTS if effects.get(name, {}).get("on")]
+
+
 def traced_irradiance(wildcards):
     """The table of a chunk's irradiance maps, if plan_effects found that this capture needs shadows and an avatar learns
     them. It holds the maps' digests and stands for their folder, whose content Snakemake cannot compare."""
-    path = checkpoints.plan_effects.get(subject=wildcards.subject).output.effects
-    effects = json.loads(Path(path).read_text())
-    planned = [name for name in EFFECTS if effects.get(name, {}).get("on")]
+    planned = planned_effects(wildcards)
     subject = project.subject(wildcards.subject)
     is_own = "variant" in wildcards.keys()
     variants = [wildcards.variant] if is_own else subject.variants
-    read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned) for variant in variants)
+    kind = kind_of(wildcards.subject)
+    read = any(section_of(subject, "train_avatar", variant).reads_irradiance(planned, kind) for variant in variants)
     own = f"variants/{wildcards.variant}/" if is_own else ""
     return [f"results/{wildcards.subject}/{own}irradiance/{wildcards.chunk}.parquet"] if read else []
 
@@ -151,6 +162,20 @@ def promise_of_budget(wildcards):
     if promise is None:
         raise WorkflowError(f"results/{wildcards.subject}/budget.csv: expected a budget: --config budget_minutes=10")
     return json.dumps(promise.as_json())
+
+
+def mean_textures(wildcards):
+    """A chunk's mean textures, if an avatar is encoded from them: not if all are of bodies."""
+    subject, kind = project.subject(wildcards.subject), kind_of(wildcards.subject)
+    variants = [wildcards.variant] if "variant" in wildcards.keys() else subject.variants
+    read = any(section_of(subject, "train_avatar", variant).reads_textures(kind) for variant in variants)
+    return [f"results/{wildcards.subject}/textures/{wildcards.chunk}.safetensors"] if read else []
+
+
+def fitted_eyes(wildcards):
+    """The file of a variant's explicit eyes, if it has any."""
+    settings = section_of(project.subject(wildcards.subject), "train_avatar", wildcards.variant)
+    return [f"results/{wildcards.subject}/eyes.json"] if settings.reads_eyes(planned_effects(wildcards)) else []
 
 
 def avatars_of(*files):

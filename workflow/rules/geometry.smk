@@ -101,3 +101,32 @@ rule unwrap_atlas:
     shell:
         "python -m pipeline.unwrap_atlas --capture {params.capture:q} --index {params.index:q} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+
+
+# Only for avatars with explicit eyes: `fitted_eyes` asks for it.
+rule fit_eyes:
+    input:
+        eyes="results/{subject}/index/eyes.parquet",
+        gaze="results/{subject}/index/gaze.parquet",
+        atlas="results/{subject}/atlas.safetensors",
+        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+    output:
+        eyes="results/{subject}/eyes.json",
+    log:
+        "results/{subject}/logs/fit_eyes.log",
+    benchmark:
+        "results/{subject}/benchmarks/fit_eyes.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_of("fit_eyes"),
+        index=subpath(input.eyes, parent=True),
+        settings=settings_of("fit_eyes"),
+    message:
+        "{wildcards.subject}: fitting eyeballs and corneas"
+    shell:
+        "python -m pipeline.fit_eyes --index {params.index:q} --atlas {input.atlas:q} "
+        "--tracking {input.tracking:q} --out {output.eyes:q} {params.settings:q} > {log:q} 2>&1"

@@ -5,6 +5,7 @@ checkpoint plan_effects:
         atlas="results/{subject}/atlas.safetensors",
         tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
         images="results/{subject}/index/images.parquet",
+        gaze="results/{subject}/index/gaze.parquet",
         patterns="results/{subject}/patterns.parquet",
         frames="results/{subject}/frames.parquet",
         lights="results/{subject}/calibration/lights.parquet",

@@ -10,7 +10,7 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from pipeline.avatar import model, pose
+from pipeline.avatar import lit_texels, model, pose
 from pipeline.avatar.checkpoint import LoadedAvatar
 from pipeline.avatar.environment_avatar import PreparedSky
 from pipeline.avatar.model import Avatar
@@ -31,6 +31,12 @@ from tests.unit.avatar.test_training import VARIANTS
 
 PLANNED = {"shadow", "near_field", "articulation", "specular", "deferred"}
 
+# Decoded anchors are placed by NumPy, from numbers.
+HEAD = {"avatar": "head", "anchors": "tracked", "weight_ssim": 0.1}
+HEADS = {
+    "rgca": HEAD | {"deferred": "off"}, "eyenerf": HEAD | {"highlight": "harmonics"},
+    "linear": HEAD | {"shading": "linear"}, "cosine": HEAD | {"highlight": "cosine", "transfer_degree": 3},
+}  # fmt: skip
 ELSEWHERE = torch.device("meta")
 COVERED_PIXELS = 7
 
@@ -67,14 +73,14 @@ def no_numbers(monkeypatch):
     monkeypatch.setattr(torch, "nonzero", covered_pixels)
     # The mesh is drawn on the CPU, from numbers; its depth comes back to the picture's device.
     monkeypatch.setattr(model, "depth_of_pixels", lambda source, picture, *rest: picture.depth.detach())
-    for module in (model, pose):
+    for module in (lit_texels, pose):
         monkeypatch.setattr(module, "white_once", lambda intensities: intensities)
 
 
-@pytest.mark.parametrize("name", ["full", *VARIANTS])
+@pytest.mark.parametrize("name", ["full", *VARIANTS, *HEADS])
 @pytest.mark.usefixtures("no_numbers")
 def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(name):
-    settings = TrainAvatar(**VARIANTS.get(name, {}))
+    settings = TrainAvatar(**(VARIANTS | HEADS).get(name, {}))
     atlas = make_sheet(8)
     record = make_frame(atlas, np.array([[0.5, 0.3, 1.5], [0.1, 0.2, 1.4]]), np.array([[3.0, 2, 1], [1, 1, 1]]))
     image = make_image(record, np.array([0.7, 0.4, 0.2]))

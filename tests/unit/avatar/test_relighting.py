@@ -58,7 +58,7 @@ def test_networks_follow_a_new_pose_under_a_new_light() -> None:
         assert torch.equal(lamps[name], lobes[name])
         assert not torch.equal(lamps[name], flat[name])
     center = torch.tensor([0.1, 0.05, 0.9])
-    assert torch.equal(*(it.avatar.specular_visibility(frame, center) for frame in (lamps, lobes)))
+    assert torch.equal(*(it.avatar.specular_visibility(it.avatar.viewed(frame, center)) for frame in (lamps, lobes)))
     for frame in (lamps, lobes):
         assert it.view(frame, CAMERA)[0].isfinite().all()
 

@@ -11,7 +11,8 @@ from pipeline.avatar.losses import outside, photometric, silhouette
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.spec import AvatarSpec, spec_of
-from pipeline.avatar.training import BrokenStep, Position, Schedule, Training
+from pipeline.avatar.training import BrokenStep, Position, Training
+from pipeline.avatar.training_images import Schedule
 from pipeline.base.files import read_arrays
 from pipeline.config.train_avatar import TrainAvatar
 from tests.unit.avatar.sheet import make_frame, make_image, make_sheet

@@ -107,6 +107,17 @@ def test_frames_round_trip(tmp_path):
         frames[4]
 
 
+def test_a_head_keeps_what_only_heads_have(tmp_path):
+    rng = np.random.default_rng(1)
+    motion, gaze = rng.normal(size=(3, 4)).astype(np.float32), rng.normal(size=(2, 3)).astype(np.float32)
+    texture = rng.uniform(size=(9, 3)).astype(np.float32)
+    head = replace(frame_record(8), head_from_world=motion, gaze=gaze, texture=texture)
+    write_frame_shard(tmp_path / "0000.arrow", [head, frame_record(3)])
+    frames = read_frame_shards([tmp_path])
+    assert_same(frames[8], head, ("irradiance", "falling", "texture"))
+    assert (frames[3].head_from_world, frames[3].gaze, frames[3].texture) == (None, None, None)
+
+
 def test_records_can_be_changed_and_readers_sent_to_another_process(tmp_path):
     write_image_shard(tmp_path / "a.arrow", [image_record(1)])
     write_frame_shard(tmp_path / "b.arrow", [frame_record(1)])

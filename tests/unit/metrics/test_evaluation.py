@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pytest
 import torch
 
 from pipeline.metrics.comparison import side_by_side
-from pipeline.metrics.evaluation import PSNR_CEILING_DB, evaluate, summarize
+from pipeline.metrics.evaluation import PSNR_CEILING_DB, SPLITS, evaluate, summarize
 from pipeline.metrics.lpips import Lpips, build_features, linear_weights
 
 
@@ -58,10 +59,26 @@ def test_only_held_out_images_are_scored_and_groups_are_complete():
         ("test_frames", "all"): 0, ("test_frames", "full"): 0, ("test_frames", "partial"): 0,
         ("test_segments", "all"): 1, ("test_segments", "full"): 0, ("test_segments", "partial"): 1,
         ("test_patterns", "all"): 2, ("test_patterns", "full"): 1, ("test_patterns", "partial"): 1,
+        **dict.fromkeys(product(("held_out_segments", "held_out_lights"), ("all", "full", "partial")), 0),
     }  # fmt: skip
     assert rows.loc[("test_frames", "all"), ["psnr_db", "ssim", "lpips", "flip"]].isna().all()
     assert rows.loc[("test", "partial"), "psnr_db"] == pytest.approx(table.psnr_db[1:].mean())
     assert table.lpips.isna().all()
+
+
+def test_new_light_and_new_expressions_are_told_apart():
+    known = {"test_camera": False, "fully_lit": False}
+    images = [
+        subject_image(0, frame=0, **known | {"test_frame": True}),
+        subject_image(1, frame=1, **known | {"test_pattern": True}),
+        subject_image(2, frame=2, **known | {"test_frame": True, "fully_lit": True}),  # light that training knows
+        subject_image(3, frame=3, **known | {"test_segment": True, "test_pattern": True}),
+        subject_image(4, frame=4, **known | {"test_segment": True, "fully_lit": True}),
+        subject_image(5, frame=5, test_camera=True, test_segment=True),
+    ]
+    table = evaluate(add_to(0.05), images, dict.fromkeys(range(6)))
+    lights, segments = (table[SPLITS[name](table)].frame.tolist() for name in ("held_out_lights", "held_out_segments"))
+    assert lights == [0, 1] and segments == [3, 4]
 
 
 def test_psnr_is_in_srgb_over_the_subject():
@@ -160,7 +177,7 @@ def test_a_broken_rendering_is_an_error_that_names_the_image():
 
 def test_no_test_images_give_empty_rows():
     rows = summarize(evaluate(add_to(0.1), [subject_image(test_camera=False)], {0: None}))
-    assert len(rows) == 15
+    assert len(rows) == 21
     assert (rows.images == 0).all()
     assert rows.psnr_db.isna().all()
 

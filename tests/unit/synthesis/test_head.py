@@ -4,15 +4,20 @@ import numpy as np
 import pandas as pd
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis.expression import Performance, displaced, performance_at
+from pipeline.synthesis.eyeball import CORNEA_OFFSET_M, CORNEA_RADIUS_M, EYE_CENTERS_M, EYE_NAMES, template_eyeball
 from pipeline.synthesis.head import build_head
 from pipeline.synthesis.head_appearance import IRIS, PUPIL, SCLERA, eye_albedo
-from pipeline.synthesis.head_shape import EYE_CENTERS_M, EYE_RADIUS_M, MOUTH_CENTER_M, head_field
+from pipeline.synthesis.head_shape import MOUTH_CENTER_M, head_field
 
 SPACING_M = 0.008
+
+APEX_M = CORNEA_OFFSET_M + CORNEA_RADIUS_M
+"""From the middle of an eye to its cornea's foremost point."""
 
 
 @pytest.fixture(scope="module")
@@ -36,24 +41,27 @@ def test_skin_and_eyes_are_three_closed_surfaces(head):
     assert np.abs(head_field(head.vertices[: head.skin_count])).max() < 0.01 * SPACING_M
 
 
-def test_eyes_are_spheres_that_look_out_of_their_sockets(head):
-    for number, center in enumerate(EYE_CENTERS_M):
-        eye = head.vertices[head.skin_count :].reshape(2, -1, 3)[number]
-        np.testing.assert_allclose(np.linalg.norm(eye - center, axis=1), EYE_RADIUS_M, rtol=1e-12)
+def test_eyes_look_out_of_their_sockets(head):
+    assert list(head.eyes) == list(EYE_NAMES) == ["left", "right"]
+    for vertices, center in zip(head.eyes.values(), EYE_CENTERS_M, strict=True):
+        eye = head.vertices[vertices]
+        np.testing.assert_allclose(eye - center, template_eyeball()[0], atol=1e-12)
         # The pupil is in the open; the back of the eye is inside the head.
-        outward = eye[0] - center
-        np.testing.assert_allclose(outward, [0, 0, EYE_RADIUS_M], atol=1e-12)
         assert head_field(eye[:1])[0] > 0
-        assert head_field(center[None] - outward)[0] < 0
+        assert head_field(center[None] - [[0, 0, APEX_M]])[0] < 0
 
 
-def test_materials_cover_all_faces_once(head):
+def test_materials_cover_the_skin_and_finer_surfaces_the_eyes(head):
     count = np.zeros(len(head.faces), int)
     for material in head.materials:
         count[material.faces] += 1
-    assert (count == 1).all()
-    eye_faces = head.faces[head.materials[1].faces]
-    assert (eye_faces >= head.skin_count).all()
+    np.testing.assert_array_equal(count, (head.faces < head.skin_count).all(axis=1))
+    moment = head.at(0.4, "b")
+    coarse = moment.vertices[head.eyes["left"]]
+    fine = np.concatenate([s.vertices for s in moment.surfaces if s.name == "left"])
+    distance, _ = cKDTree(fine).query(coarse)
+    assert distance.max() < 0.001  # half an edge of the fine mesh
+    np.testing.assert_allclose(np.linalg.norm(np.concatenate([s.normals for s in moment.surfaces]), axis=1), 1)
 
 
 def test_mouth_opens_between_the_lips_and_the_skull_stays(head):
@@ -97,7 +105,9 @@ def test_moments_are_rigid_for_the_skull_and_turn_the_eyes(head):
     pupil = moment.keypoints[head.keypoint_names.index("pupil_l")]
     center = root.apply(EYE_CENTERS_M[0]) + moment.truth["root_translation"]
     gaze = root * performance.gaze
-    np.testing.assert_allclose((pupil - center) / EYE_RADIUS_M, gaze.apply([0.0, 0.0, 1.0]), atol=1e-9)
+    np.testing.assert_allclose((pupil - center) / APEX_M, gaze.apply([0.0, 0.0, 1.0]), atol=1e-9)
+    # What the capture declares is in the head's frame.
+    np.testing.assert_allclose(root.apply(moment.gaze["left"]), (pupil - center) / APEX_M, atol=1e-9)
     assert np.degrees(performance.gaze.magnitude()) > 5
 
 
@@ -117,6 +127,10 @@ def test_template_keypoints_are_the_truths_vertices(head, tmp_path):
         assert len(table) == 36 and table.keypoint.is_unique and table.vertex.is_unique
         source = head.unwrapped.source if uvs else np.arange(len(head.vertices))
         np.testing.assert_array_equal(source[table.vertex], head.keypoint_vertices)
+        eyes = pd.read_csv(tmp_path / str(uvs) / "eyes.csv")
+        assert list(eyes.eye.unique()) == ["left", "right"]
+        # Every copy of every vertex of the eyes and of nothing else.
+        np.testing.assert_array_equal(np.sort(eyes.vertex), np.flatnonzero(source >= head.skin_count))
 
 
 def test_eye_shows_pupil_iris_and_white():

@@ -46,6 +46,25 @@ def test_lambertian_plane_reflects_inverse_square_light(camera):
     np.testing.assert_allclose(found[:, 3], 1)
 
 
+def test_lights_one_by_one_add_up_with_less_noise(camera):
+    lights, intensities = np.array([[0.3, 0.6, 1.1], [-0.8, 0.1, 0.9], [0.1, -0.9, 0.5]]), np.array([2.0, 3.0, 0.5])
+    view = view_points(camera, SQUARE, 1)
+    mesh = scenes.triangle_mesh({"type": "diffuse", "reflectance": 0.5}, SQUARE, FACES, UV)
+    together = scenes.lit_scene([mesh], lights, intensities, 2)
+    single = [scenes.lit_scene([mesh], lights[i : i + 1], intensities[i : i + 1], 2) for i in range(3)]
+    true = sum(scenes.render(scene, view, 64, seed=7) for scene in single)
+    true[..., 3] /= 3
+    drawn = scenes.render(together, view, 12, seed=1)
+    alone = scenes.lit_scene([mesh], lights[:1], np.ones(1), 2)
+    each = scenes.render_each_light(alone, view, lights, intensities, 4, seed=1)
+    inside = (true[..., 3] == 1) & (each[..., 3] == 1)
+    assert inside.sum() > 500
+    # Light varies by 1 % over a pixel, of which four and 64 places are looked at.
+    np.testing.assert_allclose(each[inside], true[inside], rtol=0.01)
+    assert np.abs(drawn[inside] / true[inside] - 1).max() > 0.05
+    np.testing.assert_allclose(each[..., 3], true[..., 3], atol=0.3)  # edges, by four places in a pixel
+
+
 def test_intensities_add(camera):
     lights = np.array([[0.3, 0.6, 1.1], [-0.8, 0.1, 0.9]])
     view = view_points(camera, SQUARE, 1)

@@ -1,0 +1,94 @@
+"""Which training images an avatar is trained on: all, or those of fewer cameras or light patterns; and in which order.
+
+The same images for equal settings, and fewer is always a part of more: 2 of 4 of 8 cameras, 10 of 20 of 50 % of the
+patterns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.errors import InputError
+from pipeline.base.seeds import generator_for
+from pipeline.capture.records import FrameRecord
+from pipeline.config.train_avatar import TrainAvatar
+
+
+class Schedule:
+    """Which images each step sees: every epoch all frames in random order, their cameras in random groups."""
+
+    def __init__(self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int) -> None:
+        self.subject, self.cameras_per_step = subject, cameras_per_step
+        self.by_frame: dict[int, list[int]] = defaultdict(list)
+        for index, frame in enumerate(frame_of_image):
+            self.by_frame[frame].append(index)
+        self.steps_per_epoch = sum(-(-len(group) // cameras_per_step) for group in self.by_frame.values())
+        self.epoch = lru_cache(maxsize=2)(self._epoch)
+
+    def _epoch(self, epoch: int) -> list[list[int]]:
+        generator = generator_for(self.subject, "train_avatar", epoch)
+        groups = []
+        for frame in sorted(self.by_frame):
+            shuffled = generator.permutation(self.by_frame[frame]).tolist()
+            groups += [shuffled[i : i + self.cameras_per_step] for i in range(0, len(shuffled), self.cameras_per_step)]
+        return [groups[i] for i in generator.permutation(len(groups))]
+
+    def __getitem__(self, step: int) -> list[int]:
+        """Indices of the images of one step; all belong to one frame."""
+        epoch, position = divmod(step, self.steps_per_epoch)
+        return self.epoch(epoch)[position]
+
+
+def chosen_images(
+    table: pd.DataFrame, frames: Mapping[int, FrameRecord], settings: TrainAvatar, subject: str
+) -> list[int]:
+    """Rows of `table` to train on, in their order.
+
+    Args:
+        table: of `ImageShards`: camera, frame, fully_lit, R and t of each training image.
+        frames: for the lights of each.
+        settings: `cameras` and `light_share`.
+        subject: seeds the order of the patterns.
+
+    Raises:
+        InputError: if more cameras are asked for than there are.
+    """
+    kept = pd.Series(True, table.index)
+    if settings.cameras:
+        kept &= table.camera.isin(spread_cameras(table, settings.cameras))
+    if settings.light_share < 1:
+        kept &= table.fully_lit | table.frame.isin(frames_of_patterns(table, frames, settings.light_share, subject))
+    return np.flatnonzero(kept).tolist()
+
+
+def spread_cameras(table: pd.DataFrame, count: int) -> list[str]:
+    """So many cameras, each as far as can be from those before it, beginning with the first by name."""
+    first = table.drop_duplicates("camera").sort_values("camera")
+    if count > len(first):
+        raise InputError(
+            f"train_avatar: cameras: expected at most {len(first)}, those with training images, found {count}"
+        )
+    R, t = (np.array(first[name].tolist()).reshape(-1, 3, n) for name, n in (("R", 3), ("t", 1)))
+    centers = -(R.transpose(0, 2, 1) @ t)[..., 0]
+    chosen = [0]
+    while len(chosen) < count:
+        distances = np.linalg.norm(centers[:, None] - centers[chosen], axis=2).min(1)
+        chosen.append(int(distances.argmax()))
+    return first.camera.iloc[chosen].tolist()
+
+
+def frames_of_patterns(table: pd.DataFrame, frames: Mapping[int, FrameRecord], share: float, subject: str) -> list[int]:
+    """Partially lit frames under the first `share` of their patterns in random order, at least one."""
+    patterns: dict[bytes, list[int]] = {}
+    for frame in sorted(table.frame[~table.fully_lit].unique().tolist()):
+        record = frames[frame]
+        patterns.setdefault(record.light_positions.tobytes() + record.light_intensities.tobytes(), []).append(frame)
+    groups = list(patterns.values())
+    order = generator_for(subject, "train_avatar", "patterns").permutation(len(groups))
+    return [frame for place in order[: math.ceil(share * len(groups))] for frame in groups[place]]
