@@ -138,9 +138,9 @@ def shade_harmonics(
 def shade_viewed(
     harmonics: Float[Tensor, "texels 81"], light: Float[Tensor, "#texels 81 channels"]
 ) -> Float[Tensor, "texels channels"]:
-    """What is specular, by harmonics that depend on the view (EyeNeRF), in the frame of `light`; stored times
-    `UNTURNED_SCALE`. It may be negative, as a band-limited highlight is beside its peak."""
-    return (harmonics[..., None] * light).sum(1) / UNTURNED_SCALE
+    """What is specular, by harmonics that depend on the view (EyeNeRF), in the frame of `light`; may be negative, as a
+    band-limited highlight is beside its peak."""
+    return (harmonics[..., None] * light).sum(1)
 
 
 @torch.no_grad()
