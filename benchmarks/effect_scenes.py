@@ -186,8 +186,12 @@ def write_stage_files(
     calibration, splits = folder / "calibration", held_out(rig, settings)
     write_json(
         folder / "index/capture.json",
-        {"subject": name, "images": {"transfer": "linear", "black_level": 0.0, "downsample_from_sensor": 1}},
-    )
+        {
+            "subject": name, "kind": "body",
+            "images": {"transfer": "linear", "black_level": 0.0, "downsample_from_sensor": 1},
+        },
+    )  # fmt: skip
+    write_table(folder / "index/gaze.parquet", pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]))
     rows = pd.DataFrame([(c, f) for c in rig.cameras for f in range(settings.frames)], columns=["camera", "frame"])
     at = [f"{row.camera}/{row.frame:06d}" for row in rows.itertuples()]
     segments = [segment_of(frame, settings)[0] for frame in range(settings.frames)]

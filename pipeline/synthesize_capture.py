@@ -24,8 +24,9 @@ from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis.capture_files import write_capture_yaml, write_gaze, write_tables, write_truth
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.head import build_head
-from pipeline.synthesis.photography import FrameJob, Job, Studio, all_jobs, take
+from pipeline.synthesis.photography import FrameJob, Job, all_jobs, take
 from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_of
+from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.subject import Subject
 
 log = logging.getLogger("synthesize_capture")

@@ -6,45 +6,29 @@ Jobs are plain data, so that any number of worker processes gives the same captu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from pipeline.base.seeds import generator_for, seed_for
-from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import Camera
 from pipeline.synthesis import mitsuba_scenes as scenes
 from pipeline.synthesis.detector import detect_keypoints
 from pipeline.synthesis.lens import LensView, view_points
-from pipeline.synthesis.sensor_model import SensorModel, write_8bit, write_exr
-from pipeline.synthesis.stage_rig import StageRig
+from pipeline.synthesis.sensor_model import write_8bit, write_exr
+from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.subject import Moment, Subject, vertex_normals
-from pipeline.synthesis.targets import (
-    CHART_LIGHT,
-    ball_centers,
-    board_poses,
-    board_texture,
-    chart_corners,
-    chart_texture,
-    reflections,
-    sees_board,
-    sphere_points,
-)  # fmt: skip
+from pipeline.synthesis.target_photography import (
+    PRINT_SAMPLES,
+    BallJob,
+    BoardJob,
+    ChartJob,
+    photograph_ball,
+    photograph_board,
+    photograph_chart,
+)
 from pipeline.synthesis.translucency import Medium, translucent_mesh
-
-PRINT_SAMPLES = 4
-"""Paths per fine pixel of a print: its shading has no noise, so only edges need them."""
-
-HIGHLIGHT_SAMPLES = 16
-"""Paths per fine pixel of a highlight: few pixels, and their centroid is what lights are measured by."""
-
-HIGHLIGHT_SUPERSAMPLING = 4
-"""Fine pixels per sensor pixel along one axis for highlights, which are about one pixel wide."""
-
-DARK, HIGHLIGHT, BACKDROP = 0.012, 0.9, 0.7
-"""Values of a dark stage, of a pixel filled by a light's reflection, and of the bright backdrop, of 1 = saturated."""
 
 LOOKED_FOR, SAME_SURFACE_M = 300, 1e-3
 """Points of an eye, 2 mm apart, that say where in an image it is seen; what is hit nearer than this before one hides
@@ -52,22 +36,6 @@ it. The margin of a view, two pixels, is more than lies between two points."""
 
 COVERED = 0.5
 """A pixel belongs to the subject if the subject covers at least half of it."""
-
-
-@dataclass(frozen=True)
-class Studio:
-    """What every photograph needs: where it is stored, whose capture it is, with what it is taken."""
-
-    root: Path
-    subject: str
-    settings: SynthesizeCapture
-    rig: StageRig
-
-    @property
-    def sensor_model(self) -> SensorModel:
-        """The cameras' common noise."""
-        s = self.settings
-        return SensorModel(s.shot_gain, s.read_noise, s.saturation, s.black_level)
 
 
 @dataclass(frozen=True)
@@ -81,31 +49,6 @@ class FrameJob:
     intensities: np.ndarray
 
 
-@dataclass(frozen=True)
-class BoardJob:
-    """All board views of one camera."""
-
-    studio: Studio
-    camera: str
-
-
-@dataclass(frozen=True)
-class ChartJob:
-    """The colour chart before one camera."""
-
-    studio: Studio
-    camera: str
-
-
-@dataclass(frozen=True)
-class BallJob:
-    """The mirror ball in one position, before one camera, under each light in turn."""
-
-    studio: Studio
-    position: int
-    camera: str
-
-
 Job = FrameJob | BoardJob | ChartJob | BallJob
 
 
@@ -114,10 +57,10 @@ def take(job: Job) -> pd.DataFrame | None:
     if isinstance(job, FrameJob):
         return _photograph_frame(job)
     if isinstance(job, BoardJob):
-        return _photograph_board(job)
+        return photograph_board(job)
     if isinstance(job, ChartJob):
-        return _photograph_chart(job)
-    return _photograph_ball(job)
+        return photograph_chart(job)
+    return photograph_ball(job)
 
 
 def _photograph_frame(job: FrameJob) -> pd.DataFrame:
@@ -215,55 +158,6 @@ def _detect(job: FrameJob, scene: object, name: str, camera: Camera) -> pd.DataF
     found.insert(0, "frame", job.frame)
     found.insert(1, "camera", name)
     return found
-
-
-def _photograph_board(job: BoardJob) -> None:
-    studio = job.studio
-    camera, texture = studio.rig.cameras[job.camera], board_texture(studio.settings)
-    for index, corners in enumerate(board_poses(studio.subject, studio.settings)):
-        if not sees_board(camera, corners):
-            continue
-        radiance = _photograph_print(texture, corners, camera, studio.settings.supersampling)
-        random = generator_for(studio.subject, "board sensor", job.camera, index)
-        image = studio.sensor_model.expose_gray(radiance[..., 1] + DARK, random)
-        write_8bit(studio.root / f"calibration/charuco/{job.camera}/{index:03d}.jpg", image)
-
-
-def _photograph_chart(job: ChartJob) -> None:
-    studio, camera = job.studio, job.studio.rig.cameras[job.camera]
-    corners = chart_corners(camera, generator_for(studio.subject, "chart", job.camera))
-    radiance = CHART_LIGHT * _photograph_print(chart_texture(), corners, camera, studio.settings.supersampling)
-    random = generator_for(studio.subject, "chart sensor", job.camera)
-    raw = studio.sensor_model.expose(radiance, studio.rig.raw_from_true[job.camera], random)
-    write_exr(studio.root / f"calibration/color_chart/{job.camera}.exr", raw)
-
-
-def _photograph_print(texture: np.ndarray, corners: np.ndarray, camera: Camera, supersampling: int) -> np.ndarray:
-    edges = np.linspace(0, 1, 20)[:, None]  # distorted edges bulge: follow them
-    outline = np.concatenate([a + edges * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
-    view = view_points(camera, outline, supersampling)
-    return view.develop(scenes.render(scenes.print_scene(texture, corners), view, PRINT_SAMPLES, seed=0))[..., :3]
-
-
-def _photograph_ball(job: BallJob) -> None:
-    studio, settings, camera = job.studio, job.studio.settings, job.studio.rig.cameras[job.camera]
-    center, radius = ball_centers(studio.subject, settings)[job.position], settings.ball_radius_m
-    folder = studio.root / f"calibration/mirror_ball/{job.position}/{job.camera}"
-    for name, light in studio.rig.light_positions.items():
-        value = np.full((camera.height, camera.width), DARK)
-        glints = reflections(camera.center, sphere_points(light, settings.light_radius_m), center, radius)
-        if len(glints):
-            scene = scenes.mirror_ball_scene(center, radius, light, settings.light_radius_m)
-            view = view_points(camera, glints, HIGHLIGHT_SUPERSAMPLING)
-            value += HIGHLIGHT * view.develop(scenes.render(scene, view, HIGHLIGHT_SAMPLES, seed=0))[..., 1]
-        random = generator_for(studio.subject, "ball sensor", job.position, job.camera, name)
-        write_8bit(folder / f"{name}.png", studio.sensor_model.expose_gray(value, random))
-    scene = scenes.mirror_ball_scene(center, radius, 1e3 * np.ones(3), settings.light_radius_m)
-    view = view_points(camera, sphere_points(center, radius), settings.supersampling)
-    coverage = view.develop(scenes.render(scene, view, PRINT_SAMPLES, seed=0))[..., 3]
-    random = generator_for(studio.subject, "ball sensor", job.position, job.camera)
-    silhouette = studio.sensor_model.expose_gray(DARK + BACKDROP * (1 - coverage), random)
-    write_8bit(folder / "silhouette.png", silhouette)
 
 
 def all_jobs(studio: Studio, frames: list[FrameJob]) -> list[Job]:

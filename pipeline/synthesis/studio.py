@@ -1,0 +1,26 @@
+"""Where photographs of a capture are taken and stored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.synthesis.sensor_model import SensorModel
+from pipeline.synthesis.stage_rig import StageRig
+
+
+@dataclass(frozen=True)
+class Studio:
+    """What every photograph needs: where it is stored, whose capture it is, with what it is taken."""
+
+    root: Path
+    subject: str
+    settings: SynthesizeCapture
+    rig: StageRig
+
+    @property
+    def sensor_model(self) -> SensorModel:
+        """The cameras' common noise."""
+        s = self.settings
+        return SensorModel(s.shot_gain, s.read_noise, s.saturation, s.black_level)
