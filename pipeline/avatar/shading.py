@@ -144,8 +144,8 @@ def shade_harmonics(
 def shade_viewed(
     harmonics: Float[Tensor, "texels 81"], light: Float[Tensor, "#texels 81 channels"]
 ) -> Float[Tensor, "texels channels"]:
-    """What is specular, by harmonics that depend on the view (EyeNeRF), in the frame of `light`. It may be negative, as
-    a band-limited highlight is beside its peak."""
+    """What is specular, by harmonics that depend on the view (EyeNeRF), in the frame of `light`; may be negative, as a
+    band-limited highlight is beside its peak."""
     return (harmonics[..., None] * light).sum(1)
 
 
