@@ -208,7 +208,6 @@ def write_stage_files(
     lit = patterns.groupby("frame").light.count()
     booked = pd.DataFrame({"frame": lit.index, "segment": segments, "fully_lit": lit.to_numpy() == settings.lights})
     write_table(folder / "index/frames.parquet", booked[["frame", "segment"]])
-    write_table(folder / "index/gaze.parquet", pd.DataFrame({"frame": [], "eye": [], "x": [], "y": [], "z": []}))
     write_table(folder / "frames.parquet", booked.assign(test_pattern=False))
     channels = {f"intensity_{c}": patterns.intensity for c in "rgb"}
     write_table(folder / "patterns.parquet", patterns.assign(**channels))
