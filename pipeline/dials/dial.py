@@ -6,11 +6,12 @@ stages never import stages.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pipeline.base.errors import Complaints
 from pipeline.config.flags import flags
@@ -42,6 +43,10 @@ class Subject:
     made: Path = Path("made")
     variant: str = "full"
 
+    def has(self, part: Literal["head", "eyes"]) -> bool:
+        """Whether the workflow made what only avatars of heads, or of eyes, read."""
+        return (self.results / {"head": "textures", "eyes": "eyes.json"}[part]).exists()
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -64,7 +69,8 @@ class CostedStage:
 
     Attributes:
         name: of the module in `pipeline`.
-        arguments: its command line without settings; {results}, {capture}, {out}, {threads}, ... are filled in.
+        arguments: its command line without settings; {results}, {capture}, {out}, {threads}, ... are filled in. Words
+            that begin with `head:` or `eyes:` are left out for a subject without mean textures or fitted eyes.
         inputs: files below the subject's results without which it does not run.
         outputs: what is judged: name -> (path below {out}, path below the capture's truth); None where there is none.
         metrics: the first one decides.
@@ -73,6 +79,7 @@ class CostedStage:
         afterwards: later stages, with paths as in `arguments`, run once per setting if the metrics judge what they make
             of the output; their time does not count.
         timed: those of them whose time does count, for a setting that costs time later: they run every time.
+        heads_only: those of them that run for a subject with mean textures alone.
         settings: what differs from the subject's settings in every run, for runs that are shorter than the subject's.
         later_settings: what differs from the subject's settings in `afterwards`.
         warm_up: for a stage that runs for minutes, settings with which a run that does not count is short.
@@ -89,6 +96,7 @@ class CostedStage:
     runs_on: Callable[[Subject], bool] = lambda subject: True
     afterwards: Mapping[str, str] = field(default_factory=dict)
     timed: tuple[str, ...] = ()
+    heads_only: tuple[str, ...] = ("unwrap_textures",)
     settings: Mapping[str, Any] = field(default_factory=dict)
     later_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     warm_up: Mapping[str, Any] | None = None
@@ -103,6 +111,7 @@ class CostedStage:
         return {
             name: _command_line(name, words, subject, out, self.later_settings.get(name, {}))
             for name, words in self.afterwards.items()
+            if subject.has("head") or name not in self.heads_only
         }
 
     def imports(self) -> list[list[str]]:
@@ -130,7 +139,9 @@ def _command_line(
     settings = SECTIONS[stage](**{**subject.sections.get(stage, {}), **change})
     paths = {"results": subject.results, "capture": subject.capture, "subject": subject.results.name, "out": out}
     others = {"threads": subject.threads, "chunk_size": subject.chunk_size, "variant": subject.variant}
-    words = [word.format(**paths, **others, made=subject.made) for word in arguments.split()]
+    kept = [re.fullmatch("(?:(head|eyes):)?(.*)", word).groups() for word in arguments.split()]
+    asked = [word for part, word in kept if part is None or subject.has(part)]
+    words = [word.format(**paths, **others, made=subject.made) for word in asked]
     return [sys.executable, "-m", f"pipeline.{stage}", *words, *flags(settings)]
 
 

@@ -21,13 +21,18 @@ STEPS = 200
 
 TRAINED = {
     "trace_irradiance": TRACED,
+    "unwrap_textures": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
+    "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
+    "--color {results}/calibration/color.json --effects {results}/effects.json --frames {results}/frames.parquet "
+    "--out {out}/textures/0000",
     "pack_shards": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
     "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
     "--color {results}/calibration/color.json --lights {results}/calibration/lights.parquet "
     "--effects {results}/effects.json --patterns {results}/patterns.parquet --frames {results}/frames.parquet "
-    "--chunk 0 --chunk-size {chunk_size} --irradiance {out}/0000 --out {out}/shards",
+    "--chunk 0 --chunk-size {chunk_size} --irradiance {out}/0000 "
+    "head:--textures head:{out}/textures/0000.safetensors --out {out}/shards",
     "train_avatar": "--subject {subject} --atlas {results}/atlas.safetensors --shards {out}/shards "
-    "--effects {results}/effects.json --out {out}/avatars/full",
+    "--effects {results}/effects.json eyes:--fitted-eyes eyes:{results}/eyes.json --out {out}/avatars/full",
     "evaluate_avatar": "--subject {subject} --atlas {results}/atlas.safetensors --shards {out}/shards "
     "--effects {results}/effects.json --avatars {out}/avatars/full --out {out}",
 }

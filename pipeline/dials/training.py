@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import get_args
 
-from pipeline.base.files import read_json
+from pipeline.base.files import read_json, read_table
 from pipeline.config.train_avatar import DepthSource
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.dials.dial import CostedStage, Dial, Subject
@@ -19,8 +19,15 @@ EFFECTS = "--effects {results}/effects.json "
 
 SHORT_TRAINING = CostedStage(
     name="train_avatar",
-    arguments=FILES + EFFECTS + "--out {out}/avatars/full",
-    inputs=("atlas.safetensors", "effects.json", "shards/train", "shards/frames", "shards/test"),
+    arguments=FILES + EFFECTS + "eyes:--fitted-eyes eyes:{results}/eyes.json --out {out}/avatars/full",
+    inputs=(
+        "atlas.safetensors",
+        "effects.json",
+        "index/images.parquet",
+        "shards/train",
+        "shards/frames",
+        "shards/test",
+    ),
     outputs={"metrics": ("metrics.csv", None), "trained": ("avatars/full/config.json", None)},
     metrics=(psnr_lost("partial"), psnr_lost("all")),
     unit="steps",
@@ -54,6 +61,14 @@ def _atlas_sizes(subject: Subject) -> list[int]:
     return sorted({max(8, 8 * round(share * size / 8)) for share in (0.5, 0.75, 1.0, 1.5)})
 
 
+def _camera_counts(subject: Subject) -> list[int]:
+    """Some of the cameras that are trained on, then, as 0, all."""
+    images = read_table(subject.results / "index/images.parquet")
+    trained = images.camera[~images.test_camera].nunique()
+    return [*(count for count in CAMERA_COUNTS if count < trained), 0]
+
+
+CAMERA_COUNTS = (2, 4, 8, 16, 32, 64)
 AT_STEPS = {"steps": STEPS}
 
 TRAINING_DIALS = [
@@ -63,5 +78,8 @@ TRAINING_DIALS = [
     Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
     Dial("depth", SHORT_TRAINING, "depth", lambda subject: get_args(DepthSource), AT_STEPS, chosen=True),
     Dial("transfer_degree", SHORT_TRAINING, "transfer_degree", lambda subject: (1, 2, 3, 5, 8), AT_STEPS, chosen=True),
+    # What a smaller stage, or a shorter session, would have cost (RGCA, figures S4 and S5).
+    Dial("training_cameras", SHORT_TRAINING, "cameras", _camera_counts, AT_STEPS),
+    Dial("training_lights", SHORT_TRAINING, "light_share", lambda subject: (0.1, 0.2, 0.5, 1.0), AT_STEPS),
     Dial("training_steps", SHORT_TRAINING, "steps", lambda subject: (100, 200, 400, 800, 1600), chosen=True),
 ]

@@ -115,6 +115,20 @@ def test_stages_that_follow_are_run_like_any_other(subject) -> None:
     assert STAGE.later_commands(subject, Path("/tmp/out")) == {}
 
 
+def test_what_only_heads_have_is_asked_for_where_it_is(subject) -> None:
+    later = {"unwrap_textures": "--out {out}", "pack_shards": "--out {out} head:--textures head:{out}/a eyes:--eyes"}
+    stage = replace(STAGE, afterwards=later)
+    command = stage.later_commands(subject, Path("/tmp/out"))
+    assert list(command) == ["pack_shards"]
+    assert command["pack_shards"][3:5] == ["--out", "/tmp/out"]
+    assert not {"--textures", "--eyes"} & set(command["pack_shards"])
+    (subject.results / "textures").mkdir()
+    command = stage.later_commands(subject, Path("/tmp/out"))
+    assert list(command) == ["unwrap_textures", "pack_shards"]
+    assert command["pack_shards"][5:7] == ["--textures", "/tmp/out/a"]
+    assert "--eyes" not in command["pack_shards"]
+
+
 def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:
     metric = TRACED_AND_TRAINED.metrics[0]
     files = []
@@ -254,10 +268,14 @@ def test_all_dials_of_the_design_are_there() -> None:
 
 
 def test_what_errors_are_relative_to_is_said(subject) -> None:
+    images = pd.DataFrame({"camera": [f"cam{n}" for n in range(6)] * 2, "test_camera": ([False] * 5 + [True]) * 2})
+    images.to_parquet(subject.results / "index/images.parquet")
     named = {dial.name: dial.against(subject) for dial in DIALS if dial.stage.name in ("train_avatar", "unwrap_atlas")}
     assert named["transfer_degree"] == "reference 8, steps 200"
     assert named["atlas_size"] == "reference 384, steps 200"
     assert named["training_steps"] == "reference 1600"
+    (cameras,) = (dial for dial in DIALS if dial.name == "training_cameras")
+    assert list(cameras.values(subject)) == [2, 4, 0]
     (spread,) = (dial for dial in DIALS if dial.name == "irradiance_spread")
     assert spread.against(subject).startswith("reference samples full")
 
