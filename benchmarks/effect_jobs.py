@@ -59,6 +59,7 @@ def count_jobs(
     for file, _ in _summary(folder, [f"results/{name}/effects.json" for name in plans]):
         _write(folder / file, "")
     for name, plan in plans.items():
+        _write(folder / f"results/{name}/index/capture.json", json.dumps({"kind": "body"}))
         _write(folder / f"results/{name}/effects.json", json.dumps(plan))
     for path in folder.rglob("*"):
         os.utime(path, (0, 0))  # Nothing is newer than what was made of it.

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.config.budget import measured_size, within_budget
 from pipeline.config.capture_size import capture_size
-from pipeline.config.curves import FOLDER, read_curves, read_measured
 from pipeline.config.loading import Project
 from pipeline.config.project import SubjectSettings
 from pipeline.config.promise import Promise
@@ -42,6 +40,10 @@ class BudgetedProject(Project):
 
     def _chosen(self, name: str, settings: SubjectSettings) -> tuple[SubjectSettings, Promise]:
         if name not in self.known:
+            # Numerical libraries, for which no plan without a budget should have to wait.
+            from pipeline.config.budget import measured_size, within_budget
+            from pipeline.config.curves import FOLDER, read_curves, read_measured
+
             curves, measured = read_curves(FOLDER / "accuracy_cost.csv"), read_measured(FOLDER / "subject.yaml")
             size = capture_size(settings, Path(self.settings.captures) / name, measured_size(measured))
             self.known[name] = within_budget(name, settings, self.said_by_user(name), size, curves, measured)
