@@ -164,9 +164,11 @@ def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
     missing = re.findall(r'<p class="missing"><b>Missing:</b> (.*?)\. To make it: <code>make (.*?)</code>', page)
     assert [command for _, command in missing] == [
         "results/tiny/relit/VARIANT/LIGHT",
+        "effects",
         "results/tiny/calibration/review",
         "results/tiny/tracking/review",
         "results/tiny/accuracy_cost.csv",
+        "growth",
         "hard-cases",
     ]
     assert all(f">{stage}<" in page for stage in STAGES)
