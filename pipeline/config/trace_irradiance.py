@@ -24,8 +24,8 @@ class TraceIrradiance(Settings):
     )
     share_rays: bool = Field(
         True,
-        description="whether texels that draw fewer lights than there are also use what their neighbours' rays found; "
-        "if not, maps are unbiased single draws, too noisy to learn from without a blur",
+        description="whether texels also use what their neighbours' rays found, and, where no more lights are on than "
+        "would be drawn, all lights are summed; if not, maps are unbiased draws, too noisy to learn from",
     )
     visibility: Literal["auto", "traced", "cached"] = Field(
         "auto",

@@ -17,7 +17,7 @@ from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import CHANNELS, read_frame_lights
 from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, light_scene, trace_irradiance
-from pipeline.lighting.shared_rays import Neighbours, share_rays, sharing_pays
+from pipeline.lighting.shared_rays import Neighbours, share_rays
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, face_rows
 from pipeline.lighting.visibility_bits import VisibilityBits, bits_are_cheaper, irradiance_from_bits, trace_bits
@@ -105,8 +105,10 @@ class FrameTracer:
             return replace(irradiance_from_bits(known, occluders, points, face_normals, lights, normals), rays=rays)
         samples = None if count is None else Samples(count, settings.sampling, settings.spread, self.blocks, random)
         scene = light_scene(occluders, points, face_normals, lights, normals)
-        if samples and settings.share_rays and scene and sharing_pays(scene, samples):
-            return share_rays(scene, samples, self.neighbours)
+        if samples and settings.share_rays and scene:
+            if samples.count < len(scene.lights):
+                return share_rays(scene, samples, self.neighbours)
+            samples = None  # Rays to all lights are no more, and leave nothing to chance.
         return trace_irradiance(occluders, points, face_normals, lights, normals=normals, samples=samples)
 
     def visibility(

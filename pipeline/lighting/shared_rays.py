@@ -66,11 +66,6 @@ def lights_that_count(scene: Scene, samples: Samples) -> tuple[Float64[np.ndarra
     return probability, 1 / float((probability**2).sum())
 
 
-def sharing_pays(scene: Scene, samples: Samples) -> bool:
-    """Whether a texel draws fewer lights than there are: else it knows by itself what neighbours could tell."""
-    return samples.count < lights_that_count(scene, samples)[1]
-
-
 def share_rays(scene: Scene, samples: Samples, neighbours: Neighbours) -> IrradianceMap:
     """Irradiance of every texel from the rays of `samples` and of its neighbours.
 

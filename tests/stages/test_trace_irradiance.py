@@ -74,6 +74,18 @@ def test_what_was_saved_adds_up(tmp_path: Path) -> None:
     assert pd.read_parquet(tmp_path / "below.parquet").set_index("frame").saved_below_horizon.loc[11] >= 32 * 64
 
 
+def test_as_many_draws_as_lights_are_all_lights(tmp_path: Path) -> None:
+    """Two lights are on: two draws are both of them, to the bit, and one is not."""
+    paths = write_posed_capture(tmp_path)
+
+    def map_of(samples: str) -> np.ndarray:
+        run(**paths, out=tmp_path / samples, settings=TraceIrradiance(samples=samples))
+        return read_exr_channel(tmp_path / samples / "000010.exr", "Y")
+
+    np.testing.assert_array_equal(map_of("2"), map_of("full"))
+    assert np.abs(map_of("1") - map_of("full")).max() > 0.01
+
+
 def test_standard_error_is_written_beside_the_map(tmp_path: Path) -> None:
     paths = write_posed_capture(tmp_path)
 

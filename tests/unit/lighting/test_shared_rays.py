@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
-from pipeline.lighting.shared_rays import Neighbours, share_rays, sharing_pays
+from pipeline.lighting.shared_rays import Neighbours, share_rays
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.unit.lighting.test_standard_error import TEXEL, floor_map, ring_of_lights
@@ -120,10 +120,3 @@ def test_error_is_what_seeds_show(spread: str, most: float) -> None:
     stated = np.sqrt(np.mean([one.error**2 for one in drawn]))
     assert 0.9 < stated / shown < most
     assert shown > 0.01
-
-
-def test_who_sees_all_lights_asks_nobody() -> None:
-    scene = light_scene(*floor_map(), ring_of_lights(), None)
-    blocks = TexelBlocks(TEXEL)
-    pays = [sharing_pays(scene, Samples(n, "uniform", "random", blocks, np.random.default_rng())) for n in (1, 11, 12)]
-    assert pays == [True, True, False]
