@@ -21,6 +21,7 @@ import yaml
 
 from pipeline.base.code_digest import ROOT
 from pipeline.config.curves import FOLDER, Curve, Measured, read_curves, read_measured, value_of
+from pipeline.config.project import SECTIONS
 
 DRAFT_TIMES = 10.0
 """Errors of a draft over those that nobody minds: 1 dB of a picture, a tenth of full scale of irradiance."""
@@ -49,7 +50,9 @@ def preset_yaml(preset: str, curves: list[Curve], measured: Measured) -> str:
     for curve in curves:
         place = choose(preset, curve)
         name = curve.settings[place]
-        sections.setdefault(curve.stage, {})[curve.option] = value_of(name)
+        # As the settings have it: a number of samples is text, which `full` is, too.
+        settings = SECTIONS[curve.stage].model_validate({curve.option: value_of(name)})
+        sections.setdefault(curve.stage, {})[curve.option] = settings.model_dump(mode="json")[curve.option]
         numbers = f"error {curve.errors[place]:.3g} (allowed {curve.allowed:.3g}), {curve.seconds[place]:.1f} s"
         lines.append(f"{curve.stage}.{curve.option} {name}: {numbers}; {curve.metric}")
     text = (

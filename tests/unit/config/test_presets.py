@@ -36,7 +36,7 @@ def test_rule_on_curves_made_by_hand(tmp_path) -> None:
 def test_where_nothing_is_good_enough_the_best_is_taken(tmp_path) -> None:
     key = ("irradiance_power", "trace_irradiance", "samples", "irradiance, RMS (truth)", 0.001)
     made = presets(write_curves(tmp_path, {key: {"1": (0.5, 3.0), "4": (0.2, 4.0), "8": (0.2, 3.5)}}))
-    assert {preset["trace_irradiance"]["samples"] for preset in made.values()} == {8}
+    assert {preset["trace_irradiance"]["samples"] for preset in made.values()} == {"8"}
 
 
 @pytest.mark.parametrize("preset", RULES)
