@@ -20,7 +20,7 @@ nav { display: flex; flex-wrap: wrap; gap: .4rem; margin: 1rem 0; }
 nav a { padding: .3rem .7rem; border: 1px solid var(--line); border-radius: 1rem; background: var(--card);
   color: var(--ink); text-decoration: none; font-size: .9rem; } nav a:hover { border-color: var(--accent); }
 nav a.absent { border-style: dashed; color: var(--muted); }
-section { border-top: 1px solid var(--line); margin-top: 2rem; }
+section { border-top: 1px solid var(--line); margin-top: 2rem; scroll-margin-top: 2px; }
 section > h2 { margin-top: 1.2rem; font-size: 1.25rem; }
 section:target > h2 { color: var(--accent); }
 .missing { border: 1px dashed var(--muted); border-radius: .5rem; padding: .6rem .9rem; }
