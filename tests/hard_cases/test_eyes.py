@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.mirror_glints import project
 from pipeline.avatar.eye_glints import GRAZING, PIXEL_STD, mirror_pixels, trace_spheres
 from pipeline.avatar.losses import ROUGHNESS_BOUNDS
 from pipeline.avatar.pose import FrameInputs
@@ -24,7 +25,6 @@ from tests.unit.avatar.eyeballs import (
     make_eyes,
     make_frame,
     make_image,
-    project,
 )
 
 FLOAT32 = 2e-6

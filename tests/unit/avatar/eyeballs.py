@@ -1,9 +1,13 @@
-"""Two eyeballs as a template, and where a light shows in them: planted truth for the tests of explicit eyes."""
+"""Two eyeballs as a template, planted truth for the tests of explicit eyes."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import torch
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import texel_spacing
@@ -13,7 +17,6 @@ from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights,
 from pipeline.geometry.eye_fit import FittedEye
 from pipeline.geometry.eye_shape import EyeShape, usual_shape
 from pipeline.geometry.mesh import weld_vertices
-from pipeline.geometry.mirror_ball import reflection_points
 from pipeline.geometry.texels import Atlas
 
 CENTERS = {"eye_l": np.array([0.032, 0.010, 0.0625]), "eye_r": np.array([-0.032, 0.010, 0.0625])}
@@ -88,39 +91,27 @@ def make_image(center: np.ndarray, target: np.ndarray, mm_per_pixel: float, pixe
     )  # fmt: skip
 
 
-def glint_points(
-    center: np.ndarray, axis: np.ndarray, shape: EyeShape, camera: np.ndarray, light: np.ndarray, clear: float = 0.0
-) -> list[np.ndarray]:
-    """Where an eye mirrors a point light into a camera: on the cornea, and on the eyeball beside it; often only one.
-
-    None at all if either sphere's own reflection is within `clear` radians of the crease, seen from the sphere's
-    centre: the other sphere then shows a part of the glint.
-    """
-    found = []
-    height = shape.radius_m * np.cos(shape.limbus_angle)
-    spheres = [(0.0, shape.radius_m)] + [(shape.cornea_offset_m, shape.cornea_radius_m)] * (not shape.is_sphere)
-    for offset, radius in spheres:
-        middle = center + offset * axis
-        point = reflection_points(middle[None], radius, camera[None], light[None])[0]
-        normal = (point - middle) / radius
-        lit = normal @ (camera - point) > 0 and normal @ (light - point) > 0
-        from_crease = np.arccos((height - offset) / radius) - np.arccos(np.clip(normal @ axis, -1, 1))
-        if lit and not shape.is_sphere and abs(from_crease) < clear:
-            return []
-        if lit and (shape.is_sphere or (from_crease > 0) == (offset > 0)):
-            found.append(point)
-    return found
+ATLAS, EYES = make_atlas(64), make_eyes()
+CAMERA, MIDDLE = np.array([0.15, 0.1, 1.2]), np.array([0.0, 0.01, 0.07])
+LIGHTS = np.array([[0.5, 0.6, 1.0], [-0.7, 0.2, 1.0], [0.1, -0.6, 1.1], [1.0, 0.1, 0.6]])
+SIGMA = 0.02
+"""Roughness of `mirrors`, radians."""
 
 
-def project(image: ImageRecord, point: np.ndarray) -> np.ndarray:
-    """Pixel coordinates of a world point; the first pixel's centre is (0.5, 0.5)."""
-    x = image.K @ (image.R @ point + image.t)
-    return x[:2] / x[2]
+def gaze(yaw: float, pitch: float) -> np.ndarray:
+    """A direction so many degrees to the left and up."""
+    return Rotation.from_euler("YX", [yaw, -pitch], degrees=True).apply(AHEAD)
 
 
-def centroid(picture: np.ndarray, near: np.ndarray, within: float) -> np.ndarray:
-    """Centre of gravity of what is brighter than a tenth of the peak within some pixels of a point."""
-    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5
-    weight = np.where(np.hypot(x - near[0], y - near[1]) < within, picture, 0.0)
-    weight = np.where(weight > 0.1 * weight.max(), weight, 0.0)
-    return np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+def moved_head() -> np.ndarray:
+    """A head motion, world from head, [3, 4]."""
+    return np.column_stack([Rotation.from_euler("YXZ", [12, -7, 5], degrees=True).as_matrix(), [0.01, 0.02, -0.015]])
+
+
+def mirrors(eyes: dict[str, FittedEye] = EYES, **choices) -> Avatar:
+    """An avatar whose eyes do nothing but mirror."""
+    avatar = make_avatar(ATLAS, eyes, **choices)
+    with torch.no_grad():
+        avatar.albedo.zero_()
+        avatar.log_roughness.fill_(math.log(SIGMA))
+    return avatar

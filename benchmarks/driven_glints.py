@@ -1,0 +1,196 @@
+"""Glints of an avatar whose eyes are turned: where they are rendered, and where the true eye would show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import torch
+from scipy.spatial.transform import Rotation
+
+from benchmarks.mirror_glints import centroid
+from benchmarks.true_eyes import LEFT_OUT, MEASURED, TrueEyes
+from pipeline.avatar.driving import from_record
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.relighting import Relighter
+from pipeline.capture.records import FrameRecord
+from pipeline.geometry.cameras import Camera
+from pipeline.lighting.frame_lights import FrameLights
+
+WITHIN_PX = 1.0
+"""How far a glint may be off: what is asked of gaze in, gaze out."""
+
+BEYOND_EYE_PX = 2.0
+"""Pixels beyond the outline of an eye in which a glint is looked for."""
+
+SHOWN = 1e-3
+"""Peak of a glint over the brightest of the run below which nothing shows: four digits of float32 are noise."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An avatar with the calibration that it knows, and the truth.
+
+    Attributes:
+        cameras: calibrated, at sensor resolution.
+        lights: calibrated positions, metres.
+        sensor_per_pixel: sensor pixels per pixel of the capture.
+        zoom: rendered pixels per pixel of the capture.
+    """
+
+    relighter: Relighter
+    truth: TrueEyes
+    cameras: dict[str, Camera]
+    lights: dict[str, np.ndarray]
+    sensor_per_pixel: float
+    zoom: float = 1.0
+
+    def pixel_m(self, eye: str, frame: int, camera: str) -> float:
+        """Width of a pixel of the capture at an eye, metres."""
+        center, sensor = self.truth.placed(eye, frame, self.truth.looks(frame))[0], self.truth.cameras[camera]
+        return float(np.linalg.norm(center - sensor.center)) * self.sensor_per_pixel / sensor.K[0, 0]
+
+    def around_eyes(self, frame: int, camera: str) -> Camera:
+        """The calibrated camera without distortion, cut to the eyes of a frame."""
+        truth, sensor, scale = self.truth, self.cameras[camera], self.zoom / self.sensor_per_pixel
+        K = sensor.K * [[scale], [scale], [1.0]]
+        margin = self.zoom * (self.eye_px(frame, camera) + 2 * BEYOND_EYE_PX)
+        centers = (truth.placed(eye, frame, truth.looks(frame))[0] for eye in truth.centers)
+        places = [(K @ truth.image_point(center, camera, sensor))[:2] for center in centers]
+        low, high = np.floor(np.min(places, 0) - margin), np.ceil(np.max(places, 0) + margin)
+        K[:2, 2] -= low
+        return Camera(sensor.R, sensor.t, K, np.zeros(5), *(high - low).astype(int).tolist())
+
+    def corner(self, view: Camera, camera: str) -> np.ndarray:
+        """Where a cut view begins, in pixels of the capture's whole undistorted picture."""
+        return self.cameras[camera].K[:2, 2] / self.sensor_per_pixel - view.K[:2, 2] / self.zoom
+
+    def eye_px(self, frame: int, camera: str) -> float:
+        """Radius of the larger eye in pixels of the capture."""
+        return max(shape.radius_m / self.pixel_m(eye, frame, camera) for eye, shape in self.truth.shapes.items())
+
+
+def direction(yaw: float, pitch: float) -> np.ndarray:
+    """Unit direction in the head's frame, degrees to its left and up."""
+    return Rotation.from_euler("YX", [yaw, -pitch], degrees=True).apply([0.0, 0.0, 1.0])
+
+
+@contextmanager
+def without_mirrors(avatar: Avatar) -> Iterator[None]:
+    """The avatar with eyes that mirror nothing."""
+    kept = avatar.visibility.detach().clone()
+    with torch.no_grad():
+        avatar.visibility[avatar.eyes.chosen] = -torch.inf
+        yield
+        avatar.visibility.copy_(kept)
+
+
+def measure_glints(
+    scene: Scene, records: Sequence[FrameRecord], cameras: Sequence[str], lights: Sequence[str],
+    gazes: Sequence[tuple[float, float]],
+) -> pd.DataFrame:  # fmt: skip
+    """A row per frame, gaze (degrees), light, camera and eye: where the glint is and where it should be, in pixels of
+    the capture's whole undistorted picture, and how far apart they are."""
+    rows = []
+    for record, (yaw, pitch), light in product(records, gazes, lights):
+        looks, seen = direction(yaw, pitch), []
+        for camera, eye in product(cameras, scene.truth.centers):
+            spread = scene.pixel_m(eye, record.frame, camera)
+            status, point = scene.truth.glint(eye, record.frame, looks, camera, light, spread)
+            on_cornea = point is not None and scene.truth.on_cornea(point, eye, record.frame, looks)
+            sphere = None if point is None else "cornea" if on_cornea else "eyeball"
+            seen.append({
+                "frame": record.frame, "segment": record.segment, "yaw": yaw, "pitch": pitch, "light": light,
+                "camera": camera, "eye": eye, "status": status, "sphere": sphere, "point": point,
+            })  # fmt: skip
+        if any(row["status"] == MEASURED for row in seen):
+            look_for(scene, record, looks, light, seen)
+        rows += seen
+    table = pd.DataFrame(rows).drop(columns="point")
+    if "peak" in table:  # what does not show is as far off as can be
+        table.loc[table.peak < SHOWN * table.peak.max(), "error_px"] = np.inf
+    return table
+
+
+def look_for(scene: Scene, record: FrameRecord, looks: np.ndarray, light: str, rows: list[dict]) -> None:
+    """Render a frame under a light and add to the rows that are measured what is found."""
+    prepared = prepare(scene, record, looks, light)
+    for camera in dict.fromkeys(row["camera"] for row in rows if row["status"] == MEASURED):
+        view = scene.around_eyes(record.frame, camera)
+        mirrored = mirrored_light(scene, prepared, view)
+        for row in rows:
+            if (row["camera"], row["status"]) == (camera, MEASURED):
+                row |= compare(scene, record, view, mirrored, light, row)
+
+
+def prepare(scene: Scene, record: FrameRecord, looks: np.ndarray, light: str) -> dict:
+    """The avatar as tracked in a frame, with another gaze, under one light."""
+    driver = from_record(record)
+    driver = replace(driver, gaze=np.tile(looks, (len(driver.gaze), 1)).astype(np.float32))
+    return scene.relighter.under_lights(driver, FrameLights(scene.lights[light][None], np.full((1, 3), 2.0)))
+
+
+def mirrored_light(scene: Scene, prepared: dict, view: Camera) -> np.ndarray:
+    """What of a picture [h, w] eyes mirror."""
+    whole = scene.relighter.view(prepared, view)[0]
+    with without_mirrors(scene.relighter.avatar):
+        return (whole - scene.relighter.view(prepared, view)[0]).mean(-1).numpy().astype(np.float64)
+
+
+def compare(
+    scene: Scene, record: FrameRecord, view: Camera, mirrored: np.ndarray, light: str, row: dict
+) -> dict[str, float]:
+    """Where the glint of a row is expected and found, and where it would be had the eye not turned."""
+    truth, frame, camera, eye = scene.truth, record.frame, row["camera"], row["eye"]
+
+    def place(point: np.ndarray) -> np.ndarray:
+        return (view.K @ truth.image_point(point, camera, scene.cameras[camera]))[:2]
+
+    # Looked for all over the eye, not around the expected place: that would draw what is found towards it.
+    middle = place(truth.placed(eye, frame, truth.looks(frame))[0])
+    within = scene.zoom * (truth.shapes[eye].radius_m / scene.pixel_m(eye, frame, camera) + BEYOND_EYE_PX)
+    y, x = np.mgrid[: mirrored.shape[0], : mirrored.shape[1]] + 0.5
+    peak = mirrored[np.hypot(x - middle[0], y - middle[1]) < within].max()
+    expected, found = place(row["point"]), centroid(mirrored, middle, within)
+    still = truth.glint(eye, frame, truth.looks(frame), camera, light, 0.0)[1]
+    turned = np.nan if still is None else np.hypot(*(place(still) - expected)) / scene.zoom
+    places = np.concatenate([scene.corner(view, camera) + place / scene.zoom for place in (expected, found)])
+    names = ("expected_x", "expected_y", "found_x", "found_y")
+    error = np.hypot(*(found - expected)) / scene.zoom
+    return dict(zip(names, places, strict=True)) | {"peak": peak, "error_px": error, "still_px": turned}
+
+
+def summarize(table: pd.DataFrame) -> pd.DataFrame:
+    """A row for all glints, one per sphere and one per segment: how many, distances in pixels, and how many of each
+    other status. Glints of a cornea turn with the gaze, those of an eyeball stay where they are."""
+    groups = {"all": table} | dict(iter(table.groupby("sphere")))
+    groups |= {f"segment {name}": rows for name, rows in table.groupby("segment")}
+    return pd.DataFrame([{"glints_of": name, **numbers_of(rows)} for name, rows in groups.items()])
+
+
+def numbers_of(rows: pd.DataFrame) -> dict[str, float]:
+    """Numbers of one group."""
+    measured = rows[rows.status == MEASURED]
+    left_out = {status: int((rows.status == status).sum()) for status in LEFT_OUT}
+    if measured.empty:
+        return {"glints": 0, **left_out}
+    error, still = measured.error_px, measured.still_px.dropna()
+    return {
+        "glints": len(measured), "median_px": error.median(), "p95_px": error.quantile(0.95), "largest_px": error.max(),
+        "within_1_px": (error <= WITHIN_PX).mean(), "follows": slope_of(measured), "still_median_px": still.median(),
+        "still_within_1_px": (still <= WITHIN_PX).mean(), **left_out,
+    }  # fmt: skip
+
+
+def slope_of(measured: pd.DataFrame) -> float:
+    """Least squares of found against expected places, each about its mean over the gazes of a frame, light, camera and
+    eye."""
+    shown = measured[np.isfinite(measured.error_px)]
+    columns = ["expected_x", "expected_y", "found_x", "found_y"]
+    places = shown[columns] - shown.groupby(["frame", "light", "camera", "eye"])[columns].transform("mean")
+    expected, found = places[columns[:2]].to_numpy(), places[columns[2:]].to_numpy()
+    return float((expected * found).sum() / (expected**2).sum())
