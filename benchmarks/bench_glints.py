@@ -88,7 +88,8 @@ def main() -> None:
     write_table(out / "summary.csv", summary)
     draw_glints(out / "glints.png", scene, {record.frame: record for record in records}, table)
     for row in summary.to_dict("records"):
-        print(json.dumps({name: round(x, 3) if isinstance(x, float) else x for name, x in row.items()}), flush=True)
+        known = {name: x for name, x in row.items() if x == x}
+        print(json.dumps({name: round(x, 3) if isinstance(x, float) else x for name, x in known.items()}), flush=True)
     sys.exit(int(not (summary.glints[0] and summary.largest_px[0] <= WITHIN_PX)))
 
 

@@ -13,7 +13,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from benchmarks.mirror_glints import centroid
-from benchmarks.true_eyes import LEFT_OUT, MEASURED, TrueEyes
+from benchmarks.true_eyes import CUT, MEASURED, NOT_SEEN, TrueEyes
 from pipeline.avatar.driving import from_record
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.relighting import Relighter
@@ -99,15 +99,15 @@ def measure_glints(
     for record, (yaw, pitch), light in product(records, gazes, lights):
         looks, seen = direction(yaw, pitch), []
         for camera, eye in product(cameras, scene.truth.centers):
-            spread = scene.pixel_m(eye, record.frame, camera)
-            status, point = scene.truth.glint(eye, record.frame, looks, camera, light, spread)
+            pixel_m = scene.pixel_m(eye, record.frame, camera)
+            status, point = scene.truth.glint(eye, record.frame, looks, camera, light, pixel_m)
             on_cornea = point is not None and scene.truth.on_cornea(point, eye, record.frame, looks)
             sphere = None if point is None else "cornea" if on_cornea else "eyeball"
             seen.append({
                 "frame": record.frame, "segment": record.segment, "yaw": yaw, "pitch": pitch, "light": light,
                 "camera": camera, "eye": eye, "status": status, "sphere": sphere, "point": point,
             })  # fmt: skip
-        if any(row["status"] == MEASURED for row in seen):
+        if any(row["point"] is not None for row in seen):
             look_for(scene, record, looks, light, seen)
         rows += seen
     table = pd.DataFrame(rows).drop(columns="point")
@@ -117,13 +117,13 @@ def measure_glints(
 
 
 def look_for(scene: Scene, record: FrameRecord, looks: np.ndarray, light: str, rows: list[dict]) -> None:
-    """Render a frame under a light and add to the rows that are measured what is found."""
-    prepared = prepare(scene, record, looks, light)
-    for camera in dict.fromkeys(row["camera"] for row in rows if row["status"] == MEASURED):
+    """Render a frame under a light and add to the rows whose glint is seen what is found."""
+    prepared, seen = prepare(scene, record, looks, light), [row for row in rows if row["point"] is not None]
+    for camera in dict.fromkeys(row["camera"] for row in seen):
         view = scene.around_eyes(record.frame, camera)
         mirrored = mirrored_light(scene, prepared, view)
-        for row in rows:
-            if (row["camera"], row["status"]) == (camera, MEASURED):
+        for row in seen:
+            if row["camera"] == camera:
                 row |= compare(scene, record, view, mirrored, light, row)
 
 
@@ -165,24 +165,30 @@ def compare(
 
 
 def summarize(table: pd.DataFrame) -> pd.DataFrame:
-    """A row for all glints, one per sphere and one per segment: how many, distances in pixels, and how many of each
-    other status. Glints of a cornea turn with the gaze, those of an eyeball stay where they are."""
-    groups = {"all": table} | dict(iter(table.groupby("sphere")))
-    groups |= {f"segment {name}": rows for name, rows in table.groupby("segment")}
-    return pd.DataFrame([{"glints_of": name, **numbers_of(rows)} for name, rows in groups.items()])
+    """A row for all glints that nothing cuts, one per sphere and one per segment; one for those that are cut: how many,
+    and distances in pixels. Glints of a cornea turn with the gaze, those of an eyeball stay where they are.
+
+    The first row says how many are left out, and why.
+    """
+    measured, cut = table[table.status == MEASURED], table[table.status.isin(CUT)]
+    groups = {"all": measured} | dict(iter(measured.groupby("sphere")))
+    groups |= {f"segment {name}": rows for name, rows in measured.groupby("segment")} | {"cut (not in all)": cut}
+    left_out = {status: int((table.status == status).sum()) for status in (*CUT, *NOT_SEEN)}
+    rows = [
+        {"glints_of": name, **numbers_of(rows), **(left_out if name == "all" else {})} for name, rows in groups.items()
+    ]
+    return pd.DataFrame(rows)
 
 
-def numbers_of(rows: pd.DataFrame) -> dict[str, float]:
-    """Numbers of one group."""
-    measured = rows[rows.status == MEASURED]
-    left_out = {status: int((rows.status == status).sum()) for status in LEFT_OUT}
-    if measured.empty:
-        return {"glints": 0, **left_out}
-    error, still = measured.error_px, measured.still_px.dropna()
+def numbers_of(glints: pd.DataFrame) -> dict[str, float]:
+    """Numbers of one group of glints that are seen."""
+    if glints.empty:
+        return {"glints": 0}
+    error, still = glints.error_px, glints.still_px.dropna()
     return {
-        "glints": len(measured), "median_px": error.median(), "p95_px": error.quantile(0.95), "largest_px": error.max(),
-        "within_1_px": (error <= WITHIN_PX).mean(), "follows": slope_of(measured), "still_median_px": still.median(),
-        "still_within_1_px": (still <= WITHIN_PX).mean(), **left_out,
+        "glints": len(glints), "median_px": error.median(), "p95_px": error.quantile(0.95), "largest_px": error.max(),
+        "within_1_px": (error <= WITHIN_PX).mean(), "follows": slope_of(glints), "still_median_px": still.median(),
+        "still_within_1_px": (still <= WITHIN_PX).mean(),
     }  # fmt: skip
 
 

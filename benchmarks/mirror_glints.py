@@ -19,12 +19,13 @@ class Pinhole(Protocol):
 
 
 def glint_points(
-    center: np.ndarray, axis: np.ndarray, shape: EyeShape, camera: np.ndarray, light: np.ndarray, clear: float = 0.0
-) -> list[np.ndarray]:
+    center: np.ndarray, axis: np.ndarray, shape: EyeShape, camera: np.ndarray, light: np.ndarray, clear: float = 0.0,
+    clear_m: float = 0.0,
+) -> list[np.ndarray]:  # fmt: skip
     """Where an eye mirrors a point light into a camera: on the cornea, and on the eyeball beside it; often only one.
 
     None at all if either sphere's own reflection is within `clear` radians of the crease, seen from the sphere's
-    centre: the other sphere then shows a part of the glint.
+    centre, or within `clear_m` metres along the sphere: the other sphere then shows a part of the glint.
     """
     found = []
     height = shape.radius_m * np.cos(shape.limbus_angle)
@@ -35,7 +36,7 @@ def glint_points(
         normal = (point - middle) / radius
         lit = normal @ (camera - point) > 0 and normal @ (light - point) > 0
         from_crease = np.arccos((height - offset) / radius) - np.arccos(np.clip(normal @ axis, -1, 1))
-        if lit and not shape.is_sphere and abs(from_crease) < clear:
+        if lit and not shape.is_sphere and abs(from_crease) < max(clear, clear_m / radius):
             return []
         if lit and (shape.is_sphere or (from_crease > 0) == (offset > 0)):
             found.append(point)

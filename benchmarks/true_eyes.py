@@ -25,15 +25,17 @@ from pipeline.geometry.skin import read_template
 from pipeline.lighting.visibility import Occluders
 
 CLEAR = 0.15
-"""Radians between a glint and the crease of cornea and eyeball, seen from its sphere's centre: 1.2 mm on a cornea. A
-glint that is nearer is cut, and goes on beyond the crease elsewhere."""
+"""Radians between a mirror point and the crease of cornea and eyeball, seen from its sphere's centre, within which the
+crease cuts the glint whatever the pixels: a normal turned by 0.15 rad turns the mirrored ray by 0.3, six times the
+width of the lobe of a wet eye."""
 
 MEASURED = "measured"
-LEFT_OUT = UNLIT, TWO, CREASE, HIDDEN, EDGE = (
-    "not mirrored", "two glints", "near the crease", "hidden by skin", "at the skin's edge",
-)  # fmt: skip
-"""What becomes of a glint: it is compared, or why not. Not mirrored: camera or light are behind the sphere, or the
-place is on the part of a sphere that lies inside the other."""
+CUT = CREASE, OUTLINE, EDGE = "near the crease", "at the eye's outline", "at the skin's edge"
+NOT_SEEN = UNLIT, TWO, HIDDEN = "not mirrored", "two glints", "hidden by skin"
+"""What becomes of a glint. It is measured; or, within a pixel, something cuts it: cornea or eyeball where they meet,
+the outline of the eye, or skin, so that the middle of what shows is not the mirror point; or it is not seen, or twice.
+Not mirrored: camera or light are behind the sphere, or the place is on the part of a sphere that lies inside the
+other."""
 
 AROUND = 8
 """Points around a glint that are asked for whether skin hides them."""
@@ -81,21 +83,28 @@ class TrueEyes:
         return R @ self.centers[eye] + t, R @ looks
 
     def glint(
-        self, eye: str, frame: int, looks: np.ndarray, camera: str, light: str, spread_m: float
+        self, eye: str, frame: int, looks: np.ndarray, camera: str, light: str, pixel_m: float
     ) -> tuple[str, np.ndarray | None]:
-        """Whether and where a light shows in an eye: one of `MEASURED` to `EDGE`, and the point if it is measured.
+        """What becomes of a glint, see `MEASURED` to `HIDDEN`, and where it is, unless it is not seen.
 
-        `spread_m`: nothing may hide what lies this far from the glint, or its picture would be cut.
+        `pixel_m`: width of a pixel at the eye.
         """
         center, axis = self.placed(eye, frame, looks)
-        seen_from, lit_by = self.cameras[camera].center, self.lights[light]
-        found = glint_points(center, axis, self.shapes[eye], seen_from, lit_by)
+        shape, seen_from, lit_by = self.shapes[eye], self.cameras[camera].center, self.lights[light]
+        found = glint_points(center, axis, shape, seen_from, lit_by)
         if len(found) != 1:
             return (TWO if found else UNLIT), None
-        if not glint_points(center, axis, self.shapes[eye], seen_from, lit_by, CLEAR):
-            return CREASE, None
-        share = self.passing(found[0], self.normal(found[0], eye, frame, looks), frame, (seen_from, lit_by), spread_m)
-        return (MEASURED, found[0]) if share == 1 else (EDGE if share else HIDDEN, None)
+        point, normal = found[0], self.normal(found[0], eye, frame, looks)
+        free = self.passing(point, normal, frame, (seen_from, lit_by), pixel_m)
+        if not free[0]:
+            return HIDDEN, None
+        if not glint_points(center, axis, shape, seen_from, lit_by, CLEAR, pixel_m):
+            return CREASE, point
+        radius = shape.cornea_radius_m if self.on_cornea(point, eye, frame, looks) else shape.radius_m
+        toward = (seen_from - point) / np.linalg.norm(seen_from - point)
+        if radius * (1 - np.linalg.norm(np.cross(normal, toward))) < pixel_m:
+            return OUTLINE, point
+        return (MEASURED if free.all() else EDGE), point
 
     def on_cornea(self, point: np.ndarray, eye: str, frame: int, looks: np.ndarray) -> bool:
         """Whether a point of an eye's surface lies on its cornea."""
@@ -113,8 +122,9 @@ class TrueEyes:
 
     def passing(
         self, point: np.ndarray, normal: np.ndarray, frame: int, ends: tuple[np.ndarray, ...], spread_m: float
-    ) -> float:
-        """Share of a disc around a point of an eye, `spread_m` wide each way, that sees all `ends` past the skin."""
+    ) -> np.ndarray:
+        """Whether a point of an eye, and then points around it at a distance of `spread_m`, see all `ends` past the
+        skin."""
         aside, turn = np.linalg.svd(normal[None])[2][1:], 2 * np.pi * np.arange(AROUND) / AROUND
         ring = spread_m * np.stack([np.cos(turn), np.sin(turn)], 1) @ aside
         points = point + np.concatenate([np.zeros((1, 3)), ring])
@@ -123,7 +133,7 @@ class TrueEyes:
             way = end - points
             way /= np.linalg.norm(way, axis=1, keepdims=True)
             free &= self.occluders(frame).first_faces(points, normals, way)[0] < 0
-        return float(free.mean())
+        return free
 
     def image_point(self, point: np.ndarray, camera: str, calibrated: Camera) -> np.ndarray:
         """Where a point of the world lies in the undistorted pictures of a calibrated camera, (x / z, y / z, 1):
