@@ -12,15 +12,16 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.avatar.eye_albedo import EyeAlbedo
 from pipeline.avatar.eye_glints import mirror_layer
+from pipeline.avatar.eye_texels import eye_texels
 from pipeline.avatar.gaze import gaze_of
-from pipeline.avatar.lids import trace_lids
-from pipeline.avatar.pose import FrameInputs, PosedTexels, pose_texels
-from pipeline.base.errors import InputError
+from pipeline.avatar.lids import light_past_lids, trace_lids
+from pipeline.avatar.pose import FrameInputs, PosedTexels, pose_texels, white_once
+from pipeline.avatar.shading import start_harmonics
 from pipeline.geometry.eye_fit import FittedEye
 from pipeline.geometry.eye_shape import EyeSurface, eye_surface, turn_to
 from pipeline.geometry.mesh import unit_or
@@ -79,6 +80,7 @@ class Eyes(nn.Module):
         self.skin_faces = atlas.faces[~corners.all(1)].astype(np.int64)
         self.shift, self.growth, self.turn = (nn.Parameter(torch.zeros(len(names), 3)) for _ in range(3))
         self.albedo = EyeAlbedo(len(chosen))
+        self.lit_apart = self.shadow_learned = False
 
     def refined(self) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
         """Centres, sizes (r_e, r_c, d) in metres, and turns of the axes that are the same for all gazes."""
@@ -130,6 +132,11 @@ class Eyes(nn.Module):
         placed = PosedTexels(*(a.index_copy(0, self.chosen, b) for a, b in zip(old, rows, strict=True)))
         if inputs.lids is None:
             inputs.lids = trace_lids(inputs.mesh[0], self.skin_faces, points.detach(), frames.detach())
+            if self.lit_apart:
+                own = points.detach(), frames.detach()[..., 2], turns.detach()[self.eye]
+                skin = None if self.shadow_learned else inputs.lids.skin
+                light = light_past_lids(skin, *own, inputs.lights[0], white_once(inputs.lights[1]))
+                inputs.eye_light = self.chosen, light
         frozen = {"offset": (0.0, 0.0, 0.0), "rotation": (1.0, 0.0, 0.0, 0.0), "normal_offset": (0.0, 0.0, 0.0)}
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
@@ -151,7 +158,9 @@ class Eyes(nn.Module):
         return values.index_fill(0, self.chosen, 0.0)
 
     def under_lids(self, frame: Mapping[str, Tensor], values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
-        """What of the texels' light passes the lids."""
+        """What of the texels' light passes the lids; all of it, where what came to them had passed already."""
+        if self.lit_apart:
+            return values
         share = frame["lids"].opening.reshape(-1, *[1] * (values.ndim - 1))
         return values.index_copy(0, self.chosen, values[self.chosen] * share)
 
@@ -165,10 +174,23 @@ class Eyes(nn.Module):
 
     @torch.no_grad()
     def start(self, avatar: nn.Module) -> None:
-        """Set what eyes start with in an avatar's own parameters, if it has a lobe."""
+        """Set what eyes start with in an avatar's own parameters: a lobe, and an open transfer, if it has them.
+
+        Where each texel has harmonics of its own light, eyes have those of the light that passes the lids, each lamp by
+        itself, in a frame that turns with the eye. Their transfer starts as that of the bare spheres: what lids hide at
+        rest would count twice.
+        """
         if hasattr(avatar, "log_roughness"):
             avatar.log_roughness[self.chosen] = math.log(START_ROUGHNESS)
             avatar.visibility[self.chosen] = math.log(START_VISIBILITY / (1 - START_VISIBILITY))
+        spec = avatar.spec
+        self.lit_apart, self.shadow_learned = spec.shading in ("harmonics", "linear") and spec.near_field, spec.shadow
+        if self.lit_apart:
+            bare = start_harmonics(self.surface(self.sizes).normals, spec.degrees)
+            for name, values in zip(("transfer_color", "transfer_mono"), bare, strict=True):
+                if values.numel():
+                    avatar.get_parameter(name)[self.chosen] = values
+                    avatar.get_buffer(f"start_{name}")[self.chosen] = values
 
     def losses(self, avatar: nn.Module, frame: Mapping[str, Tensor]) -> dict[str, Float[Tensor, ""]]:
         """The terms of RGCA 16, unweighted: scales (mm) no larger than closes the surface, opacity and visibility 1."""
@@ -180,23 +202,3 @@ class Eyes(nn.Module):
         if hasattr(avatar, "visibility"):
             terms["eye_visibility"] = (1 - torch.sigmoid(avatar.visibility[self.chosen])).square().mean()
         return terms
-
-
-def eye_texels(
-    atlas: Atlas, parts: Mapping[str, tuple[int, ...]]
-) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
-    """The texels of all eyes, and the number of each one's eye in the order of `parts`."""
-    owner = np.full(len(atlas.rest_vertices), -1)
-    for number, (name, vertices) in enumerate(parts.items()):
-        if not vertices or not 0 <= min(vertices) <= max(vertices) < len(owner):
-            raise InputError(f"{name}: expected vertices 0 to {len(owner) - 1}, found others; run fit_eyes again")
-        owner[list(vertices)] = number
-    corners = owner[atlas.corners]
-    chosen = np.flatnonzero((corners[:, 0] >= 0) & (corners == corners[:, :1]).all(1))
-    eye = corners[chosen, 0]
-    empty = [name for number, name in enumerate(parts) if not (eye == number).any()]
-    if empty:
-        raise InputError(
-            f"{empty}: expected texels of the atlas on each eye, found none; make unwrap_atlas.size larger"
-        )
-    return chosen, eye

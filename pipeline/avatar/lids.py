@@ -1,4 +1,4 @@
-"""Lids: what of the outside the eyes see, and mirror, past the tracked skin.
+"""Lids: what of the outside the eyes see, mirror, and are lit by, past the tracked skin.
 
 Traced, not learned: that takes no parameters, holds for expressions and gazes that were never captured, and is as good
 as the tracking of the lids.
@@ -14,8 +14,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pipeline.lighting.bounces import cosine_directions
+from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.lobes import mirror_direction, unit
 from pipeline.lighting.visibility import Occluders
+from pipeline.lighting.visibility_bits import trace_bits
+from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
 
 LID_RAYS = 32
 """Rays per texel: a lid's edge is then known to 3 % of what the texel sees."""
@@ -64,3 +67,30 @@ def trace_lids(
     above, occluders = np.repeat(axes[..., 2], LID_RAYS, 0), Occluders(vertices, skin)
     hit, _ = occluders.first_faces(np.repeat(at, LID_RAYS, 0), above, rays)
     return Lids(torch.as_tensor((hit.reshape(-1, LID_RAYS) < 0).mean(1)).to(points), occluders)
+
+
+@torch.no_grad()
+def light_past_lids(
+    skin: Occluders | None, points: Float[Tensor, "n 3"], normals: Float[Tensor, "n 3"], turns: Float[Tensor, "n 3 3"],
+    positions: Float[Tensor, "lights 3"], intensities: Float[Tensor, "lights channels"],
+) -> Float[Tensor, "n 81 channels"]:  # fmt: skip
+    """sum_j I_j / d_j^2 V_j Y_lm(w_j) at eye texels, V_j = 0 where skin hides a light, in the frames of their eyes.
+
+    As `gather_harmonics`, but an eye's transfer turns with it. A light below a texel's horizon is left to the transfer.
+
+    Args:
+        points, normals: of the eye texels, metres.
+        turns: of their eyes, world from rest.
+    """
+    out = points.new_zeros(len(points), COEFFICIENTS, intensities.shape[1])
+    at, up, lights = (tensor.double().cpu().numpy() for tensor in (points, normals, positions))
+    bits = None if skin is None else trace_bits(skin, at, up, lights)
+    for j, (position, intensity) in enumerate(zip(positions, intensities, strict=True)):
+        offset = position - points
+        harmonics = spherical_harmonics((unit(offset)[:, None] @ turns)[:, 0])
+        arriving = harmonics / offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
+        if bits is not None:
+            free = torch.as_tensor(bits.seen(j)).to(points.device) | ((offset * normals).sum(-1) <= 0)
+            arriving = arriving * free[:, None]
+        out += arriving[..., None] * intensity
+    return out

@@ -62,6 +62,8 @@ class FrameInputs:
     device: torch.device | str = field(default="cpu", kw_only=True)
     lids: Lids | None = field(default=None, init=False)
     """What eyes see past the lids, once an avatar with eyes has traced it."""
+    eye_light: tuple[Int[Tensor, " n"], Float[Tensor, "n 81 channels"]] | None = field(default=None, init=False)
+    """Texels of eyes with the light that comes to them past the lids, in spherical harmonics of their eyes' frames."""
 
     @cached_property
     def posed(self) -> PosedTexels:
@@ -115,9 +117,11 @@ class FrameInputs:
 
     @cached_property
     def harmonics(self) -> Float[Tensor, "texels 81 channels"]:
-        """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`."""
+        """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`; at texels of
+        explicit eyes, `eye_light`."""
         positions, intensities = self.lights
-        return gather_harmonics(self.posed.points, self.root_from_world, positions, white_once(intensities))
+        light = gather_harmonics(self.posed.points, self.root_from_world, positions, white_once(intensities))
+        return light if self.eye_light is None else light.index_copy(0, *self.eye_light)
 
     @cached_property
     def far_lights(self) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights 3"]]:

@@ -1,19 +1,25 @@
 """What lids hide of eyes, and of what eyes mirror."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from benchmarks.mirror_glints import glint_points
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.texel_parameters import START_ALBEDO
 from tests.unit.avatar.eyeballs import (
     AHEAD,
     CENTERS,
     EYES,
     LIGHTS,
+    gaze,
     make_atlas,
     make_avatar,
     make_frame,
+    moved_head,
 )
 
 
@@ -53,3 +59,64 @@ def test_glints_of_lights_behind_a_lid_are_not_seen(wall, passes):
     arrays = [torch.tensor(array[None], dtype=torch.float32) for array in (point, normal)]
     seen = frame["lids"].pass_mirrored(*arrays, torch.tensor(camera, dtype=torch.float32))
     assert seen.tolist() == [passes]
+
+
+HEAD = {"avatar": "head", "shading": "harmonics", "code_size": 4, "decoder_channels": (4,), "near_field": True}
+TRUNCATED = 0.034
+"""How far harmonics of up to degree 8 are off the clamped cosine, of its peak: most at the horizon."""
+
+
+def lambert(points, normals, light, wall):
+    """Light of one lamp off a matte surface past a wall at z = 0.08, and how near its ray passes the wall's edges."""
+    way = light - points
+    distance = np.linalg.norm(way, axis=1)
+    cosine = ((way * normals).sum(1) / distance).clip(0)
+    height = (points + way * ((0.08 - points[:, 2]) / way[:, 2])[:, None])[:, 1]
+    hidden = (height > wall[0]) & (height < wall[1])
+    shown = START_ALBEDO / np.pi * 2.0 / distance**2 * cosine
+    return np.where(hidden, 0.0, shown), np.abs(height[:, None] - wall).min(1)
+
+
+@pytest.mark.parametrize("start", ["traced", "lambertian"])
+@pytest.mark.parametrize("looks", [AHEAD, gaze(25, -10)])
+def test_each_light_is_hidden_by_itself_wherever_the_eye_looks(start, looks):
+    """A wall between the eyes and the lamp, under a moved head: each texel is as Lambert has it, or black; also where a
+    transfer traced at rest would be in the shadow of the wall."""
+    wall, light, head = (0.008, 0.03), np.array([[0.2, 0.3, 1.0]]), moved_head()
+    atlas = make_atlas(64, lid(*wall))
+    avatar = make_avatar(atlas, EYES, **HEAD, transfer_start=start)
+    world = light @ head[:, :3].T + head[:, 3]
+    frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, looks, world, head)))
+    chosen = avatar.eyes.chosen
+    points, normals = (frame[name].detach()[chosen].double().numpy() for name in ("means", "normals"))
+    expected, from_edge = lambert((points - head[:, 3]) @ head[:, :3], normals @ head[:, :3], light[0], wall)
+    clear = (from_edge > 1e-4) & ((points - head[:, 3]) @ head[:, 2] < 0.0799)
+    found, peak = frame["diffuse"].detach()[chosen].numpy(), START_ALBEDO / np.pi * 2.0 / (1.0 - 0.08) ** 2
+    assert (expected[clear] > 0.05).sum() > 50 and (expected[clear] == 0).sum() > 50
+    np.testing.assert_allclose(found[clear], np.tile(expected[clear, None], 3), atol=TRUNCATED * peak)
+
+
+def test_light_of_two_lamps_is_the_sum_of_the_light_of_each():
+    """Whatever the lids hide from either, and whatever was learned."""
+    atlas = make_atlas(64, lid(0.008, 0.03))
+    avatar = make_avatar(atlas, EYES, **HEAD)
+    with torch.no_grad():
+        avatar.transfer_mono.add_(0.1 * torch.randn(avatar.transfer_mono.shape))
+
+    def diffuse(lights):
+        return avatar.prepare(FrameInputs(atlas, make_frame(atlas, gaze(10, 5), lights)))["diffuse"].detach()
+
+    both, first, second = diffuse(LIGHTS[:2]), diffuse(LIGHTS[:1]), diffuse(LIGHTS[1:2])
+    assert torch.allclose(both, first + second, atol=1e-5)
+
+
+def test_where_all_texels_have_one_light_eyes_start_like_the_rest():
+    """Lamps are far then; lids dim an eye's light as a whole, and what they hide at rest stays in the transfer."""
+    atlas, far = make_atlas(64, lid(0.008, 0.03)), HEAD | {"near_field": False, "transfer_start": "traced"}
+    avatar = make_avatar(atlas, EYES, **far)
+    eyeless = Avatar(atlas, texel_spacing(atlas), replace(avatar.spec, eyes=False))
+    for name in ("transfer_color", "transfer_mono", "start_transfer_color"):
+        assert torch.equal(getattr(avatar, name), getattr(eyeless, name))
+    frames = [one.prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, LIGHTS[:1]))) for one in (avatar, eyeless)]
+    shown, bare = (frame["diffuse"].detach()[avatar.eyes.chosen] for frame in frames)
+    assert torch.allclose(shown, frames[0]["lids"].opening[:, None] * bare, atol=1e-6) and bare.max() > 0.01
