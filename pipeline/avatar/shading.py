@@ -88,13 +88,12 @@ def shade_halfway(
     camera_center: Float[Tensor, "3"],
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
-    seen: UInt8[np.ndarray, "lights bytes"] | None = None,
 ) -> Float[Tensor, "pixels channels"]:
-    """As `shade_specular`, with the lobe about the half vector of each light, see `gather_reflections`: F taken there,
-    and what the roughness hides of a light that grazes the surface. `seen`: what else hides it; None: nothing."""
-    lights = (light_positions, intensities, every_light(len(intensities), len(points)) if seen is None else seen)
-    normals, to_camera = unit(normals), unit(camera_center - points)
-    width = roughness / math.sqrt(2)
+    """As `shade_specular`, with the lobe about the half vector of each light, see `gather_reflections`: F is taken
+    there, and roughness hides part of a light that grazes the surface, and all of one below it."""
+    seen = every_light(len(intensities), len(points))
+    normals, to_camera, width = unit(normals), unit(camera_center - points), roughness / math.sqrt(2)
+    lights = (light_positions, intensities, seen)
     return visibility[:, None] * gather_reflections(points, normals, to_camera, width, *lights, gaussian=True)
 
 
