@@ -38,7 +38,7 @@ class KeyedCodes:
 class KeyedGaze:
     """Unit directions of each eye in the head's frame, at numbers of pictures, rising."""
 
-    eyes: Sequence[tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, "n 3"]]]
+    eyes: Sequence[tuple[Float64[np.ndarray, " _"], Float64[np.ndarray, "_ 3"]]]
 
     def at(self, picture: int) -> Float32[np.ndarray, "eyes 3"]:
         """Where the eyes look in a picture: on the great circle between rows, constant before and after them."""
@@ -73,7 +73,7 @@ def read_codes(path: Path, size: int) -> KeyedCodes:
             f"{path}: expected the columns picture and code_0 to code_{size - 1}, as the avatar's codes have {size} "
             f"numbers; found {listed(found)}"
         )
-    table = _read(path, dict.fromkeys(columns, "number"), ["picture"])
+    table = _read(path, dict.fromkeys(columns, "number"), ["picture"]).sort_values("picture")
     return KeyedCodes(table["picture"].to_numpy(), table[columns[1:]].to_numpy())
 
 

@@ -1,3 +1,4 @@
+# What evaluate_avatar writes with and without pictures.
 SCORES = {
     "metrics": report(
         "results/{subject}/metrics.csv",
