@@ -42,6 +42,7 @@ def read_poses(
     if textures and len(textures) != len(tracking):
         raise InputError(f"--textures: expected one for each of {len(tracking)} chunks, found {len(textures)}")
     gaze = read_gaze(index / "gaze.parquet") if index is not None else {}
+    gaze = {frame: looks.copy() for frame, looks in gaze.items()}  # tensors share no memory with a table's columns
     wanted, poses, known = frames_of_segment(index, settings.segment), {}, []
     for path, texture_path in zip(tracking, textures or repeat(None), strict=False):
         chunk = read_tracked(path, len(relighter.atlas.rest_vertices))

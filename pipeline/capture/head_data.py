@@ -27,7 +27,7 @@ def head_motions(tracked: Mapping[str, np.ndarray]) -> dict[int, Float32[np.ndar
 def read_gaze(path: Path) -> dict[int, Float32[np.ndarray, "eyes 3"]]:
     """Of index/gaze.parquet: unit directions by frame, eyes in the order of their names."""
     table = read_table(path).sort_values(["frame", "eye"])
-    return {int(frame): rows[["x", "y", "z"]].to_numpy(np.float32, copy=True) for frame, rows in table.groupby("frame")}
+    return {int(frame): rows[["x", "y", "z"]].to_numpy(np.float32) for frame, rows in table.groupby("frame")}
 
 
 def write_textures(path: Path, frames: Int[np.ndarray, " n"], textures: Float[np.ndarray, "n texels 3"]) -> None:
