@@ -80,6 +80,24 @@ def shade_specular(
     return (visibility * grazing_gain(normals, to_camera))[:, None] * glints
 
 
+def shade_halfway(
+    points: Float[Tensor, "pixels 3"],
+    normals: Float[Tensor, "pixels 3"],
+    roughness: Float[Tensor, "pixels"],
+    visibility: Float[Tensor, "pixels"],
+    camera_center: Float[Tensor, "3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+    seen: UInt8[np.ndarray, "lights bytes"] | None = None,
+) -> Float[Tensor, "pixels channels"]:
+    """As `shade_specular`, with the lobe about the half vector of each light, see `gather_reflections`: F taken there,
+    and what the roughness hides of a light that grazes the surface. `seen`: what else hides it; None: nothing."""
+    lights = (light_positions, intensities, every_light(len(intensities), len(points)) if seen is None else seen)
+    normals, to_camera = unit(normals), unit(camera_center - points)
+    width = roughness / math.sqrt(2)
+    return visibility[:, None] * gather_reflections(points, normals, to_camera, width, *lights, gaussian=True)
+
+
 def shade_near_mirrors(
     points: Float[Tensor, "pixels 3"],
     normals: Float[Tensor, "pixels 3"],

@@ -13,7 +13,7 @@ from pipeline.config.settings import Settings
 Edges = Literal["captured", "ignored"]
 Kind = Literal["body", "head"]
 Anchors = Literal["decoded", "tracked", "rigid"]
-Highlight = Literal["angular", "cosine", "harmonics"]
+Highlight = Literal["angular", "half", "cosine", "harmonics"]
 TransferStart = Literal["lambertian", "traced"]
 Device = Literal["auto", "cpu", "cuda"]
 DepthSource = Literal["expected", "normalised", "median", "traced"]
@@ -56,8 +56,8 @@ class TrainAvatar(Settings):
     )
     highlight: Highlight = Field(
         "angular",
-        description="The lobe: a spherical Gaussian of the angle (RGCA 6), of the cosine, or, for heads, SH that the "
-        "view decoder gives (EyeNeRF)",
+        description="The lobe: a spherical Gaussian of the angle to the mirror direction (RGCA 6), of twice the half "
+        "vector's angle to the normal, of the cosine, or, for heads, SH that the view decoder gives (EyeNeRF)",
     )
     specular: Mode = Field("auto", description="The specular lobe (RFGCA 10-14), or GGX")
     shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")
