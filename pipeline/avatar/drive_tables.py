@@ -44,10 +44,9 @@ class KeyedGaze:
         """Where the eyes look in a picture: on the great circle between rows, constant before and after them."""
         looks = []
         for pictures, directions in self.eyes:
-            after = int(np.searchsorted(pictures, picture).clip(1, max(1, len(pictures) - 1)))
-            start, end = directions[after - 1], directions[min(after, len(pictures) - 1)]
-            share = np.interp(picture, pictures[[after - 1, min(after, len(pictures) - 1)]], [0.0, 1.0])
-            looks.append(between_directions(start[None], end[None], np.array([share]))[0])
+            row, share = divmod(np.interp(picture, pictures, np.arange(len(pictures))), 1)
+            ends = directions[[int(row), min(int(row) + 1, len(directions) - 1)]]
+            looks.append(between_directions(ends[:1], ends[1:], np.array([share]))[0])
         return np.array(looks, np.float32)
 
 
@@ -115,13 +114,15 @@ def fixed_gaze(direction: Sequence[float], eyes: Collection[str]) -> KeyedGaze:
 
 
 def _columns(path: Path) -> list[str]:
-    return column_names(path.parent, path.name)
+    file = path.resolve()  # what a link leads to may lie anywhere
+    return column_names(file.parent, file.name)
 
 
 def _read(path: Path, columns: Mapping[str, Kind], keys: list[str]) -> pd.DataFrame:
     """A table with at least one row and no repeated keys."""
     complaints = Complaints(path)
-    table = read_csv(path.parent, path.name, columns, complaints)
+    file = path.resolve()
+    table = read_csv(file.parent, file.name, columns, complaints)
     if table is not None and table.empty:
         complaints.add(path.name, "table", expected="at least one row", found="none")
     if table is not None:

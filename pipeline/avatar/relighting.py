@@ -54,7 +54,8 @@ class Relighter:
         """Whether maps can go in by harmonics and panoramas: the transfer is learned and turns with each Gaussian, the
         lobe is deferred, and nothing is asked of lights one by one."""
         spec = self.avatar.spec
-        one_by_one = spec.traced or spec.indirect == "ambient" or (spec.lobe and not spec.deferred)
+        one_by_one = spec.traced or spec.indirect == "ambient"
+        one_by_one |= spec.lobe and (not spec.deferred or spec.highlight == "half")
         return spec.shading == "transfer" and not one_by_one
 
     @torch.no_grad()

@@ -6,7 +6,7 @@ rule relight_avatar:
         config="results/{subject}/avatars/{variant}/config.json",
         tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
         textures=mean_textures,
-        segments="results/{subject}/index/frames.parquet",
+        index_frames="results/{subject}/index/frames.parquet",
         gaze="results/{subject}/index/gaze.parquet",
         tables=drive_tables,
         cameras="results/{subject}/calibration/cameras.json",
