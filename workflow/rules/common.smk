@@ -202,9 +202,9 @@ def pictures_of_scores(wildcards):
 
 
 def subjects_that(asked):
-    """A pattern of the names of the subjects whose settings a function finds true; those without a file have the
-    project's."""
-    chosen = [name for name in project.subjects if asked(project.subject(name))]
+    """A pattern of the names of the subjects whose settings, before a budget changes any, a function finds true; those
+    without a file have the project's."""
+    chosen = [name for name, settings in project.subjects.items() if asked(settings)]
     if asked(project.settings):
         chosen.append(f"(?!(?:{'|'.join(project.subjects) or NO_NAME})/)[A-Za-z0-9_-]+")
     return "|".join(chosen) or NO_NAME
