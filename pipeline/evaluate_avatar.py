@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 import math
+import shutil
 import time
 from pathlib import Path
 
@@ -87,6 +88,8 @@ def run(
     protocol = {"color_space": COLOR_SPACE, "region": REGION, "lpips_net": settings.lpips_net, "lpips_weights": weights}
 
     means, singles, ablations = [], [], []
+    if not settings.pictures:  # those of an earlier run would stand beside scores that are not theirs
+        shutil.rmtree(out / "images", ignore_errors=True)
     for folder, path in zip(avatars, frames, strict=True):
         render = load_avatar(folder, atlas).render
         per_image = evaluate(render, images, lit[path], lpips)

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
 from pipeline.avatar.checkpoint import LoadedAvatar
@@ -114,6 +114,13 @@ class Relighter:
         R, t, K = (self._tensor(array) for array in (camera.R, camera.t, camera.K))
         picture = avatar.view(frame, R, t, K, camera.width, camera.height)
         return picture["rgb"], picture["alpha"]
+
+    @torch.no_grad()
+    def code_of(self, driver: Driver) -> Float32[np.ndarray, " code"]:
+        """The latent code that a head's encoder gives a pose: its mean (RGCA 3)."""
+        ones = np.ones(self.atlas.texel_count, np.float32)
+        inputs = FrameInputs(self.atlas, self._record(driver, NO_LIGHTS, (ones, ones)), device=self.device)
+        return self.avatar.networks.encode(inputs).mean.cpu().numpy()
 
     def _prepare(self, driver: Driver, sources: FrameLights, lights: FrameLights, distant: bool) -> dict:
         """A frame under `lights`; shadow rays go to `sources`: the same, or directions and irradiances."""
