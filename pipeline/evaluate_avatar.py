@@ -31,6 +31,7 @@ from pipeline.metrics.evaluation import (
     LIT,
     METRICS,
     REGION,
+    TABLES,
     Render,
     display_pair,
     evaluate,
@@ -43,9 +44,6 @@ log = logging.getLogger("evaluate_avatar")
 
 TIMED_IMAGES = 9
 """Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
-
-TABLES = ("held_out_segments", "held_out_lights")
-"""Splits that have columns of their own in ablations.csv: the two tables of RGCA."""
 
 
 def run(
