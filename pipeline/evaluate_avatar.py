@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 import math
+import shutil
 import time
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from pipeline.metrics.evaluation import (
     LIT,
     METRICS,
     REGION,
+    TABLES,
     Render,
     display_pair,
     evaluate,
@@ -42,9 +44,6 @@ log = logging.getLogger("evaluate_avatar")
 
 TIMED_IMAGES = 9
 """Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
-
-TABLES = ("held_out_segments", "held_out_lights")
-"""Splits that have columns of their own in ablations.csv: the two tables of RGCA."""
 
 
 def run(
@@ -87,6 +86,8 @@ def run(
     protocol = {"color_space": COLOR_SPACE, "region": REGION, "lpips_net": settings.lpips_net, "lpips_weights": weights}
 
     means, singles, ablations = [], [], []
+    if not settings.pictures:  # those of an earlier run would stand beside scores that are not theirs
+        shutil.rmtree(out / "images", ignore_errors=True)
     for folder, path in zip(avatars, frames, strict=True):
         render = load_avatar(folder, atlas).render
         per_image = evaluate(render, images, lit[path], lpips)

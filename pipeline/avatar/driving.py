@@ -7,7 +7,7 @@ expressions of frames of any segment, held still or moved in another way (`from_
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -71,13 +71,19 @@ def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] |
     Raises:
         InputError: if it shall, but the frame does not say how its head moved.
     """
+    driver = Driver(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
     if head_from_world is None:
-        return Driver(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
-    if record.head_from_world is None:
+        return driver
+    if driver.head_from_world is None:
         raise InputError(f"frame {record.frame}: expected the motion of a head, found none; only heads move as a whole")
-    tracked = record.head_from_world.astype(np.float64)
-    local = record.vertices @ tracked[:, :3].T + tracked[:, 3]
-    return Driver(moved(local, head_from_world), head_from_world.astype(np.float32), record.texture, gaze=record.gaze)
+    return moved_as(driver, head_from_world)
+
+
+def moved_as(driver: Driver, head_from_world: Float[np.ndarray, "3 4"]) -> Driver:
+    """The same head, its own motion known, moved in another way."""
+    tracked = driver.head_from_world.astype(np.float64)
+    local = driver.vertices @ tracked[:, :3].T + tracked[:, 3]
+    return replace(driver, vertices=moved(local, head_from_world), head_from_world=head_from_world.astype(np.float32))
 
 
 def moved(

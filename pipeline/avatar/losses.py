@@ -25,6 +25,9 @@ SCALE_BOUNDS_M = (1e-4, 1e-2)
 ROUGHNESS_BOUNDS = (0.01, 0.25)
 """Bounds of the lobe width in radians (RFGCA Appendix B)."""
 
+HALFWAY_BOUNDS = (0.01, 1.0)
+"""Bounds of the lobe about half vectors, radians: sqrt(2) of the width of GGX, 0.4 for skin."""
+
 SMALLEST_VALUE = 1e-30
 """Values are bounded as if they were no smaller: slopes, 2 log(low / v) / v, then fit into float32."""
 
@@ -176,7 +179,8 @@ def regularization(avatar: Avatar, frame: Mapping, weights: TrainAvatar, step: i
         terms["normal"] = normal_weight(weights, step) * frame["normal_offset"].square().mean()
     if avatar.spec.lobe:
         roughness = frame.get("log_roughness", avatar.log_roughness).exp()
-        terms["roughness"] = weights.weight_scale * outside(roughness, *ROUGHNESS_BOUNDS)
+        bounds = HALFWAY_BOUNDS if avatar.spec.highlight == "half" else ROUGHNESS_BOUNDS
+        terms["roughness"] = weights.weight_scale * outside(roughness, *bounds)
     if avatar.spec.eyes:
         found = avatar.eyes.losses(avatar, frame)
         terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}

@@ -14,12 +14,20 @@ from torch import Tensor
 from pipeline.avatar.eye_glints import mirror_pixels
 from pipeline.avatar.lit_texels import LitTexels
 from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.shading import points_of_pixels, shade_gloss, shade_near_mirrors, shade_specular, shade_viewed
+from pipeline.avatar.shading import (
+    points_of_pixels,
+    shade_gloss,
+    shade_halfway,
+    shade_near_mirrors,
+    shade_specular,
+    shade_viewed,
+)
 from pipeline.lighting.lobes import angular_gaussian, cosine_gaussian
 from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.supersample import splat_supersampled
 
-LOBES = {"angular": angular_gaussian, "cosine": cosine_gaussian}
+LOBES = {"angular": angular_gaussian, "cosine": cosine_gaussian, "half": angular_gaussian}
+"""Of what is mirrored about a mirror direction: near-mirrors, as eyes are, know no other angle."""
 
 SMALLEST_ALPHA = 1 / 255
 """Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
@@ -74,8 +82,7 @@ class Avatar(LitTexels):
             else:
                 lights = (frame["light_positions"], frame["intensities"])
                 points = frame["means"].detach()
-                lobe = (roughness, visibility, center, *lights, LOBES[spec.highlight])
-                color = color + shade_specular(points, normals, *lobe)
+                color = color + self.shade_lobe(points, normals, roughness, visibility, center, *lights)
         if spec.shadow_net:
             layers["shadow"] = frame["shadow"][:, None]
             if spec.indirect != "none":
@@ -93,6 +100,12 @@ class Avatar(LitTexels):
     def specular_visibility(self, viewed: dict[str, Tensor]) -> Float[Tensor, " texels"]:
         """v_k as the camera of `viewed` sees it."""
         return torch.sigmoid(self.visibility + viewed.get("visibility", 0))
+
+    def shade_lobe(self, points: Tensor, normals: Tensor, *lobe_and_lights: Tensor) -> Float[Tensor, "n channels"]:
+        """The specular lobe of points that are texels or pixels, see `shade_specular`."""
+        if self.spec.highlight == "half":
+            return shade_halfway(points, normals, *lobe_and_lights)
+        return shade_specular(points, normals, *lobe_and_lights, LOBES[self.spec.highlight])
 
     def reflect(
         self, frame: dict, center: Tensor, points: Tensor, normals: Tensor, roughness: Tensor, visibility: Tensor
@@ -114,10 +127,8 @@ class Avatar(LitTexels):
             weight = alpha[row, column].clamp_min(SMALLEST_ALPHA)
             depth = depth_of_pixels(self.spec.depth, picture, frame.get("mesh"), R, center, K)
             points = points_of_pixels(row, column, depth[row, column], R, center, K)
-            specular = shade_specular(
-                points, normal, roughness[:, 0] / weight, visibility[:, 0], center, frame["light_positions"],
-                frame["intensities"], LOBES[self.spec.highlight],
-            )  # fmt: skip
+            lobe = (roughness[:, 0] / weight, visibility[:, 0])
+            specular = self.shade_lobe(points, normal, *lobe, center, frame["light_positions"], frame["intensities"])
             color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
         if "eyes" in pixels:
             row, column, points, normals, width, visibility = mirror_pixels(

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
 from pipeline.avatar.checkpoint import LoadedAvatar
@@ -54,7 +54,8 @@ class Relighter:
         """Whether maps can go in by harmonics and panoramas: the transfer is learned and turns with each Gaussian, the
         lobe is deferred, and nothing is asked of lights one by one."""
         spec = self.avatar.spec
-        one_by_one = spec.traced or spec.indirect == "ambient" or (spec.lobe and not spec.deferred)
+        one_by_one = spec.traced or spec.indirect == "ambient"
+        one_by_one |= spec.lobe and (not spec.deferred or spec.highlight == "half")
         return spec.shading == "transfer" and not one_by_one
 
     @torch.no_grad()
@@ -113,6 +114,13 @@ class Relighter:
         R, t, K = (self._tensor(array) for array in (camera.R, camera.t, camera.K))
         picture = avatar.view(frame, R, t, K, camera.width, camera.height)
         return picture["rgb"], picture["alpha"]
+
+    @torch.no_grad()
+    def code_of(self, driver: Driver) -> Float32[np.ndarray, " code"]:
+        """The latent code that a head's encoder gives a pose: its mean (RGCA 3)."""
+        ones = np.ones(self.atlas.texel_count, np.float32)
+        inputs = FrameInputs(self.atlas, self._record(driver, NO_LIGHTS, (ones, ones)), device=self.device)
+        return self.avatar.networks.encode(inputs).mean.cpu().numpy()
 
     def _prepare(self, driver: Driver, sources: FrameLights, lights: FrameLights, distant: bool) -> dict:
         """A frame under `lights`; shadow rays go to `sources`: the same, or directions and irradiances."""

@@ -80,6 +80,23 @@ def shade_specular(
     return (visibility * grazing_gain(normals, to_camera))[:, None] * glints
 
 
+def shade_halfway(
+    points: Float[Tensor, "pixels 3"],
+    normals: Float[Tensor, "pixels 3"],
+    roughness: Float[Tensor, "pixels"],
+    visibility: Float[Tensor, "pixels"],
+    camera_center: Float[Tensor, "3"],
+    light_positions: Float[Tensor, "lights 3"],
+    intensities: Float[Tensor, "lights channels"],
+) -> Float[Tensor, "pixels channels"]:
+    """As `shade_specular`, with the lobe about the half vector of each light, see `gather_reflections`: F is taken
+    there, and roughness hides part of a light that grazes the surface, and all of one below it."""
+    seen = every_light(len(intensities), len(points))
+    normals, to_camera, width = unit(normals), unit(camera_center - points), roughness / math.sqrt(2)
+    lights = (light_positions, intensities, seen)
+    return visibility[:, None] * gather_reflections(points, normals, to_camera, width, *lights, gaussian=True)
+
+
 def shade_near_mirrors(
     points: Float[Tensor, "pixels 3"],
     normals: Float[Tensor, "pixels 3"],

@@ -27,8 +27,9 @@ class AvatarSpec:
             "harmonics": spherical harmonics that are not turned, and the same lobe (RGCA 5); "microfacet": Lambert and
             GGX; "linear": a head's network that is linear in the light (row "Linear" of RGCA).
         transfer_start: where unturned harmonics start: "lambertian", or "traced" on the template at rest.
-        highlight: the lobe of "transfer" and "harmonics": a spherical Gaussian of the "angle" (RGCA 6) or of the
-            cosine, or, for a head, "harmonics" that the view decoder gives (row "EyeNeRF" of RGCA).
+        highlight: the lobe of "transfer" and "harmonics": a spherical Gaussian of the "angle" to the mirror direction
+            (RGCA 6), of twice the "half" vector's angle to the normal, or of the cosine; or, for a head, "harmonics"
+            that the view decoder gives (row "EyeNeRF" of RGCA).
         visibility: "learned": one factor per texel from the shadow network (RFGCA 15-16); "traced": every pair of
             texel and light.
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;

@@ -14,8 +14,29 @@ class RelightAvatar(Settings):
 
     first_frame: int = Field(0, ge=0, description="first tracked frame shown [frame number]")
     last_frame: int | None = Field(None, ge=0, description="last tracked frame shown; null: the last [frame number]")
+    segment: str = Field("", description="segment of the capture whose frames are shown; empty: all")
     pictures: int | None = Field(
-        None, ge=1, description="pictures over which the frames are spread, repeated if need be; null: one each"
+        None,
+        ge=1,
+        description="pictures over which the frames are spread, repeated if need be; null: one each, or as many as "
+        "the codes are for",
+    )
+    head_motion: Literal["tracked", "first", "rest"] = Field(
+        "tracked",
+        description="heads: moved as in each frame, held still as in the first frame shown, or as the template stands",
+    )
+    codes: str = Field(
+        "",
+        description="heads: .csv table with picture, code_0, code_1, ... of latent codes, in place of the frames' "
+        "expressions; linear between its rows. A film's own are in its codes.csv",
+    )
+    gaze: str = Field(
+        "",
+        description=".csv table with picture, eye, x, y, z: unit directions in the head's frame that explicit eyes "
+        "look in; on the great circle between its rows; empty: as captured",
+    )
+    gaze_direction: tuple[float, ...] = Field(
+        (), description="the same for all eyes and pictures: three numbers; none: as captured"
     )
     height: int = Field(832, ge=16, le=8192, description="height of the pictures [pixels]")
     width: int = Field(640, ge=16, le=8192, description="width, unless calibrated cameras give the shape [pixels]")

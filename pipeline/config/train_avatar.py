@@ -13,7 +13,7 @@ from pipeline.config.settings import Settings
 Edges = Literal["captured", "ignored"]
 Kind = Literal["body", "head"]
 Anchors = Literal["decoded", "tracked", "rigid"]
-Highlight = Literal["angular", "cosine", "harmonics"]
+Highlight = Literal["angular", "half", "cosine", "harmonics"]
 TransferStart = Literal["lambertian", "traced"]
 Device = Literal["auto", "cpu", "cuda"]
 DepthSource = Literal["expected", "normalised", "median", "traced"]
@@ -54,10 +54,11 @@ class TrainAvatar(Settings):
         description="Unturned SH start at, and are held near, the Lambertian lobe, or that lobe without the directions "
         "that the template at rest hides",
     )
-    highlight: Highlight = Field(
-        "angular",
-        description="The lobe: a spherical Gaussian of the angle (RGCA 6), of the cosine, or, for heads, SH that the "
-        "view decoder gives (EyeNeRF)",
+    highlight: Literal["auto", "angular", "half", "cosine", "harmonics"] = Field(
+        "auto",
+        description="The lobe: a spherical Gaussian of the angle to the mirror direction (RGCA 6), of twice the half "
+        "vector's angle to the normal, of the cosine, or, for heads, SH that the view decoder gives (EyeNeRF); auto: "
+        "half for heads, angular for bodies, which environment maps can light through prefiltered panoramas then",
     )
     specular: Mode = Field("auto", description="The specular lobe (RFGCA 10-14), or GGX")
     shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")
@@ -193,6 +194,8 @@ class TrainAvatar(Settings):
         }
         if self.normals == "auto":
             modes["normals"] = "viewed" if avatar == "head" else "learned"
+        if self.highlight == "auto":
+            modes["highlight"] = "half" if avatar == "head" else "angular"
         decided = self.model_copy(update=modes | {"avatar": avatar})
         if avatar == "head" and self.shading in ("auto", "transfer"):
             return decided.model_copy(update={"shading": "harmonics"})

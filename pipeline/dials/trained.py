@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pandas as pd
@@ -49,6 +50,15 @@ def psnr_lost(lit: str) -> Metric:
         return max(psnr_db(expected) - psnr_db(output), LEAST_DB)
 
     return Metric(f"PSNR lost on test images, {lit} lit, dB", error, lambda subject: WITHIN_DB)
+
+
+def picture_milliseconds() -> Metric:
+    """What a picture of the avatar takes, from a new pose and light on."""
+
+    def error(subject: Subject, output: Files, expected: Files) -> float:
+        return float(pd.read_csv(output["costs"]).render_milliseconds.iloc[0])
+
+    return Metric("time of a picture, ms", error, lambda subject: math.inf)
 
 
 def one_chunk(subject: Subject) -> bool:

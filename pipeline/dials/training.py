@@ -12,10 +12,14 @@ from pipeline.base.files import read_json, read_table
 from pipeline.config.train_avatar import DepthSource
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.dials.dial import CostedStage, Dial, Subject
-from pipeline.dials.trained import STEPS, TRAINED, one_chunk, psnr_lost
+from pipeline.dials.trained import STEPS, TRAINED, one_chunk, picture_milliseconds, psnr_lost
 
 FILES = "--subject {subject} --atlas {results}/atlas.safetensors --shards {results}/shards "
 EFFECTS = "--effects {results}/effects.json "
+
+OUTPUTS = {
+    "metrics": ("metrics.csv", None), "costs": ("ablations.csv", None), "trained": ("avatars/full/config.json", None)
+}  # fmt: skip
 
 SHORT_TRAINING = CostedStage(
     name="train_avatar",
@@ -28,8 +32,8 @@ SHORT_TRAINING = CostedStage(
         "shards/frames",
         "shards/test",
     ),
-    outputs={"metrics": ("metrics.csv", None), "trained": ("avatars/full/config.json", None)},
-    metrics=(psnr_lost("partial"), psnr_lost("all")),
+    outputs=OUTPUTS,
+    metrics=(psnr_lost("partial"), psnr_lost("all"), picture_milliseconds()),
     unit="steps",
     work=lambda output: read_json(output["trained"])["settings"]["steps"],
     afterwards={"evaluate_avatar": FILES + EFFECTS + "--avatars {out}/avatars/full --out {out}"},
@@ -43,8 +47,8 @@ ATLAS = CostedStage(
         "index/capture.json", "tracking/0000.safetensors", "calibration/lights.parquet", "patterns.parquet",
         "frames.parquet", "effects.json", "calibration/color.json",
     ),
-    outputs={"metrics": ("metrics.csv", None), "trained": ("avatars/full/config.json", None)},
-    metrics=(psnr_lost("partial"), psnr_lost("all")),
+    outputs=OUTPUTS,
+    metrics=(psnr_lost("partial"), psnr_lost("all"), picture_milliseconds()),
     unit="texels",
     work=lambda output: read_json(output["trained"])["texels"],
     runs_on=one_chunk,
@@ -78,6 +82,7 @@ TRAINING_DIALS = [
     Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
     Dial("depth", SHORT_TRAINING, "depth", lambda subject: get_args(DepthSource), AT_STEPS, chosen=True),
     Dial("transfer_degree", SHORT_TRAINING, "transfer_degree", lambda subject: (1, 2, 3, 5, 8), AT_STEPS, chosen=True),
+    Dial("highlight", SHORT_TRAINING, "highlight", lambda subject: ("cosine", "angular", "half"), AT_STEPS),
     # What a smaller stage, or a shorter session, would have cost (RGCA, figures S4 and S5).
     Dial("training_cameras", SHORT_TRAINING, "cameras", _camera_counts, AT_STEPS),
     Dial("training_lights", SHORT_TRAINING, "light_share", lambda subject: (0.1, 0.2, 0.5, 1.0), AT_STEPS),

@@ -1,4 +1,5 @@
-"""Matte and glossy reflection of point lights that a surface point sees: Lambert, and Cook-Torrance with GGX.
+"""Matte and glossy reflection of point lights that a surface point sees: Lambert, and Cook-Torrance with GGX or, as
+learned lobes have it, with a Gaussian of the half vector's angle.
 
 Every pair of point and light has its own visibility bit, so a shadow has an edge, and each highlight is shadowed by
 itself: what one shadow factor per point (RFGCA 16) cannot do. Rows of bits are packed as np.packbits does
@@ -17,10 +18,14 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
+from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, angle_between
 from pipeline.lighting.zonal import FAST_MATH, SMALLEST_DISTANCE2_M2
 
 DIELECTRIC_F0 = 0.04
 """Reflectance of skin, cloth and plastic at normal incidence (refractive index 1.5). A factor per point scales it."""
+
+LOBE_SCALE = 4 * LOBE_CONSTANT / (math.sqrt(2) * DIELECTRIC_F0)
+"""Over alpha, D of the Gaussian at its middle: D G F / 4 is C / sigma there for light and camera straight above."""
 
 SMALLEST_COSINE = np.float32(1e-4)
 """Light or camera closer to the surface's plane than this: nothing. The reflected light vanishes with the cosine of
@@ -70,11 +75,17 @@ def gather_reflections(
     light_positions: Float[Tensor, "lights 3"],
     intensities: Float[Tensor, "lights channels"],
     seen: UInt8[np.ndarray, "lights bytes"],
+    gaussian: bool = False,
 ) -> Float[Tensor, "points channels"]:
     """sum_j V_j I_j / d_j^2 D G F / (4 (n . w_j) (n . w_o)) max(0, n . w_j): radiance of a dielectric's gloss.
 
     D and G of GGX, G correlated in height (Heitz 2014, eqs. 71, 99), F by Schlick's approximation. Differentiable in
     `normals` and `alpha`; points that face away from the camera have 0.
+
+    With `gaussian`, D is a Gaussian of the angle between n and the half vector h, scaled so that straight back from a
+    mirror comes what the papers' lobe has there: G(2 angle(n, h); sigma), sigma = sqrt(2) alpha (RFGCA 13). In the
+    plane of n and w_o, 2 angle(n, h) is the angle between w_j and the mirror direction q, so that this is their lobe.
+    Beside the plane it is narrower, the more so the more w_o grazes the surface, as highlights of rough surfaces are.
 
     Args:
         points: metres.
@@ -83,14 +94,16 @@ def gather_reflections(
         light_positions: metres.
         intensities: radiant intensity, linear.
         seen: row j has the points that see light j.
+        gaussian: as above; if not, GGX.
     """
     if points.device.type != "cpu":
-        return gather_reflections_in_torch(points, normals, to_camera, alpha, light_positions, intensities, seen)
+        lights = (light_positions, intensities, seen)
+        return gather_reflections_in_torch(points, normals, to_camera, alpha, *lights, gaussian)
     inputs = (points, normals, to_camera, alpha, light_positions, intensities)
     arrays = [tensor.detach().contiguous().numpy() for tensor in inputs]
     channels = intensities.shape[1]
     value, slope = torch.empty(len(points), channels), torch.empty(len(points), channels, 4)
-    _gather_reflections(*arrays, seen, value.numpy(), slope.numpy())
+    _gather_reflections(*arrays, seen, gaussian, value.numpy(), slope.numpy())
     variable = torch.cat([normals, alpha[:, None]], -1)
     # First order about where it was evaluated: the value is exact, and so is the gradient.
     return value + (slope * (variable - variable.detach())[:, None]).sum(-1)
@@ -98,7 +111,7 @@ def gather_reflections(
 
 def gather_reflections_reference(
     points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
-    seen: Tensor | None = None,
+    seen: Tensor | None = None, gaussian: bool = False,
 ) -> Tensor:  # fmt: skip
     """Slow twin of `gather_reflections` in plain torch, `seen` as a mask [lights, points]: its oracle."""
     offset = light_positions - points[:, None]
@@ -110,7 +123,11 @@ def gather_reflections_reference(
     cos_h = (normals[:, None] * half).sum(-1)
     cos_d = (to_camera[:, None] * half).sum(-1)
     a2 = alpha.square()[:, None]
-    d = a2 / (math.pi * (cos_h.square() * (a2 - 1) + 1).square())
+    if gaussian:
+        angle = angle_between(normals[:, None], half)
+        d = LOBE_SCALE / alpha[:, None] * torch.exp(-angle.square() / a2)
+    else:
+        d = a2 / (math.pi * (cos_h.square() * (a2 - 1) + 1).square())
     lit = (cos_i > SMALLEST_COSINE) & (cos_o > SMALLEST_COSINE)
     lit = lit if seen is None else lit & seen.T
     ci, co = (torch.where(lit, cosine, torch.ones_like(cosine)) for cosine in (cos_i, cos_o))
@@ -121,14 +138,14 @@ def gather_reflections_reference(
 
 def gather_reflections_in_torch(
     points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
-    seen: np.ndarray,
+    seen: np.ndarray, gaussian: bool = False,
 ) -> Tensor:  # fmt: skip
     """`gather_reflections` on any device, without the kernel."""
 
     def reflections(points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, seen: Tensor | None) -> Tensor:
         lights = (light_positions, intensities)
         return gather_reflections_reference(
-            points, normals, to_camera, alpha, *lights, None if seen is None else seen.T
+            points, normals, to_camera, alpha, *lights, None if seen is None else seen.T, gaussian
         )
 
     mask = unpacked(seen, len(points), points.device)
@@ -136,6 +153,7 @@ def gather_reflections_in_torch(
 
 
 F0, ONE, PI = np.float32(DIELECTRIC_F0), np.float32(1.0), np.float32(math.pi)
+SCALE, TINY_SINE = np.float32(LOBE_SCALE), np.float32(math.sqrt(SMALLEST_SINE2))
 
 
 @numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
@@ -160,7 +178,7 @@ def _arriving_vectors(points, normals, lights, intensities, seen, out):
 
 @numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
 @no_type_check
-def _gather_reflections(points, normals, to_camera, alpha, lights, intensities, seen, value, slope):
+def _gather_reflections(points, normals, to_camera, alpha, lights, intensities, seen, gaussian, value, slope):
     channels = intensities.shape[1]
     two = np.float32(2.0)
     for p in numba.prange(points.shape[0]):
@@ -195,15 +213,23 @@ def _gather_reflections(points, normals, to_camera, alpha, lights, intensities, 
             fresnel = F0 + (ONE - F0) * grazing2 * grazing2 * grazing
             # cos^2 (alpha^2 - 1) + 1 with |n x h|^2 for 1 - cos^2: nothing cancels in the highlights of small alpha.
             sx, sy, sz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
-            t = sx * sx + sy * sy + sz * sz + a2 * ch * ch
+            sine2 = sx * sx + sy * sy + sz * sz
+            # D with the derivatives of its logarithm; with those of f the gradient needs no second pass.
+            if gaussian:
+                sine = max(math.sqrt(sine2), TINY_SINE)
+                angle = math.atan2(sine, ch)
+                d, by_ch = SCALE / a * math.exp(-angle * angle / a2), two * angle / (sine * a2)
+                by_a2 = (angle * angle / a2 - ONE / two) / a2
+                hx, hy, hz = hx - ch * nx, hy - ch * ny, hz - ch * nz  # no angle changes with the normal's length
+            else:
+                t = sine2 + a2 * ch * ch
+                d, by_ch = a2 / (PI * t * t), -two * two * ch * (a2 - ONE) / t
+                by_a2 = ONE / a2 - two * ch * ch / t
             root_i = math.sqrt(a2 + (ONE - a2) * ci * ci)
             q = ci * root_o + co * root_i
-            f = a2 / (PI * t * t) * fresnel * ci / (two * q) / distance2
-            # Derivatives of log f; with them the gradient needs no second pass.
-            by_ch = -two * two * ch * (a2 - ONE) / t
+            f = d * fresnel * ci / (two * q) / distance2
             by_ci = ONE / ci - (root_o + co * (ONE - a2) * ci / root_i) / q
             by_co = -(ci * (ONE - a2) * co / root_o + root_i) / q
-            by_a2 = ONE / a2 - two * ch * ch / t
             by_a2 -= (ci * (ONE - co * co) / root_o + co * (ONE - ci * ci) / root_i) / (two * q)
             gx = f * (by_ch * hx + by_ci * x + by_co * ox)
             gy = f * (by_ch * hy + by_ci * y + by_co * oy)

@@ -61,6 +61,9 @@ SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "held_out_segments": lambda t: t.test_segment & ~t.test_camera,
     "held_out_lights": lambda t: (t.test_frame | t.test_pattern) & ~(t.test_segment | t.test_camera | t.fully_lit),
 }
+TABLES = ("held_out_segments", "held_out_lights")
+"""Splits that have columns of their own in ablations.csv, and tables in the report: the two tables of RGCA."""
+
 LIT: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "all": lambda t: pd.Series(True, t.index),
     "full": lambda t: t.fully_lit,

@@ -12,7 +12,15 @@ import pandas as pd
 from pipeline.base.errors import InputError
 from pipeline.metrics.ablation_table import compare
 from pipeline.metrics.comparison import split_picture
-from pipeline.metrics.evaluation import HIGHER_IS_BETTER, LIT, METRICS, PSNR_CEILING_DB, SPLITS, worst_median_best
+from pipeline.metrics.evaluation import (
+    HIGHER_IS_BETTER,
+    LIT,
+    METRICS,
+    PSNR_CEILING_DB,
+    SPLITS,
+    TABLES,
+    worst_median_best,
+)
 from pipeline.metrics.significance import BLOCKS, mean_over_images
 from pipeline.report.found import Found
 from pipeline.report.part import Part
@@ -141,7 +149,26 @@ def ablations(found: Found) -> Part:
         for row in costs.itertuples()
     ]
     head = ["avatar", "parameters", "training [s]", "one picture [ms]"]
-    return Part(title, html_table("costs of avatars", head, cost_rows, "snnn") + paragraph(TESTED) + differences(table))
+    tables = html_table("costs of avatars", head, cost_rows, "snnn") + held_out_tables(found.csv("metrics.csv"), costs)
+    return Part(title, tables + paragraph(TESTED) + differences(table))
+
+
+def held_out_tables(metrics: pd.DataFrame, costs: pd.DataFrame) -> str:
+    """A table per split of RGCA's tables that holds images: each avatar's scores and the time of a picture."""
+    tables, milliseconds = "", costs.set_index("variant").render_milliseconds
+    for split in TABLES:
+        own = metrics[(metrics.split == split) & (metrics.lit == "all") & (metrics.images > 0)]
+        if own.empty:
+            continue
+        rows = [
+            [row.variant, *(number(getattr(row, metric), DIGITS[metric]) for metric in METRICS),
+             number(milliseconds[row.variant], 1)]
+            for row in own.itertuples()
+        ]  # fmt: skip
+        title = f"{SPLIT_NAMES[split]}, {own.images.iloc[0]} images"
+        head = ["avatar", *(METRIC_NAMES[metric] for metric in METRICS), "one picture [ms]"]
+        tables += paragraph(f"{title[0].upper()}{title[1:]}:") + html_table(title, head, rows, "s" + "n" * 5)
+    return tables
 
 
 def differences(table: pd.DataFrame, subjects: bool = False) -> Html:

@@ -63,12 +63,16 @@ class Performance:
 
 
 def performance_at(time_s: float, segment: str) -> Performance:
-    """Segment `a` talks while the head turns; segment `b` smiles and puffs its cheeks while the head nods."""
+    """Segment `a` goes through the range of every expression while it talks and the head turns, as captures for avatars
+    do; segment `b` smiles, frowns and puffs its cheeks together, in ways that `a` does not, while the head nods."""
     phase = 2 * np.pi * time_s / PERIOD_S
     rise = 0.5 - 0.5 * np.cos(phase)  # 0 at the start and after a period
     if segment == "a":
         jaw_deg = -2.0 + 9.0 * (0.5 - 0.5 * np.cos(2 * phase + 0.4))
-        strengths = {"smile": 0.3 * rise, "brows": np.sin(phase + 0.5), "frown": 0.0, "puff": 0.0}
+        strengths = {
+            "smile": 0.5 - 0.5 * np.cos(1.5 * phase), "brows": np.sin(phase + 0.5),
+            "frown": 0.4 - 0.4 * np.cos(2.5 * phase), "puff": 0.5 - 0.5 * np.cos(2 * phase + 2.6),
+        }  # fmt: skip
         yaw, pitch, roll = 25 * np.sin(phase), 6 * np.sin(2 * phase), 4 * np.cos(phase)
         look = (16 * np.sin(phase + 2.2), 7 * np.cos(phase))
     else:

@@ -1,4 +1,4 @@
-"""GGX where its formulas lose their digits: grazing light, the narrowest widths, lights on the point, no lights."""
+"""GGX, or a Gaussian, where formulas lose their digits: grazing light, narrow widths, lights on the point, none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from pipeline.avatar.losses import GGX_WIDTH_BOUNDS
-from pipeline.lighting.lobes import unit
+from pipeline.lighting.lobes import LOBE_CONSTANT, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
 from tests.hard_case import HardCase, worst
 
@@ -30,13 +30,20 @@ def direction(degrees: float, around: float = 0.0) -> torch.Tensor:
     return unit(torch.tensor([[math.sin(polar) * math.cos(turn), math.sin(polar) * math.sin(turn), math.cos(polar)]]))
 
 
-def reflected(normal: list, to_camera: list, alpha: mpmath.mpf, to_light: list) -> mpmath.mpf:
-    """D G F / (4 (n . w_o)) of Heitz 2014 and Schlick, of vectors of any length; D by the tangent (eq. 71)."""
+BOTH = pytest.mark.parametrize("gaussian", [False, True], ids=["GGX", "Gaussian"])
+
+
+def reflected(normal: list, to_camera: list, alpha: mpmath.mpf, to_light: list, gaussian: bool = False) -> mpmath.mpf:
+    """D G F / (4 (n . w_o)) of Heitz 2014 and Schlick, of vectors of any length; D by the tangent (eq. 71), or
+    4 / F0 of RFGCA 13 for twice the angle between normal and half vector."""
     n, o, i = (unit_exact(v) for v in (normal, to_camera, to_light))
     h = unit_exact([a + b for a, b in zip(o, i, strict=True)])
     ci, co, ch, cd = dot(n, i), dot(n, o), dot(n, h), dot(o, h)
     tangent2 = (1 - ch**2) / ch**2
     d = 1 / (mpmath.pi * alpha**2 * ch**4 * (1 + tangent2 / alpha**2) ** 2)
+    if gaussian:
+        sigma, angle = mpmath.sqrt(2) * alpha, mpmath.acos(ch)
+        d = 4 / mpmath.mpf(DIELECTRIC_F0) * LOBE_CONSTANT / sigma * mpmath.exp(-((2 * angle / sigma) ** 2) / 2)
     lambdas = [(mpmath.sqrt(1 + alpha**2 * (1 - c**2) / c**2) - 1) / 2 for c in (ci, co)]
     f = DIELECTRIC_F0 + (1 - mpmath.mpf(DIELECTRIC_F0)) * (1 - cd) ** 5
     return d * f / (1 + sum(lambdas)) / (4 * co)
@@ -73,16 +80,18 @@ def exact_distribution(to_camera: torch.Tensor, to_light: torch.Tensor, alpha: f
     return a2 / (mpmath.pi * (cosine**2 * (a2 - 1) + 1) ** 2)
 
 
-def check_reflection(case: HardCase, to_camera: torch.Tensor, to_light: torch.Tensor, alpha: float) -> None:
+def check_reflection(
+    case: HardCase, to_camera: torch.Tensor, to_light: torch.Tensor, alpha: float, gaussian: bool = False
+) -> None:
     normal, width = UP.clone().requires_grad_(), torch.tensor([alpha], requires_grad=True)
     seen = np.full((1, 1), 255, np.uint8)
-    out = gather_reflections(torch.zeros(1, 3), normal, to_camera, width, to_light, torch.ones(1, 1), seen)
+    out = gather_reflections(torch.zeros(1, 3), normal, to_camera, width, to_light, torch.ones(1, 1), seen, gaussian)
     slopes = torch.autograd.grad(out.sum(), (normal, width))
     o, i = ([mpmath.mpf(x) for x in v[0].tolist()] for v in (to_camera, to_light))
     n, a, falloff = [mpmath.mpf(x) for x in (0, 0, 1)], mpmath.mpf(width.item()), 1 / dot(i, i)
-    across = [s * falloff for s in by_normal(lambda m: reflected(m, o, a, i))]
-    along_width = falloff * mpmath.diff(lambda w: reflected(n, o, w, i), a)
-    value = falloff * reflected(n, o, a, i)
+    across = [s * falloff for s in by_normal(lambda m: reflected(m, o, a, i, gaussian))]
+    along_width = falloff * mpmath.diff(lambda w: reflected(n, o, w, i, gaussian), a)
+    value = falloff * reflected(n, o, a, i, gaussian)
     # A slope that vanishes by symmetry is measured against the steepest nearby.
     scale = max(float(abs(s)) for s in across) + float(value) / alpha
     errors = worst(slopes[0][0, :2], across, scale), worst(slopes[1], along_width)
@@ -93,26 +102,31 @@ def check_reflection(case: HardCase, to_camera: torch.Tensor, to_light: torch.Te
     case.check(worst(out, value), bounds[0], max(errors), bounds[1])
 
 
+@BOTH
 @pytest.mark.parametrize("alpha", [0.01, *GGX_WIDTH_BOUNDS])
-def test_the_middle_of_a_highlight(case: HardCase, alpha: float) -> None:
-    check_reflection(case, direction(30), direction(30, 180), alpha)
+def test_the_middle_of_a_highlight(case: HardCase, alpha: float, gaussian: bool) -> None:
+    check_reflection(case, direction(30), direction(30, 180), alpha, gaussian)
 
 
+@BOTH
 @pytest.mark.parametrize("alpha", [1e-3, 1e-2])
-def test_the_flank_of_a_narrow_highlight(case: HardCase, alpha: float) -> None:
+def test_the_flank_of_a_narrow_highlight(case: HardCase, alpha: float, gaussian: bool) -> None:
     """Half a width beside the middle, where the usual formula subtracts one from nearly one."""
     camera, light = direction(20), direction(20 + math.degrees(alpha), 180)
-    check_reflection(case, camera, light, alpha)
+    check_reflection(case, camera, light, alpha, gaussian)
+    if gaussian:
+        return
     exact = exact_distribution(camera, light, alpha)
     case.naive_fails(worst(naive_distribution(camera, light, alpha), exact))
 
 
+@BOTH
 @pytest.mark.parametrize("alpha", [0.01, *GGX_WIDTH_BOUNDS])
 @pytest.mark.parametrize("height", [1e-1, 1e-3])
-def test_camera_and_light_graze_the_surface(case: HardCase, alpha: float, height: float) -> None:
+def test_camera_and_light_graze_the_surface(case: HardCase, alpha: float, height: float, gaussian: bool) -> None:
     """On either side, a thousandth of their distance above it: the mirror direction, and far beside it."""
     low = 90 - math.degrees(height)
-    check_reflection(case, direction(low), direction(low, 180), alpha)
+    check_reflection(case, direction(low), direction(low, 180), alpha, gaussian)
 
 
 @pytest.mark.parametrize("alpha", GGX_WIDTH_BOUNDS)
@@ -120,13 +134,14 @@ def test_light_beside_a_grazing_camera(case: HardCase, alpha: float) -> None:
     check_reflection(case, direction(89.9), direction(89.8, 3), alpha)
 
 
+@BOTH
 @pytest.mark.parametrize("case_name", ["at the horizon", "below it", "on the point"])
-def test_lights_that_no_highlight_comes_from(case: HardCase, case_name: str) -> None:
+def test_lights_that_no_highlight_comes_from(case: HardCase, case_name: str, gaussian: bool) -> None:
     """Nothing, and without slope; the usual 1 / (4 cos cos), or a direction over its length, are not finite there."""
     light = {"at the horizon": [[3.0, 0, 0]], "below it": [[1.0, 0, -1.0]], "on the point": [[0.0, 0, 0]]}[case_name]
     normal, width = UP.clone().requires_grad_(), torch.tensor([0.05], requires_grad=True)
     place, light, seen = torch.zeros(1, 3), torch.tensor(light), np.full((1, 1), 255, np.uint8)
-    out = gather_reflections(place, normal, direction(30), width, light, torch.ones(1, 1), seen)
+    out = gather_reflections(place, normal, direction(30), width, light, torch.ones(1, 1), seen, gaussian)
     slopes = torch.autograd.grad(out.sum(), (normal, width))
     case.check(worst(out, [[0]]), 0, max(float(s.abs().max()) for s in slopes), 0)
     if case_name == "at the horizon":

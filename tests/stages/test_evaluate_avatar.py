@@ -156,6 +156,13 @@ def test_pictures(results):
     assert names == [f"{v}_{w}.png" for v in ("bad", "good") for w in ("best", "median", "worst")]
 
 
+def test_without_pictures_none_are_left(results):
+    evaluate(results, "good")
+    evaluate(results, "bad", pictures=False)
+    assert not (results / "images").exists()
+    assert set(pd.read_csv(results / "metrics.csv").variant) == {"bad"}
+
+
 def test_no_picture_of_nothing(results):
     for shard in (results / "shards/test").iterdir():
         write_image_shard(shard, [])

@@ -111,7 +111,8 @@ def test_touched_files_comments_and_prose_rerun_nothing(workflow):
 @pytest.mark.parametrize(
     ("setting", "expected"),
     [
-        ("evaluate_avatar: {pictures: false}", {"evaluate_avatar": 1}),
+        ("evaluate_avatar: {lpips_net: vgg}", {"evaluate_avatar": 1}),
+        ("evaluate_avatar: {pictures: false}", {"evaluate_avatar_without_pictures": 1}),
         ("train_avatar: {steps: 7}", {"train_avatar": 1, "evaluate_avatar": 1}),
         ("variants: {full: {}, matte: {specular: false}}", {"train_avatar": 1, "evaluate_avatar": 1}),
         ("trace_irradiance: {samples: '4'}", {"trace_irradiance": 2, **AFTER_PACKING}),
@@ -222,6 +223,48 @@ def test_heads_have_jobs_that_bodies_have_not(workflow):
     assert workflow.planned(TARGET) == {}
     workflow.append("config/subjects/subjectA.yaml", "unwrap_textures: {cosine_power: 2}\n")
     assert workflow.planned(TARGET) == {"unwrap_textures": 2, **AFTER_PACKING}
+
+
+@pytest.mark.parametrize("said", ["subject", "command line"])
+def test_pictures_of_scores_are_expected_only_where_they_are_made(workflow, said):
+    """The stand-in makes none, as the stage does when they are turned off; the report asks for none either."""
+    workflow.edit("pipeline/evaluate_avatar.py", "'images/worst.png'", "")
+    shutil.rmtree(workflow.folder / "results/subjectA/images")
+    done = workflow.snakemake("--", TARGET)
+    assert done.returncode != 0 and "results/subjectA/images" in done.stdout
+    options = ["--config", "evaluate_avatar={pictures: false}"] if said == "command line" else []
+    if said == "subject":
+        workflow.append("config/subjects/subjectA.yaml", "evaluate_avatar: {pictures: false}\n")
+    assert workflow.ran(TARGET, *options) == ["evaluate_avatar_without_pictures"]
+    assert workflow.planned(TARGET, *options) == {}
+    assert workflow.planned("results/subjectA/report/index.html", *options) == {"write_report": 1}
+    if said == "subject":  # others have theirs
+        assert "evaluate_avatar" in workflow.planned("results/tiny/metrics.csv")
+
+
+def test_relighting_a_head_reads_its_textures_and_the_tables_that_drive_it(workflow):
+    stage = workflow.folder / "pipeline/relight_avatar.py"
+    stage.write_text("from pipeline.config import relight_avatar\n" + STAND_IN.replace("OUTPUTS:", "['film.mp4']:"))
+    (workflow.folder / "config/lights").mkdir()
+    (workflow.folder / "config/lights/key.csv").write_text("light,x,y,z,r,g,b\n")
+    target = "results/subjectA/relit/full/key"
+    assert workflow.ran(target) == ["relight_avatar"]
+    shown = ["--forcerun", "relight_avatar", "--dry-run", "--printshellcmds", "--", target]
+    assert "--textures" not in workflow.snakemake(*shown).stdout
+    workflow.edit("config/subjects/subjectA.yaml", "{frames: 24}", "{frames: 24, figure: head}")
+    assert workflow.ran(target)[-1] == "relight_avatar"
+    folder = "results/subjectA/textures"
+    command = workflow.snakemake(*shown).stdout
+    assert f"--textures {folder}/0000.safetensors {folder}/0001.safetensors --index results/subjectA/index " in command
+    drives = "relight_avatar: {codes: config/codes.csv, gaze: config/gaze.csv, head_motion: rest, segment: b}\n"
+    workflow.append("config/subjects/subjectA.yaml", drives)
+    assert "config/codes.csv" in workflow.refused(target)  # it is not there
+    for name in ("codes", "gaze"):
+        (workflow.folder / f"config/{name}.csv").write_text("picture\n")
+    assert workflow.ran(target) == ["relight_avatar"]
+    assert workflow.planned(target) == {}
+    workflow.append("config/gaze.csv", "0\n")
+    assert workflow.planned(target) == {"relight_avatar": 1}
 
 
 def test_shards_of_other_chunks_are_refused(workflow):

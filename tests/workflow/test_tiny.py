@@ -127,7 +127,7 @@ def test_touched_files_and_comments_rerun_nothing(workflow):
 @pytest.mark.parametrize(
     ("section", "change", "expected"),
     [
-        ("evaluate_avatar", "pictures: false", {"evaluate_avatar"}),
+        ("evaluate_avatar", "pictures: false", {"evaluate_avatar_without_pictures"}),
         ("train_avatar", "weight_mask: 0.2", {"train_avatar", "evaluate_avatar"}),
         ("pack_shards", "margin_px: 9", {"pack_shards", "train_avatar", "evaluate_avatar"}),
     ],

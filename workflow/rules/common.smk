@@ -165,11 +165,12 @@ def promise_of_budget(wildcards):
 
 
 def mean_textures(wildcards):
-    """A chunk's mean textures, if an avatar is encoded from them: not if all are of bodies."""
+    """Mean textures of a chunk or, without one, of all, if an avatar is encoded from them: not if all are of bodies."""
     subject, kind = project.subject(wildcards.subject), kind_of(wildcards.subject)
     variants = [wildcards.variant] if "variant" in wildcards.keys() else subject.variants
     read = any(section_of(subject, "train_avatar", variant).reads_textures(kind) for variant in variants)
-    return [f"results/{wildcards.subject}/textures/{wildcards.chunk}.safetensors"] if read else []
+    chunks = [wildcards.chunk] if "chunk" in wildcards.keys() else chunk_ids(project, wildcards.subject)
+    return [f"results/{wildcards.subject}/textures/{chunk}.safetensors" for chunk in chunks] if read else []
 
 
 def fitted_eyes(wildcards):
@@ -187,6 +188,30 @@ def avatars_of(*files):
         file=files,
     )
 
+
+def drive_tables(wildcards):
+    """The tables of codes and gaze that the settings name."""
+    settings = section_of(project.subject(wildcards.subject), "relight_avatar", wildcards.variant)
+    return [path for path in (settings.codes, settings.gaze) if path]
+
+
+def pictures_of_scores(wildcards):
+    """The folder of pictures of evaluate_avatar, unless its setting turns them off."""
+    shown = project.subject(wildcards.subject).evaluate_avatar.pictures
+    return [f"results/{wildcards.subject}/images"] if shown else []
+
+
+def subjects_that(asked):
+    """A pattern of the names of the subjects whose settings, before a budget changes any, a function finds true; those
+    without a file have the project's."""
+    chosen = [name for name, settings in project.subjects.items() if asked(settings)]
+    if asked(project.settings):
+        chosen.append(f"(?!(?:{'|'.join(project.subjects) or NO_NAME})/)[A-Za-z0-9_-]+")
+    return "|".join(chosen) or NO_NAME
+
+
+NO_NAME = "(?!)"
+"""A pattern that nothing matches."""
 
 PROJECT_RESULTS = "results"
 OF_NO_SUBJECT = ["hard_cases.csv", "effects_comparison.csv", "growth/*"]

@@ -14,7 +14,7 @@ rule write_report:
         metrics="results/{subject}/metrics.csv",
         per_image="results/{subject}/metrics_per_image.parquet",
         ablations="results/{subject}/ablations.csv",
-        images="results/{subject}/images",
+        images=pictures_of_scores,
     output:
         report(
             "results/{subject}/report/index.html",

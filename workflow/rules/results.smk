@@ -1,3 +1,21 @@
+# What evaluate_avatar writes with and without pictures.
+SCORES = {
+    "metrics": report(
+        "results/{subject}/metrics.csv",
+        caption="../report/metrics.rst",
+        category="Scores",
+        subcategory="{subject}",
+    ),
+    "per_image": "results/{subject}/metrics_per_image.parquet",
+    "ablations": report(
+        "results/{subject}/ablations.csv",
+        caption="../report/ablations.rst",
+        category="Scores",
+        subcategory="{subject}",
+    ),
+}
+
+
 rule evaluate_avatar:
     input:
         index=ancient("results/{subject}/index/capture.json"),
@@ -8,24 +26,14 @@ rule evaluate_avatar:
         avatars=avatars_of("avatar.safetensors"),
         configs=avatars_of("config.json"),
     output:
-        metrics=report(
-            "results/{subject}/metrics.csv",
-            caption="../report/metrics.rst",
-            category="Scores",
-            subcategory="{subject}",
-        ),
-        per_image="results/{subject}/metrics_per_image.parquet",
-        ablations=report(
-            "results/{subject}/ablations.csv",
-            caption="../report/ablations.rst",
-            category="Scores",
-            subcategory="{subject}",
-        ),
+        **SCORES,
         images=directory("results/{subject}/images"),
     log:
         "results/{subject}/logs/evaluate_avatar.log",
     benchmark:
         "results/{subject}/benchmarks/evaluate_avatar.tsv"
+    wildcard_constraints:
+        subject=subjects_that(lambda settings: settings.evaluate_avatar.pictures),
     conda:
         "../../envs/cpu.yaml"
     threads: 16
@@ -44,3 +52,11 @@ rule evaluate_avatar:
         "python -m pipeline.evaluate_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
         "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} --avatars {params.avatars:q} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+
+
+# What is an output has to be there: without pictures their folder is none.
+use rule evaluate_avatar as evaluate_avatar_without_pictures with:
+    output:
+        **SCORES,
+    wildcard_constraints:
+        subject=subjects_that(lambda settings: not settings.evaluate_avatar.pictures),

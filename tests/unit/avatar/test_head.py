@@ -33,6 +33,7 @@ ROWS = {
     "linear": {"shading": "linear"},
     "no_mono_sh": {"transfer_degree": 3},
     "plain_normals": {"normals": "learned"},
+    "mirror_lobe": {"highlight": "angular"},
     "cosine": {"highlight": "cosine"},
     "rigid": {"anchors": "rigid"},
     "tracked": {"anchors": "tracked"},
@@ -130,7 +131,7 @@ def test_a_new_head_on_its_tracked_vertices_is_the_body_with_unturned_harmonics(
     atlas = make_sheet(16)
     frame = folded(atlas, 0.1)
     image = make_image(frame, ALBEDO, 0.1)
-    body = {"avatar": "body", "shading": "harmonics", "shadow": "off"}
+    body = {"avatar": "body", "shading": "harmonics", "shadow": "off", "highlight": "half"}
     pictures = [
         LoadedAvatar(make_head(atlas, [frame], **row), atlas).render(frame, image)[0]
         for row in ({"anchors": "tracked"}, body)

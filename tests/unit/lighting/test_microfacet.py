@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pipeline.lighting import device_sums
-from pipeline.lighting.lobes import unit
+from pipeline.lighting.lobes import angular_gaussian, unit
 from pipeline.lighting.microfacet import (
     arriving_vectors,
     arriving_vectors_in_torch,
@@ -37,15 +37,19 @@ def packed(seen):
     return np.packbits(seen.numpy(), axis=1)
 
 
-def test_value_and_gradients_are_those_of_the_twin(scene):
+BOTH = pytest.mark.parametrize("gaussian", [False, True], ids=["GGX", "Gaussian"])
+
+
+@BOTH
+def test_value_and_gradients_are_those_of_the_twin(scene, gaussian):
     *inputs, seen = scene
     inputs[1].requires_grad_()
     inputs[3].requires_grad_()
-    found = gather_reflections(*inputs, packed(seen))
+    found = gather_reflections(*inputs, packed(seen), gaussian)
     doubles = [tensor.detach().double() for tensor in inputs]
     doubles[1].requires_grad_()
     doubles[3].requires_grad_()
-    expected = gather_reflections_reference(*doubles, seen)
+    expected = gather_reflections_reference(*doubles, seen, gaussian)
     assert expected.abs().max() > 1e-3
     assert torch.allclose(found.double(), expected, rtol=1e-4, atol=1e-6)
     weight = torch.linspace(-1, 1, found.numel()).reshape(found.shape)
@@ -55,7 +59,8 @@ def test_value_and_gradients_are_those_of_the_twin(scene):
         assert torch.allclose(single.grad.double(), double.grad, rtol=1e-3, atol=1e-4 * double.grad.abs().max().item())
 
 
-def test_without_the_kernel_it_is_the_same(scene, monkeypatch):
+@BOTH
+def test_without_the_kernel_it_is_the_same(scene, monkeypatch, gaussian):
     """In pieces of five points; what every light reaches needs no mask."""
     monkeypatch.setattr(device_sums, "PAIRS_AT_ONCE", 5 * LIGHTS)
     points, normals, to_camera, alpha, lights, intensities, seen = scene
@@ -63,7 +68,7 @@ def test_without_the_kernel_it_is_the_same(scene, monkeypatch):
     for bits in (packed(seen), np.full((LIGHTS, COUNT // 8), 255, np.uint8)):
         gradients = []
         for gather in (gather_reflections, gather_reflections_in_torch):
-            found = gather(*inputs, bits)
+            found = gather(*inputs, bits, gaussian)
             gradients.append((found, *torch.autograd.grad(found.square().sum(), (normals, alpha))))
         for single, plain in zip(*gradients, strict=True):
             assert torch.allclose(single, plain, rtol=1e-3, atol=1e-4 * plain.abs().max().item())
@@ -98,14 +103,27 @@ def test_gloss_reflects_no_more_than_schlicks_share():
     assert 0.01 < shares[1] < 0.04
 
 
-def test_swapping_camera_and_light_changes_only_the_cosine(scene):
+@BOTH
+def test_swapping_camera_and_light_changes_only_the_cosine(gaussian):
     """Helmholtz reciprocity: f(w_i, w_o) = f(w_o, w_i); a light of intensity d^2 gives f times its own cosine."""
     a, b = (unit(torch.tensor([v])) for v in ([0.3, 0.1, 0.8], [-0.6, 0.4, 0.5]))
     up, alpha, one = torch.tensor([[0.0, 0, 1]]), torch.tensor([0.4]), torch.full((1, 1), 9.0)
     seen = np.full((1, 1), 255, np.uint8)
-    there = gather_reflections(torch.zeros(1, 3), up, a, alpha, 3 * b, one, seen) / b[0, 2]
-    back = gather_reflections(torch.zeros(1, 3), up, b, alpha, 3 * a, one, seen) / a[0, 2]
+    there = gather_reflections(torch.zeros(1, 3), up, a, alpha, 3 * b, one, seen, gaussian) / b[0, 2]
+    back = gather_reflections(torch.zeros(1, 3), up, b, alpha, 3 * a, one, seen, gaussian) / a[0, 2]
     assert there.item() == pytest.approx(back.item(), rel=1e-5)
+
+
+def test_straight_above_the_gaussian_is_the_lobe_of_the_papers():
+    """Camera and mirror direction are one: the half vector's angle is half of the light's, within masking and F."""
+    up, sigma, beside = torch.tensor([[0.0, 0, 1]]), torch.tensor([0.1]), 0.06
+    light = torch.tensor([[math.sin(beside), 0.0, math.cos(beside)]])
+    seen = np.full((1, 1), 255, np.uint8)
+    found = gather_reflections(
+        torch.zeros(1, 3), up, up, sigma / math.sqrt(2), 3 * light, torch.full((1, 1), 9.0), seen, gaussian=True
+    )
+    # 1 - cos 0.06 = 0.0018 is what masking and Schlick's polynomial can change here.
+    assert found.item() == pytest.approx(angular_gaussian(light, up, sigma).item(), rel=0.004)
 
 
 def test_finite_at_the_horizon_and_for_the_narrowest_lobe():
