@@ -108,7 +108,7 @@ LIGHTS = {
 """None of the stage's."""
 
 SHORTER_M = 0.002
-"""Of a cornea's offset of 5.7 mm: a pixel and a half of the sensor."""
+"""Of a cornea's offset of 5.7 mm; a pixel of the sensor is 1.4 mm wide."""
 
 
 @pytest.fixture(scope="module")
