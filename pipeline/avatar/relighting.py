@@ -52,7 +52,7 @@ class Relighter:
     @property
     def prefilters(self) -> bool:
         """Whether maps can go in by harmonics and panoramas: the transfer is learned and turns with each Gaussian, the
-        lobe is deferred, and nothing is asked of lights one by one."""
+        lobe is deferred and of the mirror direction alone, and nothing is asked of lights one by one."""
         spec = self.avatar.spec
         one_by_one = spec.traced or spec.indirect == "ambient"
         one_by_one |= spec.lobe and (not spec.deferred or spec.highlight == "half")

@@ -177,6 +177,7 @@ def test_only_learned_transfer_without_traced_light_goes_by_lobes() -> None:
     assert not relighter(shadow=True, visibility="traced").prefilters
     assert not relighter(indirect="ambient").prefilters
     assert not relighter(deferred=False).prefilters
+    assert not relighter(highlight="half").prefilters
     assert not relighter(shading="harmonics").prefilters
 
 
