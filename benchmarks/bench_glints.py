@@ -28,8 +28,9 @@ import numpy as np
 import pandas as pd
 import torch
 
-from benchmarks.driven_glints import WITHIN_PX, Scene, measure_glints, summarize
+from benchmarks.driven_glints import Scene, measure_glints
 from benchmarks.glint_figure import draw_glints
+from benchmarks.glint_summary import WITHIN_PX, summarize
 from benchmarks.true_eyes import read_true_eyes
 from pipeline.avatar.checkpoint import load_avatar
 from pipeline.avatar.relighting import Relighter

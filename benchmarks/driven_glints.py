@@ -13,7 +13,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from benchmarks.mirror_glints import centroid
-from benchmarks.true_eyes import CUT, MEASURED, NOT_SEEN, TrueEyes
+from benchmarks.true_eyes import TrueEyes
 from pipeline.avatar.driving import from_record
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.relighting import Relighter
@@ -21,14 +21,17 @@ from pipeline.capture.records import FrameRecord
 from pipeline.geometry.cameras import Camera
 from pipeline.lighting.frame_lights import FrameLights
 
-WITHIN_PX = 1.0
-"""How far a glint may be off: what is asked of gaze in, gaze out."""
-
 BEYOND_EYE_PX = 2.0
 """Pixels beyond the outline of an eye in which a glint is looked for."""
 
 SHOWN = 1e-3
 """Peak of a glint over the brightest of the run below which nothing shows: four digits of float32 are noise."""
+
+
+COLUMNS = [
+    "frame", "segment", "yaw", "pitch", "light", "camera", "eye", "status", "sphere", "expected_x", "expected_y",
+    "found_x", "found_y", "peak", "error_px", "still_px",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -110,9 +113,8 @@ def measure_glints(
         if any(row["point"] is not None for row in seen):
             look_for(scene, record, looks, light, seen)
         rows += seen
-    table = pd.DataFrame(rows).drop(columns="point")
-    if "peak" in table:  # what does not show is as far off as can be
-        table.loc[table.peak < SHOWN * table.peak.max(), "error_px"] = np.inf
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    table.loc[table.peak < SHOWN * table.peak.max(), "error_px"] = np.inf  # what does not show is as far off as can be
     return table
 
 
@@ -162,41 +164,3 @@ def compare(
     names = ("expected_x", "expected_y", "found_x", "found_y")
     error = np.hypot(*(found - expected)) / scene.zoom
     return dict(zip(names, places, strict=True)) | {"peak": peak, "error_px": error, "still_px": turned}
-
-
-def summarize(table: pd.DataFrame) -> pd.DataFrame:
-    """A row for all glints that nothing cuts, one per sphere and one per segment; one for those that are cut: how many,
-    and distances in pixels. Glints of a cornea turn with the gaze, those of an eyeball stay where they are.
-
-    The first row says how many are left out, and why.
-    """
-    measured, cut = table[table.status == MEASURED], table[table.status.isin(CUT)]
-    groups = {"all": measured} | dict(iter(measured.groupby("sphere")))
-    groups |= {f"segment {name}": rows for name, rows in measured.groupby("segment")} | {"cut (not in all)": cut}
-    left_out = {status: int((table.status == status).sum()) for status in (*CUT, *NOT_SEEN)}
-    rows = [
-        {"glints_of": name, **numbers_of(rows), **(left_out if name == "all" else {})} for name, rows in groups.items()
-    ]
-    return pd.DataFrame(rows)
-
-
-def numbers_of(glints: pd.DataFrame) -> dict[str, float]:
-    """Numbers of one group of glints that are seen."""
-    if glints.empty:
-        return {"glints": 0}
-    error, still = glints.error_px, glints.still_px.dropna()
-    return {
-        "glints": len(glints), "median_px": error.median(), "p95_px": error.quantile(0.95), "largest_px": error.max(),
-        "within_1_px": (error <= WITHIN_PX).mean(), "follows": slope_of(glints), "still_median_px": still.median(),
-        "still_within_1_px": (still <= WITHIN_PX).mean(),
-    }  # fmt: skip
-
-
-def slope_of(measured: pd.DataFrame) -> float:
-    """Least squares of found against expected places, each about its mean over the gazes of a frame, light, camera and
-    eye."""
-    shown = measured[np.isfinite(measured.error_px)]
-    columns = ["expected_x", "expected_y", "found_x", "found_y"]
-    places = shown[columns] - shown.groupby(["frame", "light", "camera", "eye"])[columns].transform("mean")
-    expected, found = places[columns[:2]].to_numpy(), places[columns[2:]].to_numpy()
-    return float((expected * found).sum() / (expected**2).sum())

@@ -9,7 +9,8 @@ import pytest
 import torch
 import yaml
 
-from benchmarks.driven_glints import WITHIN_PX, Scene, direction, measure_glints, slope_of
+from benchmarks.driven_glints import Scene, direction, measure_glints
+from benchmarks.glint_summary import WITHIN_PX, slope_of
 from benchmarks.true_eyes import MEASURED, read_true_eyes
 from pipeline import (
     book_patterns,
