@@ -8,7 +8,14 @@ import torch
 from scipy.optimize import least_squares
 from scipy.special import eval_legendre, factorial, lpmv
 
-from pipeline.avatar.shading import COLOR_DEGREES, UNTURNED_SCALE, grazing_gain, shade_diffuse, shade_specular
+from pipeline.avatar.shading import (
+    COLOR_DEGREES,
+    UNTURNED_SCALE,
+    grazing_gain,
+    shade_diffuse,
+    shade_halfway,
+    shade_specular,
+)
 from pipeline.avatar.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.lighting.lobes import angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import gather_reflections_reference
@@ -33,14 +40,15 @@ def test_lambertian_transfer_gives_albedo_over_pi_cosine_over_distance2(angle):
     assert (shaded[0] / unit_response).tolist() == pytest.approx([math.cos(angle)] * 3, abs=TRUNCATION)
 
 
-def test_glint_sits_where_the_mirror_law_puts_it():
+@pytest.mark.parametrize("shade", [shade_specular, shade_halfway])
+def test_glint_sits_where_the_mirror_law_puts_it(shade):
     """Camera and light at equal heights over a plane: the brightest point lies midway between their feet."""
     x = torch.linspace(-1, 1, 401)
     points = torch.stack([x, torch.zeros_like(x), torch.zeros_like(x)], -1)
     normals = torch.tensor([0.0, 0, 1.0]).expand(401, 3)
     camera, light = torch.tensor([-0.7, 0, 1.0]), torch.tensor([[0.3, 0, 1.0]])
     ones = torch.ones(401)
-    radiance = shade_specular(points, normals, 0.02 * ones, ones, camera, light, torch.ones(1, 1))
+    radiance = shade(points, normals, 0.02 * ones, ones, camera, light, torch.ones(1, 1))
     assert x[radiance[:, 0].argmax()].item() == pytest.approx(-0.2, abs=0.011)
 
 
@@ -96,12 +104,13 @@ def test_rough_gloss_is_a_lobe_of_the_half_vector_not_of_the_mirror_direction():
     assert left["half"] < 0.2 < 0.5 < left["mirror"]
 
 
-def test_specular_is_finite_in_the_mirror_direction_at_the_smallest_roughness():
+@pytest.mark.parametrize("shade", [shade_specular, shade_halfway])
+def test_specular_is_finite_in_the_mirror_direction_at_the_smallest_roughness(shade):
     point = torch.zeros(1, 3)
     normal = torch.tensor([[0.0, 0, 1.0]], requires_grad=True)
     sigma = torch.full((1,), 0.01, requires_grad=True)
     above = torch.tensor([0.0, 0, 2.0])
-    shade_specular(point, normal, sigma, torch.ones(1), above, above[None], torch.ones(1, 1)).sum().backward()
+    shade(point, normal, sigma, torch.ones(1), above, above[None], torch.ones(1, 1)).sum().backward()
     assert all(torch.isfinite(tensor.grad).all() for tensor in (normal, sigma))
 
 
