@@ -81,6 +81,8 @@ class LitTexels(TexelParameters):
             frame["mesh"] = inputs.mesh
         if self.spec.shading in ("harmonics", "linear"):
             frame["harmonics"] = inputs.harmonics if self.spec.near_field else inputs.body_light[None]
+            if self.spec.eyes and self.eyes.lit_apart:
+                frame["harmonics"] = frame["harmonics"].index_copy(0, *inputs.eye_light)
         if self.spec.shading == "linear":
             frame["head_light"] = inputs.body_light
         frame["diffuse"] = self.shade_direct(frame, axes, inputs)

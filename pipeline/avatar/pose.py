@@ -117,11 +117,9 @@ class FrameInputs:
 
     @cached_property
     def harmonics(self) -> Float[Tensor, "texels 81 channels"]:
-        """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`; at texels of
-        explicit eyes, `eye_light`."""
+        """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`."""
         positions, intensities = self.lights
-        light = gather_harmonics(self.posed.points, self.root_from_world, positions, white_once(intensities))
-        return light if self.eye_light is None else light.index_copy(0, *self.eye_light)
+        return gather_harmonics(self.posed.points, self.root_from_world, positions, white_once(intensities))
 
     @cached_property
     def far_lights(self) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights 3"]]:

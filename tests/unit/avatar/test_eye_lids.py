@@ -110,6 +110,19 @@ def test_light_of_two_lamps_is_the_sum_of_the_light_of_each():
     assert torch.allclose(both, first + second, atol=1e-5)
 
 
+def test_eyes_are_lit_alike_whatever_was_read_of_the_frame_before():
+    """An avatar without eyes may have been shown in the same frame."""
+    atlas = make_atlas(64, lid(0.008, 0.03))
+    avatar, record = make_avatar(atlas, EYES, **HEAD), make_frame(atlas, gaze(10, 5), LIGHTS[:1])
+    fresh, read = FrameInputs(atlas, record), FrameInputs(atlas, record)
+    skin = torch.ones(atlas.texel_count, dtype=torch.bool).index_fill(0, avatar.eyes.chosen, False)
+    before = read.harmonics.clone()
+    frames = [avatar.prepare(inputs) for inputs in (fresh, read)]
+    assert torch.equal(frames[0]["diffuse"], frames[1]["diffuse"])
+    assert torch.equal(read.harmonics, before) and torch.equal(frames[1]["harmonics"][skin], before[skin])
+    assert not torch.equal(frames[1]["harmonics"][~skin], before[~skin])
+
+
 def test_where_all_texels_have_one_light_eyes_start_like_the_rest():
     """Lamps are far then; lids dim an eye's light as a whole, and what they hide at rest stays in the transfer."""
     atlas, far = make_atlas(64, lid(0.008, 0.03)), HEAD | {"near_field": False, "transfer_start": "traced"}
