@@ -10,17 +10,19 @@ import tyro
 
 from pipeline.base.errors import InputError
 from pipeline.base.stopping import Stopped
+from pipeline.base.watchdog import watched
 
 
 def run_as_command(run: Callable[..., None]) -> None:
     """Turn a stage's `run` into its command line: flags, help and defaults come from its signature and docstring.
 
     Prints an `InputError` as it stands and exits with 1, likewise `Stopped` with 128 + the signal; anything else is a
-    defect and keeps its traceback.
+    defect and keeps its traceback. A stage that stands still says where, after ten minutes (`pipeline.base.watchdog`).
     """
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:
-        tyro.cli(run, config=(tyro.conf.OmitArgPrefixes,))
+        with watched(sys.__stderr__):
+            tyro.cli(run, config=(tyro.conf.OmitArgPrefixes,))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import xatlas
 from jaxtyping import Float, Float64, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from pipeline.base.errors import InputError
+from pipeline.geometry.chart_packing import largest_packing
 from pipeline.geometry.mesh import area_vectors
 
 UV_SLACK = 1e-4
@@ -34,10 +34,6 @@ MIN_TEXEL_AREA = 1e-5
 
 CANDIDATES_AT_ONCE = 4_000_000
 """(face, texel) pairs tested together: about half a gigabyte of temporaries."""
-
-PACKING_STEPS = 12
-"""Halvings of the bracket around the best scale of a packing: a factor of 8 shrinks to 8 ** (1 / 2**12), below a
-texel."""
 
 
 @dataclass(frozen=True)
@@ -157,41 +153,11 @@ def unwrap_faces(
     Raises:
         InputError: if small charts do not fit without padding either, or the mesh has no area.
     """
-    area = float(np.linalg.norm(area_vectors(vertices, faces), axis=1).sum())
-    if not area > 0:
+    if not np.linalg.norm(area_vectors(vertices, faces), axis=1).sum() > 0:
         raise InputError("template.mesh: expected faces with an area, found none; check the template's scale")
-    # No packing fills more than the whole map, and xatlas fills far more than 1/64 of it.
-    high = size / np.sqrt(area)
-    low = high / 8
-    for gap in range(padding, -1, -1):
-        best = _pack(vertices, faces, size, gap, low)
-        if best is not None:
-            break
-    else:
+    corners = largest_packing(vertices, faces, size, padding)
+    if corners is None:
         raise InputError(
             f"unwrap_atlas.size: expected a map that holds the template's charts, found {size}; make it larger"
         )
-    for _ in range(PACKING_STEPS):
-        middle = np.sqrt(low * high)
-        packed = _pack(vertices, faces, size, gap, middle)
-        best, low, high = (packed, middle, high) if packed is not None else (best, low, middle)
-    return best
-
-
-def _pack(
-    vertices: np.ndarray, faces: np.ndarray, size: int, padding: int, texels_per_metre: float
-) -> np.ndarray | None:
-    """Coordinates per face corner of a packing at a given scale, or None if it needs more than one `size` x `size`
-    map."""
-    options = xatlas.PackOptions()
-    options.resolution, options.padding, options.texels_per_unit = size, padding, texels_per_metre
-    options.bruteForce = True
-    cut = xatlas.Atlas()
-    cut.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32))
-    cut.generate(xatlas.ChartOptions(), options)
-    if cut.atlas_count != 1 or max(cut.width, cut.height) > size:
-        return None
-    vertex, indices, uv = cut[0]
-    if len(indices) != len(faces) or (vertex[indices] != faces).any():
-        raise AssertionError("xatlas is expected to keep the order of faces and corners")
-    return (uv * np.array([cut.width, cut.height], np.float32) / np.float32(size))[indices]
+    return corners

@@ -11,14 +11,17 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import xatlas
 from jaxtyping import Float32, Float64, Int64
 
 from pipeline.base.seeds import generator_for
+from pipeline.geometry.chart_packing import cut_and_pack
 from pipeline.synthesis.skeleton import Skeleton
 
 ATLAS_PADDING = 4
 """Texels between charts at the baked resolution: bilinear look-ups and 2x minification stay within a chart."""
+
+CHART_ITERATIONS = 4
+"""How often xatlas grows charts anew: more make rounder ones."""
 
 MOTTLE_M, MOTTLE = 0.02, 0.16
 """Shortest wavelength and standard deviation of the figure's brightness variation."""
@@ -52,15 +55,8 @@ class Unwrapped:
 
 def unwrap(vertices: Float64[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"], size: int) -> Unwrapped:
     """Cut the mesh into charts and pack them into a square of `size` texels."""
-    atlas = xatlas.Atlas()
-    atlas.add_mesh(vertices.astype(np.float32), faces.astype(np.uint32))
-    charts = xatlas.ChartOptions()
-    charts.max_iterations = 4
-    packing = xatlas.PackOptions()
-    packing.resolution, packing.padding, packing.bilinear = size, ATLAS_PADDING, True
-    atlas.generate(charts, packing)
-    source, cut_faces, uv = atlas[0]
-    return Unwrapped(source.astype(np.int64), cut_faces.astype(np.int64), uv.astype(np.float64))
+    cut = cut_and_pack(vertices, faces, size, ATLAS_PADDING, CHART_ITERATIONS)
+    return Unwrapped(cut.source.astype(np.int64), cut.faces.astype(np.int64), cut.uv.astype(np.float64))
 
 
 def albedo_at(

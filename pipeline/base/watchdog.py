@@ -1,0 +1,52 @@
+"""A watchdog for whole stages: one that uses no processor time for long prints where each of its threads stands."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+from pipeline.base.watched_child import processor_seconds
+
+SILENT_S = 600.0
+"""Seconds without processor time after which stacks are printed. Reading from a slow file system stays far below."""
+
+LOOKS = 20
+"""Looks at the processor time within that span."""
+
+WORK_S = 0.05
+"""Processor seconds, without the looks' own, that count as work: five ticks of the clock that they are counted in."""
+
+
+@contextmanager
+def watched(output: TextIO, silent_s: float = SILENT_S) -> Iterator[None]:
+    """While entered, print the stacks of all threads to `output` whenever hardly any processor time was used for long.
+
+    The timer is faulthandler's, a thread that needs no interpreter lock, so that a library that waits for ever while
+    it holds the lock is seen, too. Processor time counts with that of child processes. Nothing is ended: the log then
+    says what is waited for.
+    """
+    ended = threading.Event()
+    postponing = threading.Thread(target=_postpone, args=(output, silent_s, ended), daemon=True, name="watchdog")
+    postponing.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        postponing.join()
+        faulthandler.cancel_dump_traceback_later()
+
+
+def _postpone(output: TextIO, silent_s: float, ended: threading.Event) -> None:
+    """Set the timer anew as long as the process works."""
+    postponed_at = -WORK_S
+    while not ended.is_set():
+        used = processor_seconds(os.getpid()) - time.thread_time()
+        if used >= postponed_at + WORK_S:
+            faulthandler.dump_traceback_later(silent_s, repeat=True, file=output)
+            postponed_at = used
+        ended.wait(silent_s / LOOKS)

@@ -1,0 +1,74 @@
+"""Children that fail, stand still or take too long, and a watchdog that says where a process stands."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from pipeline.base.watched_child import ChildFailed, processor_seconds, run_watched
+
+
+def child(code: str, *arguments: str) -> list[str]:
+    return [sys.executable, "-c", code, *arguments]
+
+
+def test_child_that_ends_well_leaves_its_result(tmp_path) -> None:
+    run_watched(child("import sys; open(sys.argv[1], 'w').write('done')", str(tmp_path / "result")))
+    assert (tmp_path / "result").read_text() == "done"
+
+
+def test_child_that_fails_is_not_repeated(tmp_path) -> None:
+    code = "import sys; open(sys.argv[1], 'a').write('x'); sys.exit('no such mesh')"
+    with pytest.raises(ChildFailed, match=r"found 1:\nno such mesh"):
+        run_watched(child(code, str(tmp_path / "starts")))
+    assert (tmp_path / "starts").read_text() == "x"
+
+
+def test_child_that_stands_still_once_is_started_again(tmp_path) -> None:
+    code = (
+        "import pathlib, sys, time\npath = pathlib.Path(sys.argv[1])\nseen = path.exists()\npath.touch()\n"
+        "time.sleep(0 if seen else 1000)"
+    )
+    start = time.monotonic()
+    run_watched(child(code, str(tmp_path / "seen")), stall_s=1.0)
+    assert time.monotonic() - start < 60
+
+
+def test_stuck_children_are_ended_with_all_that_they_started(tmp_path) -> None:
+    code = (
+        "import subprocess, sys, time\n"
+        "print(subprocess.Popen(['sleep', '1000']).pid, file=open(sys.argv[1], 'a'))\ntime.sleep(1000)"
+    )
+    with pytest.raises(ChildFailed, match="no processor time for 1 s, 2 times"):
+        run_watched(child(code, str(tmp_path / "pids")), stall_s=1.0)
+    pids = [int(line) for line in (tmp_path / "pids").read_text().split()]
+    assert len(pids) == 2
+    alive = [pid for pid in pids if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE]
+    assert alive == []
+
+
+def test_busy_child_is_ended_at_its_limit() -> None:
+    with pytest.raises(ChildFailed, match="longer than 2 s, 1 times"):
+        run_watched(child("while True: pass"), stall_s=30.0, limit_s=2.0, attempts=1)
+
+
+def test_processor_time_counts_what_children_use() -> None:
+    before = processor_seconds(os.getpid())
+    subprocess.run(child("import time\nwhile time.process_time() < 0.3: pass"), check=True)
+    assert processor_seconds(os.getpid()) - before > 0.25
+    assert processor_seconds(2**22 + 1) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("work", "said"), [("time.sleep(4)", True), ("\nwhile time.monotonic() < end: pass", False)], ids=["still", "busy"]
+)
+def test_process_that_stands_still_prints_its_stack(work: str, said: bool) -> None:
+    code = "import sys, time\nfrom pipeline.base.watchdog import watched\nend = time.monotonic() + 4\n"
+    code += f"def waits_for_ever():\n    {work.strip()}\nwith watched(sys.stderr, 1.0): waits_for_ever()"
+    printed = subprocess.run(child(code), capture_output=True, text=True, check=True).stderr
+    assert ("waits_for_ever" in printed) is said
