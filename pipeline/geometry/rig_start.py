@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import cv2
@@ -114,6 +115,18 @@ def _in_first_view(
     return Start(placed, np.linalg.inv(root_from_board[0]) @ root_from_board)
 
 
+@contextmanager
+def _one_opencv_thread() -> Iterator[None]:
+    """While entered, OpenCV works on one thread: with more, calibrateCamera adds the views up in the order in which
+    they are done, and results differ in the last digits from run to run."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
 def start_camera(views: Sequence[tuple[np.ndarray, np.ndarray]], size: tuple[int, int]) -> Camera:
     """Intrinsics of one camera alone, by Zhang's method; its pose is the identity.
 
@@ -129,7 +142,8 @@ def start_camera(views: Sequence[tuple[np.ndarray, np.ndarray]], size: tuple[int
     pixels = [(pixel - PIXEL_CENTER).astype(np.float32)[:, None] for _, pixel in views]
     if len(views) >= 2:
         opencv_K = guess - np.array([[0, 0, PIXEL_CENTER], [0, 0, PIXEL_CENTER], [0, 0, 0]])
-        error, found, found_dist, *_ = cv2.calibrateCamera(board, pixels, size, opencv_K, None, flags=flags)
+        with _one_opencv_thread():
+            error, found, found_dist, *_ = cv2.calibrateCamera(board, pixels, size, opencv_K, None, flags=flags)
         if np.isfinite(error) and PLAUSIBLE_FOCAL[0] < found[0, 0] / longer < PLAUSIBLE_FOCAL[1]:
             K, dist = found.copy(), np.asarray(found_dist, np.float64).ravel()[:5]
             K[:2, 2] += PIXEL_CENTER

@@ -8,7 +8,7 @@ import scipy.spatial.transform
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.projection import project_with_jacobian
 from pipeline.geometry.rig_model import Observations
-from pipeline.geometry.rig_start import connected_groups, usable_views, view_rows
+from pipeline.geometry.rig_start import connected_groups, start_camera, usable_views, view_rows
 from pipeline.geometry.rotations import left_jacobian
 from tests.planted_rig import BOARD, SIZE, boards_in_stage, center_errors, observe, planted_cameras, solve
 
@@ -119,3 +119,23 @@ def test_left_jacobian_by_differences(angle):
         back = rotation.from_rotvec(vector - step * np.eye(3)[k]) * rotation.from_rotvec(vector).inv()
         numeric = (moved.as_rotvec() - back.as_rotvec()) / (2 * step)
         assert jacobian[:, k] == pytest.approx(numeric, abs=1e-8)
+
+
+def test_start_of_a_camera_has_the_same_bits_at_any_number_of_threads(rig_of_six):
+    """cv2.calibrateCamera on two threads sums in the order in which views are done: 1e-12 apart from run to run."""
+    cameras, boards = rig_of_six
+    seen = observe(cameras, boards, 0.1, np.random.default_rng(8))
+    mine = [np.flatnonzero((seen.camera == 0) & (seen.view == v)) for v in range(25)]
+    views = [(BOARD.corners_m()[seen.corner[rows]], seen.pixel[rows]) for rows in mine if len(rows) >= 6]
+    threads = cv2.getNumThreads()
+    try:
+        found = []
+        for count in (1, 2, 4) * 10:
+            cv2.setNumThreads(count)
+            found.append(start_camera(views, SIZE))
+            assert cv2.getNumThreads() == count
+    finally:
+        cv2.setNumThreads(threads)
+    for camera in found[1:]:
+        np.testing.assert_array_equal(camera.K, found[0].K)
+        np.testing.assert_array_equal(camera.dist, found[0].dist)
