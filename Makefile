@@ -53,7 +53,7 @@ lint: $(READY)
 
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema
-	$(BIN)/python -m pipeline.capture.format_page
+	$(BIN)/python -m pipeline.capture.schema.format_page
 
 CURVES_OF := results/subjectA
 curves: $(READY)
@@ -62,7 +62,7 @@ curves: $(READY)
 	$(BIN)/python -m pipeline.dials.curves --results $(CURVES_OF)
 
 presets: $(READY)
-	$(BIN)/python -m pipeline.config.presets
+	$(BIN)/python -m pipeline.budget.presets
 
 $(READY): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv

@@ -25,12 +25,12 @@ import scipy.spatial.transform
 from benchmarks.bundle_adjusters import LOSS_PX, METHODS
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.files import read_json
-from pipeline.calibrate_cameras import boards_of
-from pipeline.capture.board_views import BoardViews, find_boards, gather_views
+from pipeline.calibration.cameras.board_views import BoardViews, find_boards, gather_views
+from pipeline.calibration.cameras.rig import adjust_rig
+from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_start import start_rig
 from pipeline.geometry.cameras import Camera, read_cameras
-from pipeline.geometry.rig import adjust_rig
-from pipeline.geometry.rig_model import Observations
-from pipeline.geometry.rig_start import start_rig
+from pipeline.stages.calibrate_cameras import boards_of
 
 NOISE_PX, GROSS_SHARE, GROSS_PX = 0.05, 0.03, 20.0
 

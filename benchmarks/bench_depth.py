@@ -19,9 +19,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.avatar.checkpoint import LoadedAvatar, load_avatar
 from pipeline.avatar.pixel_depth import depth_of_pixels
 from pipeline.avatar.shading import points_of_pixels
+from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar
 from pipeline.base.files import read_arrays
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import read_frame_shards, read_image_shards

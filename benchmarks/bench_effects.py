@@ -28,12 +28,12 @@ import torch
 
 from benchmarks.effect_jobs import count_jobs
 from benchmarks.effect_scenes import SCENES, SMALL, make_scene
-from pipeline import evaluate_avatar, pack_shards, plan_effects, trace_irradiance, train_avatar
 from pipeline.base.files import read_json, write_table
 from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.stages import evaluate_avatar, pack_shards, plan_effects, trace_irradiance, train_avatar
 
 EVERYTHING = {"specular": "on", "shadow": "on", "near_field": "on", "articulation": "on", "deferred": "on"}
 AVATARS = {"everything": EVERYTHING, "full": {}, "auto": {"shading": "auto", "deferred": "auto"}}

@@ -20,13 +20,13 @@ import pandas as pd
 import torch
 
 from benchmarks.true_eyes import TrueEyes, read_true_eyes
-from pipeline.avatar.checkpoint import load_avatar
+from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.files import write_table
 from pipeline.capture.records import ImageRecord
 from pipeline.capture.shards import read_frame_shards, read_image_shards
-from pipeline.geometry.alignment import Alignment
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.depth_maps import draw_depth
+from pipeline.geometry.rigid_alignment import Alignment
 from pipeline.metrics.evaluation import FLAGS, LIT, SPLITS, display_pair
 from pipeline.metrics.images import psnr_db
 from pipeline.metrics.output_errors import align_rigs

@@ -32,8 +32,8 @@ from benchmarks.driven_glints import Scene, measure_glints
 from benchmarks.glint_figure import draw_glints
 from benchmarks.glint_summary import WITHIN_PX, summarize
 from benchmarks.true_eyes import read_true_eyes
-from pipeline.avatar.checkpoint import load_avatar
-from pipeline.avatar.relighting import Relighter
+from pipeline.avatar.relighting.film import Relighter
+from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
 from pipeline.capture.shards import read_frame_shards

@@ -5,7 +5,7 @@
 Stages run in this process, on one thread, again and again at doubling sizes (`benchmarks.growth_cases`), all sizes in
 turn; a first run of each, which compiles, does not count, nor does the interpreter's start. CPU seconds are of the
 process, which its neighbours on the machine hardly change; memory is what a run's peak adds to what was there before.
-`pipeline.metrics.growth` fits the exponents. Writes exponents.csv (a row per stage, size and cost, with the verdict),
+`pipeline.metrics.scaling` fits the exponents. Writes exponents.csv (a row per stage, size and cost, with the verdict),
 runs.csv (all runs), projection.csv (what the papers' captures would take), and growth.png.
 """
 
@@ -29,7 +29,7 @@ from benchmarks.growth_projection import project
 from pipeline.base.files import write_table
 from pipeline.figures.growth_plot import draw_growth
 from pipeline.metrics.cost import interleaved
-from pipeline.metrics.growth import fit_growth
+from pipeline.metrics.scaling import fit_growth
 
 log = logging.getLogger("bench_growth")
 

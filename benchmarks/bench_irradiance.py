@@ -29,10 +29,10 @@ from scipy.spatial import KDTree
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas
-from pipeline.lighting.draws import spread_uniforms
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, draw_lights, light_scene
 from pipeline.lighting.irradiance import trace_irradiance as trace
+from pipeline.lighting.light_sampling import spread_uniforms
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, light_blocks
 from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits

@@ -20,12 +20,12 @@ import numpy as np
 import trimesh
 
 from pipeline.base.files import read_arrays, read_json, read_table
-from pipeline.book_patterns import build_model, fit_subject, measure_brightness
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.skin import read_template
-from pipeline.lighting.brightness import BrightnessModel, PatternLog
-from pipeline.lighting.sync import SyncCheck, check_sync
-from tests.planted_stage import INTERLEAVINGS, Stage, build_stage, model_of, photograph, traced_transport, white
+from pipeline.stages.book_patterns import build_model, fit_subject, measure_brightness
+from pipeline.sync.brightness import BrightnessModel, PatternLog
+from pipeline.sync.sync import SyncCheck, check_sync
+from tests.support.planted_stage import INTERLEAVINGS, Stage, build_stage, model_of, photograph, traced_transport, white
 
 SIGMAS, MAX_OFFSET = 5.0, 5
 

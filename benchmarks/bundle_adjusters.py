@@ -9,10 +9,10 @@ import numpy as np
 import pycolmap
 
 from pipeline.base.conventions import PIXEL_CENTER
-from pipeline.capture.board_views import BoardViews
+from pipeline.calibration.cameras.board_views import BoardViews
+from pipeline.calibration.cameras.rig_calibration import calibrate_rig
+from pipeline.calibration.cameras.rig_start import start_rig
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.rig_calibration import calibrate_rig
-from pipeline.geometry.rig_start import start_rig
 
 LOSS_PX = 0.12
 """Scale of pycolmap's Cauchy loss: 2.4 times the noise of good corners. Ours measures the noise itself."""

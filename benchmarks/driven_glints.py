@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.mirror_glints import centroid
 from benchmarks.true_eyes import TrueEyes
-from pipeline.avatar.driving import from_record
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.relighting import Relighter
+from pipeline.avatar.relighting.driving_signal import from_record
+from pipeline.avatar.relighting.film import Relighter
 from pipeline.capture.records import FrameRecord
 from pipeline.geometry.cameras import Camera
 from pipeline.lighting.frame_lights import FrameLights

@@ -16,11 +16,10 @@ import torch
 from benchmarks.bench_splatting import make_scene as make_gaussians
 from benchmarks.bench_splatting import step as splatting_step
 from benchmarks.growth_inputs import CAMERAS, packed, photographed, stage_of_size, walked
-from pipeline import pack_shards, trace_irradiance, track_mesh
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.spec import read_plan, spec_of
-from pipeline.avatar.training import Training
+from pipeline.avatar.training.training import Training
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.track_mesh import TrackMesh
@@ -28,6 +27,7 @@ from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import read_atlas
 from pipeline.rendering.projection_kernels import TILE
 from pipeline.rendering.splat import splat
+from pipeline.stages import pack_shards, trace_irradiance, track_mesh
 
 Job = tuple[dict[str, int], Callable[[], object]]
 """How large a job is, by what was counted, and the job."""

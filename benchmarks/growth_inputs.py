@@ -10,11 +10,11 @@ import pandas as pd
 
 from benchmarks.bench_irradiance import dome, make_pose
 from benchmarks.effect_scenes import make_scene
-from pipeline import index_capture, pack_shards, synthesize_capture
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.config.effects import EFFECTS
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.texels import write_atlas
+from pipeline.stages import index_capture, pack_shards, synthesize_capture
 
 SCENE, CAMERAS = "near", 4
 """Whose images are packed and trained on: a matte ball, which takes no time to render."""

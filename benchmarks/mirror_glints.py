@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.geometry.eye_shape import EyeShape
-from pipeline.geometry.mirror_ball import reflection_points
+from pipeline.calibration.lights.mirror_ball import reflection_points
+from pipeline.eyes.eye_shape import EyeShape
 
 
 class Pinhole(Protocol):

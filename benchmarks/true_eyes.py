@@ -18,8 +18,8 @@ import pandas as pd
 from benchmarks.mirror_glints import glint_points
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json, read_table
+from pipeline.eyes.eye_shape import EyeShape
 from pipeline.geometry.cameras import Camera, read_cameras
-from pipeline.geometry.eye_shape import EyeShape
 from pipeline.geometry.rotations import matrix_from_quaternion
 from pipeline.geometry.skin import read_template
 from pipeline.lighting.visibility import Occluders

@@ -1,6 +1,6 @@
 """The networks of a head together (RGCA 3, 4, 9): the same place in an avatar as those of RFGCA in `networks`.
 
-    z ~ E(V, T)                                 an expression, see `pipeline.avatar.expression`
+    z ~ E(V, T)                                 an expression, see `pipeline.avatar.expression_vae`
     V' = D_v(z)                                 what the Gaussians sit on
     dt, dR, s, o, d_c, d_m, sigma = D_ci(z)     does not know the camera
     dn, v = D_cv(z, w_o)                        w_o as seen from the middle of the head, in its frame
@@ -18,7 +18,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.avatar.decoders import FIRST_SIDE, AtlasDecoder, PoseDecoder
-from pipeline.avatar.expression import Expression, Latent
+from pipeline.avatar.expression_vae import Expression, Latent
 from pipeline.avatar.light_linear import LightLinearDecoder
 from pipeline.avatar.pose import FrameInputs, PosedTexels, pose_texels
 from pipeline.avatar.pose_encoder import linear
@@ -41,7 +41,7 @@ class HeadNetworks(nn.Module):
     Args:
         atlas: the texels.
         parameters: their own, by name, that a code may change.
-        spacing_m: a texel's size, see `pipeline.avatar.networks`.
+        spacing_m: a texel's size, see `pipeline.avatar.body_networks`.
     """
 
     def __init__(self, atlas: Atlas, spec: AvatarSpec, parameters: Mapping[str, Tensor], spacing_m: float) -> None:

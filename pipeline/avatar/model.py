@@ -2,7 +2,7 @@
 
 RFGCA 3-16, RGCA 3-9. Every texel has parameters of its own, which are optimised directly; networks may add to them
 what changes with pose, expression and view. Only what `AvatarSpec` asks for is built. What all cameras of a frame share
-is made by `pipeline.avatar.lit_texels`, what each sees here.
+is made by `pipeline.avatar.shaded_texels`, what each sees here.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.avatar.eye_glints import mirror_pixels
-from pipeline.avatar.lit_texels import LitTexels
+from pipeline.avatar.eyes.eye_glints import mirror_pixels
 from pipeline.avatar.pixel_depth import depth_of_pixels
+from pipeline.avatar.shaded_texels import LitTexels
 from pipeline.avatar.shading import (
     points_of_pixels,
     shade_gloss,

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from pipeline.avatar.lids import Lids
+from pipeline.avatar.eyes.lid_occlusion import Lids
 from pipeline.avatar.shading import gather_harmonics
 from pipeline.capture.records import FrameRecord
 from pipeline.geometry.mesh import area_vectors, unit_or

@@ -14,7 +14,7 @@ from jaxtyping import Float, Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
-from pipeline.geometry.outlines import spread_vertices
+from pipeline.geometry.surface_points import spread_vertices
 from pipeline.geometry.texels import Atlas
 
 FEWEST_POINTS = 4

@@ -10,9 +10,9 @@ from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
 from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
-from pipeline.lighting.glints import gather_glints
 from pipeline.lighting.lobes import Lobe, angle_between, angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
+from pipeline.lighting.specular_lobes import gather_glints
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, clamped_cosine_coefficients
 
 COLOR_DEGREES = 4

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pipeline.avatar.networks import POSED
+from pipeline.avatar.body_networks import POSED
 from pipeline.avatar.pose import rest_normals
 from pipeline.avatar.shading import COLOR_DEGREES, start_harmonics, start_transfer
 from pipeline.avatar.spec import AvatarSpec

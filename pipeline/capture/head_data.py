@@ -46,6 +46,6 @@ def read_textures(path: Path) -> dict[int, Float32[np.ndarray, "texels 3"]]:
     if frames is None or textures is None or textures.shape != (len(frames), textures.shape[1], 3):
         found = {name: array.shape for name, array in arrays.items()}
         raise InputError(
-            f"{path}: expected frames [n] and textures [n, texels, 3], found {found}; run unwrap_textures again"
+            f"{path}: expected frames [n] and textures [n, texels, 3], found {found}; run bake_textures again"
         )
     return dict(zip(frames.tolist(), textures.astype(np.float32), strict=True))

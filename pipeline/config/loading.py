@@ -20,6 +20,9 @@ from pipeline.config.settings import Settings
 DEFAULTS_FILE = "config/config.yaml"
 COMMAND_LINE = "command line (--config, --configfile)"
 
+RENAMED = {"unwrap_textures": "bake_textures"}
+"""Sections that files from before 2026-11-22 call otherwise -> their present names."""
+
 
 @dataclass(frozen=True)
 class Project:
@@ -63,6 +66,7 @@ def load_project(config: Mapping[str, Any], command_line: Mapping[str, Any], sub
         InputError: naming, for every problem, file, key, what was expected and what was found.
     """
     complaints = Complaints("configuration")
+    config, command_line = with_present_names(config), with_present_names(command_line)
     origins = [(COMMAND_LINE, command_line), (DEFAULTS_FILE, config)]
     settings = _validate(ProjectSettings, config, origins, complaints)
     shared, changes = _shared(config), _shared(command_line)
@@ -73,13 +77,22 @@ def load_project(config: Mapping[str, Any], command_line: Mapping[str, Any], sub
         own = _read_mapping(path, complaints)
         if own is None:
             continue
-        written[path.stem] = own
+        own = written[path.stem] = with_present_names(own)
         merged = merge(merge(shared, own), changes)
         origins = [(COMMAND_LINE, changes), (str(path), own), (DEFAULTS_FILE, config)]
         models[path.stem] = _validate(SubjectSettings, merged, origins, complaints)
     complaints.messages[:] = dict.fromkeys(complaints.messages)
     complaints.raise_if_any()
     return Project(settings, models, written, command_line)
+
+
+def with_present_names(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a file says, with sections that were renamed under their present names; see `RENAMED`."""
+    present = {key: value for key, value in content.items() if key not in RENAMED}
+    for old, new in RENAMED.items():
+        if old in content:
+            present = merge(present, {new: content[old]})
+    return present
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
+from pipeline.config.bake_textures import BakeTextures
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.config.calibrate_color import CalibrateColor
@@ -31,7 +32,6 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.unwrap_atlas import UnwrapAtlas
-from pipeline.config.unwrap_textures import UnwrapTextures
 from pipeline.config.write_report import WriteReport
 
 NAME_PATTERN = "[A-Za-z0-9_-]+"
@@ -74,7 +74,7 @@ class SubjectSettings(Settings):
     plan_effects: PlanEffects = PlanEffects()
     fit_eyes: FitEyes = FitEyes()
     trace_irradiance: TraceIrradiance = TraceIrradiance()
-    unwrap_textures: UnwrapTextures = UnwrapTextures()
+    bake_textures: BakeTextures = BakeTextures()
     pack_shards: PackShards = PackShards()
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()

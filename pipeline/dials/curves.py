@@ -19,8 +19,8 @@ from pipeline.base.code_digest import ROOT
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table, written_whole
-from pipeline.config.budget import GROWTH
-from pipeline.config.curves import COLUMNS, FOLDER
+from pipeline.budget.allocation import GROWTH
+from pipeline.budget.curves import COLUMNS, FOLDER
 from pipeline.config.loading import load_project
 from pipeline.config.project import SubjectSettings
 from pipeline.dials.catalogue import DIALS
@@ -59,7 +59,7 @@ HEADER = """\
 
 
 def facts_of(results: Path, used: dict[str, Any]) -> dict[str, Any]:
-    """The fields of `pipeline.config.curves.Measured`."""
+    """The fields of `pipeline.budget.curves.Measured`."""
     cameras = read_table(results / "index/cameras.parquet")
     metrics = pd.read_csv(results / "metrics.csv")
     psnr = metrics.psnr_db[(metrics.split == "test") & (metrics.lit == "partial")]

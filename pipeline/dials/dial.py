@@ -96,7 +96,7 @@ class CostedStage:
     runs_on: Callable[[Subject], bool] = lambda subject: True
     afterwards: Mapping[str, str] = field(default_factory=dict)
     timed: tuple[str, ...] = ()
-    heads_only: tuple[str, ...] = ("unwrap_textures",)
+    heads_only: tuple[str, ...] = ("bake_textures",)
     settings: Mapping[str, Any] = field(default_factory=dict)
     later_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     warm_up: Mapping[str, Any] | None = None
@@ -116,7 +116,7 @@ class CostedStage:
 
     def imports(self) -> list[list[str]]:
         """Command lines that do nothing but import the stages whose time counts."""
-        return [[sys.executable, "-c", f"import pipeline.{name}"] for name in (self.name, *self.timed)]
+        return [[sys.executable, "-c", f"import pipeline.stages.{name}"] for name in (self.name, *self.timed)]
 
     def written(self, out: Path) -> Files:
         """Its output in folder `out`."""
@@ -142,7 +142,7 @@ def _command_line(
     kept = [re.fullmatch("(?:(head|eyes):)?(.*)", word).groups() for word in arguments.split()]
     asked = [word for part, word in kept if part is None or subject.has(part)]
     words = [word.format(**paths, **others, made=subject.made) for word in asked]
-    return [sys.executable, "-m", f"pipeline.{stage}", *words, *flags(settings)]
+    return [sys.executable, "-m", f"pipeline.stages.{stage}", *words, *flags(settings)]
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Dial:
         fixed: other settings of the stage that hold for all values.
         reference: settings of the stage that give the reference, if that is none of the values.
         chosen: whether presets and budgets choose the setting: it means the same on any capture, and no other dial has
-            it. See `pipeline.config.curves`.
+            it. See `pipeline.budget.curves`.
     """
 
     name: str

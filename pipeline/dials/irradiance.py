@@ -10,7 +10,7 @@ import pandas as pd
 from pipeline.base.files import read_table
 from pipeline.capture.images import read_exr_channel
 from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
-from pipeline.lighting.draws import Spread
+from pipeline.lighting.light_sampling import Spread
 
 TOLERANCE = 0.01
 """RMS error of irradiance, fully lit and unoccluded being 1: 1 % of full scale, the noise of a capture (40 dB)."""

@@ -22,7 +22,7 @@ STEPS = 200
 
 TRAINED = {
     "trace_irradiance": TRACED,
-    "unwrap_textures": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
+    "bake_textures": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
     "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
     "--color {results}/calibration/color.json --effects {results}/effects.json --frames {results}/frames.parquet "
     "--out {out}/textures/0000",

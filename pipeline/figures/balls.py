@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.verdicts import Grade
-from pipeline.capture.ball_photos import read_ball_photo
+from pipeline.calibration.lights.ball_photos import read_ball_photo
 from pipeline.capture.images import Transfer
 from pipeline.figures.style import (
     CROSSHAIR,

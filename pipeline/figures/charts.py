@@ -17,7 +17,7 @@ from matplotlib.patches import Rectangle
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.verdicts import Grade
-from pipeline.capture.color_chart import COLUMNS, PATCHES, ROWS
+from pipeline.calibration.color.color_chart import COLUMNS, PATCHES, ROWS
 from pipeline.figures.style import INK, add_panels, frame_panel, grid_size, picture
 
 CELL_PX, OVERSAMPLING = 16, 4

@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
 from pipeline.base.verdicts import Grade
+from pipeline.calibration.cameras.rig_quality import CELLS
 from pipeline.figures.style import (
     BAR_INCHES,
     FAINT,
@@ -27,7 +28,6 @@ from pipeline.figures.style import (
     picture,
 )
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.rig_quality import CELLS
 
 PANEL_INCHES = 1.9
 MAP = LinearSegmentedColormap.from_list("seen", ["#cfe1f2", "#4b98ca", "#08306b"])

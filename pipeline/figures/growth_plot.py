@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from pipeline.figures.style import FAINT, INK, MUTED, picture
-from pipeline.metrics.growth import Growth
+from pipeline.metrics.scaling import Growth
 
 PANEL_INCHES = (2.5, 1.9)
 LEFT_INCHES, BELOW_INCHES, ABOVE_INCHES, RIGHT_INCHES = 0.5, 0.5, 0.72, 0.15

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Patch, Polygon
 
 from pipeline.base.verdicts import Grade
-from pipeline.capture.light_tables import COVARIANCE
+from pipeline.calibration.lights.light_tables import COVARIANCE
 from pipeline.figures.labels import place_labels
 from pipeline.figures.style import FAINT, GRADE_COLORS, GRADE_INKS, INK, MUTED, picture, round_factor
 from pipeline.geometry.cameras import Camera

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
+from pipeline.calibration.lights.mirror_ball import locate_ball
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.mirror_ball import locate_ball
 from pipeline.geometry.triangulation import triangulate
 
 SAME_POINT_PX = 1.0

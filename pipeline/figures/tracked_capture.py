@@ -16,12 +16,12 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.capture.images import read_image, read_mask
 from pipeline.capture.reduced_images import block_means
-from pipeline.capture.tracking_inputs import image_cameras
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.keypoint_targets import KeypointTargets, read_keypoint_targets
 from pipeline.geometry.kinematics import Pose, point_positions, tracked_points
 from pipeline.geometry.skin import Template, read_template
 from pipeline.geometry.tracked import read_tracked
+from pipeline.tracking.keypoint_targets import KeypointTargets, read_keypoint_targets
+from pipeline.tracking.tracking_inputs import image_cameras
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from pipeline.figures.style import (
 from pipeline.figures.surface_lines import seen_lines
 from pipeline.figures.tracked_capture import TrackedCapture
 from pipeline.geometry.cameras import Camera
-from pipeline.geometry.silhouettes import draw_silhouette
+from pipeline.geometry.signed_distance import draw_silhouette
 from pipeline.geometry.surface_points import SurfacePoints
 
 PANEL_INCHES = (2.4, 3.3)

@@ -1,4 +1,4 @@
-"""Points spread over a template's surface, each fixed to a face."""
+"""Points spread over a template's surface: each fixed to a face, or vertices of it."""
 
 from __future__ import annotations
 
@@ -40,3 +40,13 @@ def spread_points(
 def at_vertices(vertices: Int64[np.ndarray, " points"]) -> SurfacePoints:
     """Points that are vertices."""
     return SurfacePoints(np.repeat(vertices[:, None], 3, 1), np.tile([1.0, 0.0, 0.0], (len(vertices), 1)))
+
+
+def spread_vertices(vertices: Float64[np.ndarray, "vertices 3"], count: int) -> Int64[np.ndarray, " chosen"]:
+    """Up to `count` vertices spread evenly over the surface: farthest-point sampling, from the first vertex on."""
+    chosen = [0]
+    distance2 = ((vertices - vertices[0]) ** 2).sum(1)
+    while len(chosen) < min(count, len(vertices)) and distance2.max() > 0:
+        chosen.append(int(distance2.argmax()))
+        distance2 = np.minimum(distance2, ((vertices - vertices[chosen[-1]]) ** 2).sum(1))
+    return np.array(sorted(chosen), np.int64)

@@ -16,8 +16,8 @@ from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import CHANNELS, read_frame_lights
+from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, light_scene, trace_irradiance
-from pipeline.lighting.shared_rays import Neighbours, share_rays
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, face_rows
 from pipeline.lighting.visibility_bits import VisibilityBits, bits_are_cheaper, irradiance_from_bits, trace_bits

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
-from pipeline.lighting.draws import Spread, spread_uniforms
+from pipeline.lighting.light_sampling import Spread, spread_uniforms
 from pipeline.lighting.ray_kernels import add_clear_rays, draw_by_arrival, draw_by_weight, share_of_arriving
 from pipeline.lighting.standard_error import BlockVariance, TexelBlocks
 from pipeline.lighting.visibility import Occluders, Rays, Receivers, light_blocks
@@ -66,7 +66,7 @@ class Samples:
     Attributes:
         count: per texel.
         sampling: probability of a light: the same for all; by luminance; by what would arrive at the point unoccluded.
-        spread: how the draws of neighbouring texels hang together, see `pipeline.lighting.draws`.
+        spread: how the draws of neighbouring texels hang together, see `pipeline.lighting.light_sampling`.
         blocks: where the points lie on the map.
     """
 

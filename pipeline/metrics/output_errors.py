@@ -1,7 +1,7 @@
 """How far calibrated cameras, lights and tracked vertices are from what is known to be true, or from better ones.
 
 A rig's frame is arbitrary, so cameras are compared after a rigid alignment of their centres
-(`pipeline.geometry.alignment`). Errors are root mean squares: a rig is as good as its bad cameras allow.
+(`pipeline.geometry.rigid_alignment`). Errors are root mean squares: a rig is as good as its bad cameras allow.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from pipeline.base.errors import InputError
-from pipeline.geometry.alignment import Alignment, align_rigid
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.rigid_alignment import Alignment, align_rigid
 
 GRID = 9
 """Points along one side of an image at which projections are compared: a lens is smooth."""

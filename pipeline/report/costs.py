@@ -10,8 +10,8 @@ import pandas as pd
 from pipeline.base.errors import InputError
 from pipeline.config.project import SECTIONS
 from pipeline.metrics.cost import IMPORTS_ONLY
-from pipeline.report.found import Found, missing_of, read_csv
 from pipeline.report.part import Part
+from pipeline.report.results import Found, missing_of, read_csv
 from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.base.errors import InputError
-from pipeline.report.found import Found, missing_of, read_csv
 from pipeline.report.part import Part
+from pipeline.report.results import Found, missing_of, read_csv
 from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
 
 GROWTH, EFFECTS = "growth", "effects_comparison.csv"

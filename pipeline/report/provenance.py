@@ -12,8 +12,8 @@ from typing import Any
 from pipeline.base.code_digest import code_digest
 from pipeline.base.files import digest_bytes, digest_file
 from pipeline.config.project import SECTIONS
-from pipeline.report.found import Found
 from pipeline.report.part import Part
+from pipeline.report.results import Found
 from pipeline.report.tables import folded, html_table, paragraph
 
 DISTRIBUTION = "lightstage-avatars"
@@ -46,7 +46,7 @@ def input_digests(found: Found) -> list[list[Any]]:
 
 
 def _code() -> str:
-    rows = [[stage, code_digest(f"pipeline.{stage}")] for stage in SECTIONS]
+    rows = [[stage, code_digest(f"pipeline.stages.{stage}")] for stage in SECTIONS]
     whole = digest_bytes("\n".join(digest for _, digest in rows).encode())
     text = f"All stages: {whole}. A stage's digest is of its module and of all that it imports, without comments."
     return paragraph(text) + folded("Stage by stage", html_table("code", ["stage", "digest"], rows, "ss"))

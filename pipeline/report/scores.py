@@ -22,8 +22,8 @@ from pipeline.metrics.evaluation import (
     worst_median_best,
 )
 from pipeline.metrics.significance import BLOCKS, mean_over_images
-from pipeline.report.found import Found
 from pipeline.report.part import Part
+from pipeline.report.results import Found
 from pipeline.report.slider import compared, slider
 from pipeline.report.tables import Html, folded, html_table, number, p_text, paragraph, significant
 

@@ -10,9 +10,9 @@ import pytest
 
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
-from pipeline.calibrate_color import run
 from pipeline.config.calibrate_color import CalibrateColor
-from tests.drawn_chart import (
+from pipeline.stages.calibrate_color import run
+from tests.support.drawn_chart import (
     VALUES,
     camera_responses,
     corners_of_chart,

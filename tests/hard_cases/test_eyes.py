@@ -10,14 +10,13 @@ import pytest
 import torch
 
 from benchmarks.mirror_glints import project
-from pipeline.avatar.eye_glints import GRAZING, PIXEL_STD, mirror_pixels, trace_spheres
-from pipeline.avatar.losses import ROUGHNESS_BOUNDS
+from pipeline.avatar.eyes.eye_glints import GRAZING, PIXEL_STD, mirror_pixels, trace_spheres
 from pipeline.avatar.pose import FrameInputs
 from pipeline.avatar.shading import shade_specular
-from pipeline.geometry.eye_shape import EyeShape, eye_surface, turn_to
+from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS
+from pipeline.eyes.eye_shape import EyeShape, eye_surface, turn_to
 from pipeline.lighting.lobes import LOBE_CONSTANT
-from tests.hard_case import HardCase, worst
-from tests.unit.avatar.eyeballs import (
+from tests.support.eyeballs import (
     AHEAD,
     CENTERS,
     make_atlas,
@@ -26,6 +25,7 @@ from tests.unit.avatar.eyeballs import (
     make_frame,
     make_image,
 )
+from tests.support.hard_case import HardCase, worst
 
 FLOAT32 = 2e-6
 """Two dozen operations of float32 on numbers of about 1, three of them roots."""

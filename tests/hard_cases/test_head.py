@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.checkpoint import camera_tensors
-from pipeline.avatar.expression import LARGEST_LOG_VARIANCE, Latent, standard_divergence
+from pipeline.avatar.expression_vae import LARGEST_LOG_VARIANCE, Latent, standard_divergence
 from pipeline.avatar.head_networks import LARGEST_FACTOR
-from pipeline.avatar.losses import ROUGHNESS_BOUNDS, negative
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.shading import UNTURNED_SCALE, shade_harmonics, shade_specular, start_harmonics
 from pipeline.avatar.spec import spec_of
+from pipeline.avatar.training.checkpoint import camera_tensors
+from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS, negative
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.lobes import LOBE_CONSTANT, angle_between, cosine_gaussian, unit
 from pipeline.lighting.zonal import DEGREES, clamped_cosine_coefficients
-from tests.hard_case import HardCase, worst
-from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
+from tests.support.hard_case import HardCase, worst
+from tests.support.sheet import make_frame, make_image, make_sheet
 
 FLOAT32 = 5e-7
 """A dozen operations of float32."""

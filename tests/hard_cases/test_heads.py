@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.capture.eye_tables import OPPOSITE, between_directions
-from pipeline.rendering.mean_textures import SeenColors, fill_unseen
-from tests.hard_case import HardCase, worst
+from pipeline.capture.index.eye_tables import OPPOSITE, between_directions
+from pipeline.effects.mean_textures import SeenColors, fill_unseen
+from tests.support.hard_case import HardCase, worst
 
 
 @pytest.mark.parametrize("angle", [1e-12, 1e-5, 1.0, np.pi - 1e-5])

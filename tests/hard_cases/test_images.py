@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.losses import photometric, silhouette
+from pipeline.avatar.training.losses import photometric, silhouette
 from pipeline.base.color import BREAK_LINEAR, SLOPE, linear_from_srgb, srgb_from_linear
 from pipeline.capture.crops import cut_crop
-from pipeline.capture.image_checks import ExpectedImage, inspect_image
 from pipeline.capture.images import HALF_MAX, read_image, write_exr
+from pipeline.capture.index.image_checks import ExpectedImage, inspect_image
 from pipeline.capture.undistortion import SPLINE_SUPPORT, undistort_image
 from pipeline.geometry.cameras import Camera
 from pipeline.metrics.images import flip, psnr_db, ssim
-from tests.hard_case import HardCase, worst
+from tests.support.hard_case import HardCase, worst
 
 FLOAT32 = 5e-7
 EVERYWHERE = np.ones((16, 16), bool)

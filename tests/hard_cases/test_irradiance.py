@@ -10,11 +10,11 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
+from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
-from pipeline.lighting.shared_rays import Neighbours, share_rays
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
-from tests.hard_case import HardCase, worst
+from tests.support.hard_case import HardCase, worst
 
 UP = np.array([0, 1.0, 0])
 ROUNDING = 1e-12

@@ -1,6 +1,6 @@
 """What goes wrong when lights are calibrated from mirror balls: each case with the message or the bound it has to meet.
 
-The capture is drawn (tests/drawn_balls.py); every case changes one thing in it.
+The capture is drawn (tests/support/drawn_balls.py); every case changes one thing in it.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
-from pipeline.calibrate_lights import run
 from pipeline.config.calibrate_lights import CalibrateLights
-from tests.drawn_balls import edit_json, images_of, paths, planted_lights, variant, write_ball_capture
+from pipeline.stages.calibrate_lights import run
+from tests.support.drawn_balls import edit_json, images_of, paths, planted_lights, variant, write_ball_capture
 
 LENIENT = CalibrateLights(largest_sigma_m=0.06)
 """These balls are 37 px in radius: a light here is good to 5 mm, and one in five to 30 only."""

@@ -13,10 +13,10 @@ import pytest
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_table, write_json
 from pipeline.config.track_mesh import TrackMesh
-from pipeline.track_mesh import run
-from tests.hard_case import HardCase
-from tests.walking_capture import edited, mean_error_mm, write_capture
-from tests.walking_figure import Motion, walk
+from pipeline.stages.track_mesh import run
+from tests.support.hard_case import HardCase
+from tests.support.walking_capture import edited, mean_error_mm, write_capture
+from tests.support.walking_figure import Motion, walk
 
 FRAMES = 14
 

@@ -12,11 +12,11 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.book_patterns import run
 from pipeline.capture.images import write_exr, write_png
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, write_cameras
-from tests.planted_stage import Stage, build_stage, pattern_table, photograph, random_groups
+from pipeline.stages.book_patterns import run
+from tests.support.planted_stage import Stage, build_stage, pattern_table, photograph, random_groups
 
 FRAMES, SIZE = 30, 24
 CAPPED = "c4"

@@ -10,9 +10,15 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_json
-from pipeline.calibrate_color import run
-from pipeline.index_capture import run as index_capture
-from tests.drawn_chart import camera_responses, draw_chart, errors_of_corrections, pixels_of, write_chart_capture
+from pipeline.stages.calibrate_color import run
+from pipeline.stages.index_capture import run as index_capture
+from tests.support.drawn_chart import (
+    camera_responses,
+    draw_chart,
+    errors_of_corrections,
+    pixels_of,
+    write_chart_capture,
+)
 
 SUBJECT = Path(__file__).parents[2] / "captures/subjectA"
 

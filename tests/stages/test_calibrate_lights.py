@@ -9,10 +9,10 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_json
-from pipeline.calibrate_lights import run
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.geometry.cameras import read_cameras, write_cameras
-from tests.drawn_balls import (
+from pipeline.stages.calibrate_lights import run
+from tests.support.drawn_balls import (
     RADIUS,
     cameras_in_stage,
     edit_json,

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 import yaml
 
-import pipeline.calibrate_cameras
-import pipeline.calibrate_color
-import pipeline.calibrate_lights
+import pipeline.stages.calibrate_cameras
+import pipeline.stages.calibrate_color
+import pipeline.stages.calibrate_lights
 from pipeline.base.files import read_json, read_table, write_json, write_table
 from pipeline.geometry.cameras import read_cameras
 
@@ -58,9 +58,9 @@ def calibration(tmp_path_factory):
     }
     write_json(index / "calibration_color.json", chart)
     common = {"capture": WALKER, "index": index, "out": out, "threads": 2}
-    pipeline.calibrate_cameras.run(**common)
-    pipeline.calibrate_lights.run(**common, rig=out / "rig.json")
-    pipeline.calibrate_color.run(**common)
+    pipeline.stages.calibrate_cameras.run(**common)
+    pipeline.stages.calibrate_lights.run(**common, rig=out / "rig.json")
+    pipeline.stages.calibrate_color.run(**common)
     return out
 
 

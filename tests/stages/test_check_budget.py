@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.check_budget import run
-from pipeline.config.promise import Choice, Promise
+from pipeline.budget.estimate import Choice, Promise
+from pipeline.stages.check_budget import run
 
 METRIC = "irradiance, RMS (reference full)"
 

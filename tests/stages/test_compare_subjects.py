@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.compare_subjects import run
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.metrics.ablation_table import ALL, COLUMNS
-from tests.reported_results import scores
+from pipeline.stages.compare_subjects import run
+from tests.support.reported_results import scores
 
 
 @pytest.fixture

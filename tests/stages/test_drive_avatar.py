@@ -9,10 +9,9 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline import relight_avatar as stage
-from pipeline.avatar.checkpoint import save_avatar
-from pipeline.avatar.eyes import eye_texels
+from pipeline.avatar.eyes.explicit_eyes import eye_texels
 from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays, write_table
 from pipeline.capture.head_data import write_textures
@@ -20,8 +19,9 @@ from pipeline.capture.images import read_exr_channel, write_exr
 from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.geometry.texels import write_atlas
 from pipeline.rendering.splat_ply import read_splats
-from tests.unit.avatar import eyeballs
-from tests.unit.avatar.sheet import make_sheet
+from pipeline.stages import relight_avatar as stage
+from tests.support import eyeballs
+from tests.support.sheet import make_sheet
 from tests.unit.avatar.test_head import folded, folds, make_head, trained
 
 SMALL = {"height": 24, "width": 20, "orbit_radius": 1.2, "orbit_rise": 0.0, "orbit_turns": 0.0}

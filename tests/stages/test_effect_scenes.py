@@ -15,7 +15,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import read_atlas
-from pipeline.plan_effects import run
+from pipeline.stages.plan_effects import run
 
 SMALLEST = {
     "cameras": 4, "frames": 6, "frames_b": 1, "test_cameras": 1, "test_frames": 1, "width": 56, "height": 56, "spp": 16,

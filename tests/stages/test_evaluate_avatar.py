@@ -11,12 +11,12 @@ import pandas as pd
 import pytest
 import torch
 
-from pipeline import evaluate_avatar
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.stages import evaluate_avatar
 
 LEVEL = 0.25
 

@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-import pipeline.fit_eyes as stage
+import pipeline.stages.fit_eyes as stage
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays, write_table
 from pipeline.config.fit_eyes import FitEyes
-from pipeline.geometry.eye_fit import read_eyes
-from pipeline.geometry.eye_shape import usual_shape
+from pipeline.eyes.eye_fit import read_eyes
+from pipeline.eyes.eye_shape import usual_shape
 from pipeline.geometry.texels import write_atlas
-from tests.unit.avatar.eyeballs import AHEAD, CENTERS, make_atlas, make_eyes
+from tests.support.eyeballs import AHEAD, CENTERS, make_atlas, make_eyes
 
 FRAMES = {0: (4, 5, 6), 1: (7, 8)}
 """Frames of the chunks."""

@@ -15,8 +15,8 @@ import pyarrow.parquet
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.index_capture import run
-from tests.capture_builder import (
+from pipeline.stages.index_capture import run
+from tests.support.capture_builder import (
     HEIGHT,
     LIGHTS,
     SENSOR,
@@ -230,7 +230,7 @@ def test_command_line_exits_with_1_and_no_traceback(known: Path, tmp_path: Path)
     command = [
         sys.executable,
         "-m",
-        "pipeline.index_capture",
+        "pipeline.stages.index_capture",
         "--capture",
         str(capture),
         "--out",

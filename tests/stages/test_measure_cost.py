@@ -13,15 +13,15 @@ import OpenEXR
 import pandas as pd
 import pytest
 
-import pipeline.measure_cost
-import pipeline.trace_irradiance
+import pipeline.stages.measure_cost
+import pipeline.stages.trace_irradiance
 from pipeline.base.errors import InputError
 from pipeline.config.measure_cost import MeasureCost, changed_settings
 from pipeline.config.project import SubjectSettings
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject
-from pipeline.measure_cost import read_stage_settings, run
-from tests.stages.posed_capture import write_posed_capture
+from pipeline.stages.measure_cost import read_stage_settings, run
+from tests.support.posed_capture import write_posed_capture
 
 PROGRAM = """
 import json, pathlib, sys
@@ -65,7 +65,9 @@ def turn(tmp_path, monkeypatch):
     )  # fmt: skip
 
     def run_with(values, **settings) -> tuple[pd.DataFrame, list[str]]:
-        monkeypatch.setattr(pipeline.measure_cost, "DIALS", [Dial("number", stage, "value", lambda subject: values)])
+        monkeypatch.setattr(
+            pipeline.stages.measure_cost, "DIALS", [Dial("number", stage, "value", lambda subject: values)]
+        )
         run(
             results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out",
             settings=MeasureCost(**settings),
@@ -163,7 +165,7 @@ def test_samples_of_irradiance(tmp_path) -> None:
     for samples in ("1", "full"):
         out = tmp_path / samples / "0000"
         alone = TraceIrradiance(samples=samples, share_rays=False)
-        pipeline.trace_irradiance.run(**paths, subject="someone", out=out, settings=alone)
+        pipeline.stages.trace_irradiance.run(**paths, subject="someone", out=out, settings=alone)
         texels = pd.read_parquet(f"{out}.parquet").texels.sum()
         maps[samples] = [OpenEXR.File(str(path)).channels()["Y"].pixels for path in sorted(out.glob("*.exr"))]
     squares = sum(((a.astype(float) - b) ** 2).sum() for a, b in zip(maps["1"], maps["full"], strict=True))
@@ -221,7 +223,7 @@ def test_long_stages_are_not_run_twice_for_two_dials_nor_judged_twice(long_stage
         Dial("low", long_stage, "value", lambda subject: (1, 5)),
         Dial("high", long_stage, "value", lambda subject: (5, 10)),
     ]
-    monkeypatch.setattr(pipeline.measure_cost, "DIALS", dials)
+    monkeypatch.setattr(pipeline.stages.measure_cost, "DIALS", dials)
     settings = MeasureCost(repeats=5, training_repeats=2)
     run(results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out", settings=settings)
     whole = "slow1 judge2"
@@ -241,8 +243,8 @@ def test_long_stages_are_not_run_twice_for_two_dials_nor_judged_twice(long_stage
 
 def test_reference_may_be_none_of_the_values(turn, monkeypatch, tmp_path) -> None:
     turn([1, 5], repeats=1)
-    (dial,) = pipeline.measure_cost.DIALS
-    monkeypatch.setattr(pipeline.measure_cost, "DIALS", [replace(dial, reference={"value": 10})])
+    (dial,) = pipeline.stages.measure_cost.DIALS
+    monkeypatch.setattr(pipeline.stages.measure_cost, "DIALS", [replace(dial, reference={"value": 10})])
     run(
         results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out",
         settings=MeasureCost(repeats=1),

@@ -18,7 +18,7 @@ from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.texels import Atlas, write_atlas
-from pipeline.pack_shards import run
+from pipeline.stages.pack_shards import run
 
 FRAMES = [10, 11, 12, 13]
 MAP = np.array([[9, 0.25], [0.5, 1]], np.float32)
@@ -192,7 +192,7 @@ def test_a_head_has_its_motion_gaze_and_texture(stage):
     with pytest.raises(InputError, match="frame 12: expected a mean texture"):
         pack(stage, textures=stage / "textures.safetensors")
     write_arrays(stage / "textures.safetensors", {"frames": np.array(FRAMES)})
-    with pytest.raises(InputError, match="run unwrap_textures again"):
+    with pytest.raises(InputError, match="run bake_textures again"):
         pack(stage, textures=stage / "textures.safetensors")
 
 

@@ -11,9 +11,9 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json, write_arrays
 from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
-from pipeline.plan_effects import run
-from pipeline.rendering.scene_evidence import rotation_spread_deg
-from tests.stages.posed_capture import BALL_HEIGHT, BALL_RADIUS, write_cameras_and_color, write_posed_capture
+from pipeline.effects.scene_evidence import rotation_spread_deg
+from pipeline.stages.plan_effects import run
+from tests.support.posed_capture import BALL_HEIGHT, BALL_RADIUS, write_cameras_and_color, write_posed_capture
 
 UNSEEN = {"specular", "deferred", "learned_transport", "eyes"}
 """What captures without images (and eyes) cannot call for."""

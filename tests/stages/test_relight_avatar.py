@@ -10,11 +10,10 @@ import pandas as pd
 import pytest
 import torch
 
-from pipeline import relight_avatar as stage
-from pipeline.avatar.checkpoint import save_avatar
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import texel_spacing
 from pipeline.avatar.spec import AvatarSpec, spec_of
+from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays
@@ -25,7 +24,8 @@ from pipeline.geometry.camera_paths import orbit
 from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.texels import write_atlas
 from pipeline.rendering.splat_ply import read_splats
-from tests.unit.avatar.sheet import make_sheet
+from pipeline.stages import relight_avatar as stage
+from tests.support.sheet import make_sheet
 
 SMALL = {"height": 32, "width": 24, "orbit_radius": 1.2, "orbit_rise": 0.0, "orbit_turns": 0.0}
 LIGHT = "light,x,y,z,r,g,b\nkey,0.1,0.2,1.5,2,1.5,1\n"

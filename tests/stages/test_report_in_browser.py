@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.write_report import run
-from tests.reported_results import write_results
+from pipeline.stages.write_report import run
+from tests.support.reported_results import write_results
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
 

@@ -15,7 +15,7 @@ from pipeline.base.files import write_json, write_table
 from pipeline.capture.images import write_exr
 from pipeline.config.review_calibration import ReviewCalibration
 from pipeline.geometry.cameras import Camera, write_cameras
-from pipeline.review_calibration import run
+from pipeline.stages.review_calibration import run
 
 SIZE, FOCAL, DISTANCE, RADIUS = 240, 360.0, 2.2, 0.18
 DISC_PX = FOCAL * RADIUS / np.sqrt(DISTANCE**2 - RADIUS**2)

@@ -13,7 +13,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import read_cameras
-from pipeline.synthesize_capture import run
+from pipeline.stages.synthesize_capture import run
 
 pytest.importorskip("mitsuba")
 

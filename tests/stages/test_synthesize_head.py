@@ -7,13 +7,13 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from pipeline import index_capture, unwrap_atlas
 from pipeline.base.files import read_arrays, read_json
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.skin import read_template
-from pipeline.synthesize_capture import run
+from pipeline.stages import index_capture, unwrap_atlas
+from pipeline.stages.synthesize_capture import run
 
 pytest.importorskip("mitsuba")
 

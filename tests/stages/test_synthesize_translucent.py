@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.synthesize_capture import run
+from pipeline.stages.synthesize_capture import run
 
 pytest.importorskip("mitsuba")
 

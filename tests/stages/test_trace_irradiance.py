@@ -15,8 +15,8 @@ from pipeline.base.files import read_arrays, write_arrays, write_table
 from pipeline.capture.images import read_exr_channel, write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texels import read_atlas
-from pipeline.trace_irradiance import run
-from tests.stages.posed_capture import BALL_HEIGHT, BALL_RADIUS, FLOOR_HALF, write_posed_capture
+from pipeline.stages.trace_irradiance import run
+from tests.support.posed_capture import BALL_HEIGHT, BALL_RADIUS, FLOOR_HALF, write_posed_capture
 
 
 def test_maps_and_table(tmp_path: Path) -> None:

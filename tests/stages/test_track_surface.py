@@ -13,12 +13,12 @@ from pipeline.base.files import read_arrays, read_table, write_json, write_table
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.cameras import write_cameras
+from pipeline.stages.track_mesh import run
 from pipeline.synthesis.detector import detect_keypoints
 from pipeline.synthesis.head import build_head
 from pipeline.synthesis.stage_rig import build_stage_rig
 from pipeline.synthesis.subject import vertex_normals
-from pipeline.track_mesh import run
-from tests.walking_figure import draw_mask
+from tests.support.walking_figure import draw_mask
 
 SETTINGS = SynthesizeCapture(
     figure="head", framed_height_m=0.36, cameras=7, frames=6, fps=15.0, width=112, height=128, uvs=False,

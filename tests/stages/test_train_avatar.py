@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-import pipeline.train_avatar as stage
-from pipeline.avatar.checkpoint import load_avatar
-from pipeline.avatar.monitor import MOST_PREVIEWS, preview_spacing
+import pipeline.stages.train_avatar as stage
 from pipeline.avatar.spec import spec_of
-from pipeline.avatar.training import Training
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.avatar.training.training import Training
+from pipeline.avatar.training.training_log import MOST_PREVIEWS, preview_spacing
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
@@ -26,7 +26,7 @@ from pipeline.base.stopping import Stopped
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
-from tests.stages.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
+from tests.support.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
 
 SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1)
 

@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import pipeline.train_avatar as stage
-from pipeline.avatar.checkpoint import load_avatar
-from pipeline.avatar.training import Training
+import pipeline.stages.train_avatar as stage
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.avatar.training.training import Training
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json
 from pipeline.capture.shards import read_frame_shards, write_frame_shard
 from pipeline.config.train_avatar import TrainAvatar
-from tests.stages.sheet_subject import arguments_of, write_subject
+from tests.support.sheet_subject import arguments_of, write_subject
 
 SMALL = {"code_size": 4, "decoder_channels": (8, 4), "pose_points": 4}
 SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1, deferred="off", weight_ssim=0.02, **SMALL)

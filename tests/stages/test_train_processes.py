@@ -15,7 +15,7 @@ import pytest
 from pipeline.base.files import read_arrays
 from pipeline.config.flags import flags
 from pipeline.config.train_avatar import TrainAvatar
-from tests.stages.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
+from tests.support.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
 
 STEPS = 120
 SETTINGS = TrainAvatar(
@@ -48,7 +48,8 @@ def start(subject, out, processes):
     words = [word for name, value in arguments_of(subject).items() for word in (f"--{name}", str(value))]
     words += [*flags(SETTINGS), "--out", str(out)]
     return subprocess.Popen(
-        [*launcher, "-m", "pipeline.train_avatar", *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        [*launcher, "-m", "pipeline.stages.train_avatar", *words],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env={**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
     )  # fmt: skip
 

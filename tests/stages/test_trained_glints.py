@@ -12,7 +12,19 @@ import yaml
 from benchmarks.driven_glints import Scene, direction, measure_glints
 from benchmarks.glint_summary import WITHIN_PX, slope_of
 from benchmarks.true_eyes import MEASURED, read_true_eyes
-from pipeline import (
+from pipeline.avatar.eyes import explicit_eyes as eyes
+from pipeline.avatar.relighting.film import Relighter
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.base.files import write_json
+from pipeline.capture.shards import read_frame_shards
+from pipeline.config.effects import EFFECTS
+from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.geometry.cameras import read_cameras
+from pipeline.stages import bake_textures as bake_textures
+from pipeline.stages import (
     book_patterns,
     calibrate_cameras,
     calibrate_color,
@@ -23,19 +35,7 @@ from pipeline import (
     synthesize_capture,
     train_avatar,
     unwrap_atlas,
-    unwrap_textures,
 )
-from pipeline.avatar import eyes
-from pipeline.avatar.checkpoint import load_avatar
-from pipeline.avatar.relighting import Relighter
-from pipeline.base.files import write_json
-from pipeline.capture.shards import read_frame_shards
-from pipeline.config.effects import EFFECTS
-from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.config.trace_irradiance import TraceIrradiance
-from pipeline.config.train_avatar import TrainAvatar
-from pipeline.config.unwrap_atlas import UnwrapAtlas
-from pipeline.geometry.cameras import read_cameras
 
 pytest.importorskip("mitsuba")
 
@@ -81,7 +81,7 @@ def make(root):
         "effects": root / "effects.json",
         "frames": root / "frames.parquet",
     }
-    unwrap_textures.run(**photographed, **posed, **seen, out=root / "textures/0000")
+    bake_textures.run(**photographed, **posed, **seen, out=root / "textures/0000")
     fit_eyes.run(index=index, atlas=posed["atlas"], tracking=(posed["tracking"],), out=root / "eyes.json")
     pack_shards.run(
         **photographed, **posed, **seen, patterns=root / "patterns.parquet", lights=lights, out=root / "shards",

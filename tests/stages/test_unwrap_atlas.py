@@ -14,7 +14,7 @@ from pipeline.base.errors import InputError
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.geometry.skin import read_template
 from pipeline.geometry.texels import read_atlas, texel_frames
-from pipeline.unwrap_atlas import measure_atlas, run
+from pipeline.stages.unwrap_atlas import measure_atlas, run
 
 
 def box_capture(folder: Path, uv: str | None, *, inwards: bool = False) -> tuple[Path, Path]:

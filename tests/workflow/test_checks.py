@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.curve_files import write_curves
+from tests.support.curve_files import write_curves
 
 ALWAYS = {
     "index_capture": 1,
@@ -122,9 +122,14 @@ def test_wrong_configuration_is_said_at_once_and_without_traceback(copy_of_proje
 
 def test_stage_has_one_rule_with_a_log_and_a_benchmark_of_its_name(repo_root):
     text = "\n".join(path.read_text() for path in sorted((repo_root / "workflow/rules").glob("*.smk")))
-    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance", "unwrap_textures"):
+    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance", "bake_textures"):
         assert len([line for line in text.splitlines() if line in (f"rule {stage}:", f"checkpoint {stage}:")]) == 1
-        for expected in (f"/logs/{stage}.", f"/benchmarks/{stage}.", f'code_of("{stage}")', f"-m pipeline.{stage} "):
+        for expected in (
+            f"/logs/{stage}.",
+            f"/benchmarks/{stage}.",
+            f'code_of("{stage}")',
+            f"-m pipeline.stages.{stage} ",
+        ):
             assert expected in text
 
 

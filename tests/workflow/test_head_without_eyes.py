@@ -14,7 +14,7 @@ import yaml
 
 from pipeline.capture.shards import read_frame_shards
 from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.synthesize_capture import run
+from pipeline.stages.synthesize_capture import run
 
 pytest.importorskip("mitsuba")
 
@@ -52,7 +52,7 @@ def made(copy_of_project, tmp_path_factory):
 
 def test_every_split_is_scored(made):
     workflow, ran = made
-    assert ran[-1] == "evaluate_avatar" and "unwrap_textures" in ran
+    assert ran[-1] == "evaluate_avatar" and "bake_textures" in ran
     table = pd.read_csv(workflow.folder / TARGET)
     scored = table[table.images > 0]
     assert {"test_cameras", "test_frames", "test_segments"} <= set(scored.split)

@@ -23,7 +23,7 @@ OUTPUTS = {
     "plan_effects": [""],
     "fit_eyes": [""],
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
-    "unwrap_textures": [".safetensors", ".png"],
+    "bake_textures": [".safetensors", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
@@ -39,7 +39,7 @@ ON_REQUEST = {
 }
 """Stages that nothing else waits for."""
 
-HEADS_ONLY = {"unwrap_textures"}
+HEADS_ONLY = {"bake_textures"}
 """Stages that captures of bodies do without."""
 
 STAND_IN = """
@@ -101,7 +101,7 @@ def workflow(made, tmp_path):
 def test_touched_files_comments_and_prose_rerun_nothing(workflow):
     for path in [*workflow.folder.glob("results/subjectA/**/*.*"), *workflow.folder.glob("captures/subjectA/*")]:
         path.touch()
-    workflow.append("pipeline/train_avatar.py", "# A comment.\n")
+    workflow.append("pipeline/stages/train_avatar.py", "# A comment.\n")
     workflow.append("pipeline/config/track_mesh.py", '"""A text."""\n')
     workflow.append("pipeline/geometry/mesh.py", "UNRELATED = 1\n")
     workflow.append("envs/cpu.yaml", "# A comment.\n")
@@ -133,8 +133,11 @@ def test_number_of_training_processes_reruns_nothing_and_starts_so_many(workflow
     assert workflow.planned(TARGET, "--config", "training_processes=2") == {}
     shown = ("--dry-run", "--printshellcmds", "--forcerun", "train_avatar", "--config")
     together = workflow.snakemake(*shown, "training_processes=2", "--", TARGET).stdout
-    assert "torchrun --standalone --nproc_per_node 2 -m pipeline.train_avatar --subject subjectA" in together
-    assert "python -m pipeline.train_avatar" in workflow.snakemake(*shown, "training_processes=1", "--", TARGET).stdout
+    assert "torchrun --standalone --nproc_per_node 2 -m pipeline.stages.train_avatar --subject subjectA" in together
+    assert (
+        "python -m pipeline.stages.train_avatar"
+        in workflow.snakemake(*shown, "training_processes=1", "--", TARGET).stdout
+    )
 
 
 def test_variant_with_other_irradiance_gets_its_own_maps_beside_the_others(workflow):
@@ -156,14 +159,14 @@ def test_edited_code_reruns_the_stages_that_import_it(workflow):
 
 
 def test_edit_that_leaves_the_index_as_it_was_ends_there(workflow):
-    workflow.append("pipeline/index_capture.py", "EDITED = 1\n")
+    workflow.append("pipeline/stages/index_capture.py", "EDITED = 1\n")
     assert workflow.ran(TARGET) == ["index_capture"]
     assert workflow.planned(TARGET) == {}
 
 
 def test_edit_that_leaves_the_shards_as_they_were_trains_nothing(workflow):
-    workflow.append("pipeline/calibrate_lights.py", "EDITED = 1\n")
-    workflow.append("pipeline/pack_shards.py", "EDITED = 1\n")
+    workflow.append("pipeline/stages/calibrate_lights.py", "EDITED = 1\n")
+    workflow.append("pipeline/stages/pack_shards.py", "EDITED = 1\n")
     assert set(workflow.ran(TARGET)) == {
         "calibrate_lights",
         "book_patterns",
@@ -176,7 +179,7 @@ def test_edit_that_leaves_the_shards_as_they_were_trains_nothing(workflow):
 
 def test_edit_that_changes_one_table_reruns_what_reads_it(workflow):
     """Cameras, colour and atlas stay when the lights change."""
-    workflow.edit("pipeline/index_capture.py", "CHANGED = []", "CHANGED = ['lights.parquet']")
+    workflow.edit("pipeline/stages/index_capture.py", "CHANGED = []", "CHANGED = ['lights.parquet']")
     ran = set(workflow.ran(TARGET))
     assert ran == {"index_capture", "calibrate_lights", "book_patterns", *AFTER_TRACKING, "trace_irradiance"}
 
@@ -219,16 +222,16 @@ def test_shadows_that_no_avatar_learns_have_no_job(workflow):
 def test_heads_have_jobs_that_bodies_have_not(workflow):
     workflow.edit("config/subjects/subjectA.yaml", "{frames: 24}", "{frames: 24, figure: head}")
     ran = workflow.ran(TARGET)
-    assert ran.count("unwrap_textures") == 2
+    assert ran.count("bake_textures") == 2
     assert workflow.planned(TARGET) == {}
-    workflow.append("config/subjects/subjectA.yaml", "unwrap_textures: {cosine_power: 2}\n")
-    assert workflow.planned(TARGET) == {"unwrap_textures": 2, **AFTER_PACKING}
+    workflow.append("config/subjects/subjectA.yaml", "bake_textures: {cosine_power: 2}\n")
+    assert workflow.planned(TARGET) == {"bake_textures": 2, **AFTER_PACKING}
 
 
 @pytest.mark.parametrize("said", ["subject", "command line"])
 def test_pictures_of_scores_are_expected_only_where_they_are_made(workflow, said):
     """The stand-in makes none, as the stage does when they are turned off; the report asks for none either."""
-    workflow.edit("pipeline/evaluate_avatar.py", "'images/worst.png'", "")
+    workflow.edit("pipeline/stages/evaluate_avatar.py", "'images/worst.png'", "")
     shutil.rmtree(workflow.folder / "results/subjectA/images")
     done = workflow.snakemake("--", TARGET)
     assert done.returncode != 0 and "results/subjectA/images" in done.stdout
@@ -243,7 +246,7 @@ def test_pictures_of_scores_are_expected_only_where_they_are_made(workflow, said
 
 
 def test_relighting_a_head_reads_its_textures_and_the_tables_that_drive_it(workflow):
-    stage = workflow.folder / "pipeline/relight_avatar.py"
+    stage = workflow.folder / "pipeline/stages/relight_avatar.py"
     stage.write_text("from pipeline.config import relight_avatar\n" + STAND_IN.replace("OUTPUTS:", "['film.mp4']:"))
     (workflow.folder / "config/lights").mkdir()
     (workflow.folder / "config/lights/key.csv").write_text("light,x,y,z,r,g,b\n")
@@ -274,7 +277,7 @@ def test_shards_of_other_chunks_are_refused(workflow):
 
 
 def test_failed_stage_shows_its_log(workflow):
-    workflow.append("pipeline/evaluate_avatar.py", "raise SystemExit('error: no such light')\n")
+    workflow.append("pipeline/stages/evaluate_avatar.py", "raise SystemExit('error: no such light')\n")
     done = workflow.snakemake("--", TARGET)
     assert done.returncode != 0
     assert "error: no such light" in done.stdout
@@ -283,7 +286,7 @@ def test_failed_stage_shows_its_log(workflow):
 def test_report_shows_what_is_there_and_makes_nothing_else(workflow):
     """What it can do without is no input: it is not made for the report, nor made anew; yet the report follows it."""
     target, settings = "results/subjectA/report/index.html", "from pipeline.config import write_report\n"
-    stage = workflow.folder / "pipeline/write_report.py"
+    stage = workflow.folder / "pipeline/stages/write_report.py"
     stage.write_text(settings + STAND_IN.replace("OUTPUTS:", "['']:"))
     assert workflow.ran(target) == ["write_report"]
     assert workflow.planned(target) == {}

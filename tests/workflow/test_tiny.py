@@ -43,7 +43,7 @@ def kill_training(workflow):
     while not checkpoint.exists() and running.poll() is None and time.monotonic() < last:
         time.sleep(0.02)
     for process in psutil.Process(running.pid).children(recursive=True) if running.poll() is None else []:
-        if "pipeline.train_avatar" in process.cmdline():
+        if "pipeline.stages.train_avatar" in process.cmdline():
             process.kill()
     code = running.wait(DEADLINE_S)
     printed = log.read_text()
@@ -74,7 +74,7 @@ def workflow(made):
 @pytest.fixture
 def unchanged(workflow):
     """Restores the files that a test edits."""
-    names = ("pipeline/track_mesh.py", "config/subjects/tiny.yaml")
+    names = ("pipeline/stages/track_mesh.py", "config/subjects/tiny.yaml")
     texts = {name: (workflow.folder / name).read_text() for name in names}
     yield
     for name, text in texts.items():
@@ -119,7 +119,7 @@ def test_finished_run_has_nothing_to_do(workflow):
 def test_touched_files_and_comments_rerun_nothing(workflow):
     for path in [*workflow.folder.glob("results/tiny/**/*.*"), *workflow.folder.glob("captures/tiny/**/*.*")]:
         os.utime(path)
-    workflow.append("pipeline/track_mesh.py", "# A comment.\n")
+    workflow.append("pipeline/stages/track_mesh.py", "# A comment.\n")
     assert workflow.planned(TARGET) == {}
 
 

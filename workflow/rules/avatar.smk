@@ -43,7 +43,7 @@ checkpoint pack_shards:
     message:
         "{wildcards.subject}: packing shards, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.pack_shards --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.pack_shards --capture {params.capture:q} --index {params.index:q} "
         "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
         "--color {input.color:q} --lights {input.lights:q} --effects {input.effects:q} "
         "--patterns {input.patterns:q} --frames {input.frames:q} --chunk {wildcards.chunk} "
@@ -99,6 +99,6 @@ rule train_avatar:
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
-        "{resources.launcher} -m pipeline.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
+        "{resources.launcher} -m pipeline.stages.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
         "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} {params.eyes:q} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"

@@ -25,7 +25,7 @@ rule calibrate_cameras:
     message:
         "{wildcards.subject}: calibrating cameras"
     shell:
-        "python -m pipeline.calibrate_cameras --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.calibrate_cameras --capture {params.capture:q} --index {params.index:q} "
         "--out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
 
 
@@ -56,7 +56,7 @@ rule calibrate_color:
     message:
         "{wildcards.subject}: calibrating colour"
     shell:
-        "python -m pipeline.calibrate_color --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.calibrate_color --capture {params.capture:q} --index {params.index:q} "
         "--out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
 
 
@@ -89,7 +89,7 @@ rule calibrate_lights:
     message:
         "{wildcards.subject}: locating lights and aligning the cameras to the stage"
     shell:
-        "python -m pipeline.calibrate_lights --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.calibrate_lights --capture {params.capture:q} --index {params.index:q} "
         "--rig {input.rig:q} --out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
 
 
@@ -134,6 +134,6 @@ rule review_calibration:
     message:
         "{wildcards.subject}: drawing what the calibration is judged by"
     shell:
-        "python -m pipeline.review_calibration --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.review_calibration --capture {params.capture:q} --index {params.index:q} "
         "--calibration {params.calibration:q} --out {params.out:q} --threads {threads} {params.settings:q} "
         "> {log:q} 2>&1"

@@ -20,7 +20,7 @@ rule synthesize_capture:
     message:
         "{wildcards.subject}: making a synthetic capture"
     shell:
-        "python -m pipeline.synthesize_capture --subject {wildcards.subject:q} --out {params.out:q} "
+        "python -m pipeline.stages.synthesize_capture --subject {wildcards.subject:q} --out {params.out:q} "
         "--workers {threads} {params.settings:q} > {log:q} 2>&1"
 
 
@@ -61,7 +61,7 @@ checkpoint index_capture:
     message:
         "{wildcards.subject}: checking and indexing the capture"
     shell:
-        "python -m pipeline.index_capture --capture {params.capture:q} --out {params.out:q} "
+        "python -m pipeline.stages.index_capture --capture {params.capture:q} --out {params.out:q} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -98,6 +98,6 @@ rule book_patterns:
     message:
         "{wildcards.subject}: booking light patterns and splits, checking that log and images are in step"
     shell:
-        "python -m pipeline.book_patterns --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.book_patterns --capture {params.capture:q} --index {params.index:q} "
         "--lights {input.lights:q} --cameras {input.cameras:q} --out {params.out:q} "
         "{params.settings:q} > {log:q} 2>&1"

@@ -10,7 +10,7 @@ from snakemake.logging import logger
 
 from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
-from pipeline.config.budgeted import with_budgets
+from pipeline.budget.resolved_project import with_budgets
 from pipeline.config.effects import EFFECTS
 from pipeline.config.flags import flags
 from pipeline.config.loading import has_own_light, load_project, section_of
@@ -48,7 +48,7 @@ captures = os.path.normpath(project.settings.captures)
 
 def code_of(stage):
     """Digest of all code that a stage can run: an edit to it reruns the stage."""
-    return code_digest(f"pipeline.{stage}")
+    return code_digest(f"pipeline.stages.{stage}")
 
 
 def settings_of(stage):

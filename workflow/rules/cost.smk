@@ -57,7 +57,7 @@ rule measure_cost:
     message:
         "{wildcards.subject}: measuring what accuracy costs in time"
     shell:
-        "python -m pipeline.measure_cost --results {params.results:q} --capture {params.capture:q} "
+        "python -m pipeline.stages.measure_cost --results {params.results:q} --capture {params.capture:q} "
         "--out {params.results:q} --threads {threads} --chunk-size {params.chunk_size} "
         "--variant {params.variant:q} --stage-settings {params.stage_settings:q} {params.settings:q} > {log:q} 2>&1"
 
@@ -88,6 +88,6 @@ rule check_budget:
     message:
         "{wildcards.subject}: comparing what the budget promised with what was achieved"
     shell:
-        "python -m pipeline.check_budget --results {params.results:q} --capture {params.capture:q} "
+        "python -m pipeline.stages.check_budget --results {params.results:q} --capture {params.capture:q} "
         "--promise {params.promise:q} --chunk-size {params.chunk_size} --out {output:q} {params.settings:q} "
         "> {log:q} 2>&1"

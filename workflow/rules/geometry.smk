@@ -29,7 +29,7 @@ rule track_mesh:
     message:
         "{wildcards.subject}: tracking the template, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.track_mesh --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.track_mesh --capture {params.capture:q} --index {params.index:q} "
         "--cameras {input.cameras:q} --lights {input.lights:q} --patterns {input.patterns:q} "
         "--chunk {wildcards.chunk} --chunk-size {params.chunk_size} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
@@ -67,7 +67,7 @@ rule review_tracking:
     message:
         "{wildcards.subject}: drawing what the tracking is judged by"
     shell:
-        "python -m pipeline.review_tracking --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.review_tracking --capture {params.capture:q} --index {params.index:q} "
         "--calibration {params.calibration:q} --patterns {input.patterns:q} --tracking {input.tracking:q} "
         "--out {output.review:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
 
@@ -99,7 +99,7 @@ rule unwrap_atlas:
     message:
         "{wildcards.subject}: laying the template's surface out on an atlas"
     shell:
-        "python -m pipeline.unwrap_atlas --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.unwrap_atlas --capture {params.capture:q} --index {params.index:q} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
 
 
@@ -128,5 +128,5 @@ rule fit_eyes:
     message:
         "{wildcards.subject}: fitting eyeballs and corneas"
     shell:
-        "python -m pipeline.fit_eyes --index {params.index:q} --atlas {input.atlas:q} "
+        "python -m pipeline.stages.fit_eyes --index {params.index:q} --atlas {input.atlas:q} "
         "--tracking {input.tracking:q} --out {output.eyes:q} {params.settings:q} > {log:q} 2>&1"

@@ -1,5 +1,5 @@
 # What only avatars of heads read: a job only if there is one.
-rule unwrap_textures:
+rule bake_textures:
     input:
         capture="results/{subject}/index/capture.json",
         images="results/{subject}/index/images.parquet",
@@ -13,24 +13,24 @@ rule unwrap_textures:
         textures="results/{subject}/textures/{chunk}.safetensors",
         picture="results/{subject}/textures/{chunk}.png",
     log:
-        "results/{subject}/logs/unwrap_textures.{chunk}.log",
+        "results/{subject}/logs/bake_textures.{chunk}.log",
     benchmark:
-        "results/{subject}/benchmarks/unwrap_textures.{chunk}.tsv"
+        "results/{subject}/benchmarks/bake_textures.{chunk}.tsv"
     conda:
         "../../envs/cpu.yaml"
     threads: 1
     resources:
         mem_mb=4000,
     params:
-        code=code_of("unwrap_textures"),
+        code=code_of("bake_textures"),
         capture=capture_folder,
         index=subpath(input.capture, parent=True),
         out=lambda wildcards, output: output.textures.removesuffix(".safetensors"),
-        settings=settings_of("unwrap_textures"),
+        settings=settings_of("bake_textures"),
     message:
         "{wildcards.subject}: averaging what cameras see of the surface, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.unwrap_textures --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.bake_textures --capture {params.capture:q} --index {params.index:q} "
         "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
         "--color {input.color:q} --effects {input.effects:q} --frames {input.frames:q} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"

@@ -30,7 +30,7 @@ checkpoint plan_effects:
     message:
         "{wildcards.subject}: measuring which effects this capture calls for"
     shell:
-        "python -m pipeline.plan_effects --capture {params.capture:q} --index {params.index:q} "
+        "python -m pipeline.stages.plan_effects --capture {params.capture:q} --index {params.index:q} "
         "--atlas {input.atlas:q} --tracking {input.tracking:q} --patterns {input.patterns:q} "
         "--booked {input.frames:q} --lights {input.lights:q} --cameras {input.cameras:q} "
         "--color {input.color:q} --out {output.effects:q} "
@@ -66,7 +66,7 @@ rule trace_irradiance:
     message:
         "{wildcards.subject}: tracing shadow rays, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.trace_irradiance --subject {wildcards.subject:q} --atlas {input.atlas:q} "
+        "python -m pipeline.stages.trace_irradiance --subject {wildcards.subject:q} --atlas {input.atlas:q} "
         "--tracking {input.tracking:q} --lights {input.lights:q} --patterns {input.patterns:q} "
         "--frames {input.frames:q} --out {output.irradiance:q} --cache {params.cache:q} --threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"

@@ -32,6 +32,6 @@ rule relight_avatar:
     message:
         "{wildcards.subject}: avatar {wildcards.variant} under {wildcards.light}"
     shell:
-        "python -m pipeline.relight_avatar --atlas {input.atlas:q} --avatar {params.avatar:q} "
+        "python -m pipeline.stages.relight_avatar --atlas {input.atlas:q} --avatar {params.avatar:q} "
         "--tracking {input.tracking:q} {params.textures:q} --index {params.index:q} --cameras {input.cameras:q} "
         "--{params.kind} {input.light:q} --out {output:q} {params.settings:q} > {log:q} 2>&1"

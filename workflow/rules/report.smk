@@ -42,7 +42,7 @@ rule write_report:
     message:
         "{wildcards.subject}: writing the report"
     shell:
-        "python -m pipeline.write_report --results {params.results:q} --project-results {params.project_results:q} "
+        "python -m pipeline.stages.write_report --results {params.results:q} --project-results {params.project_results:q} "
         "--out {output:q} --subject-settings {params.subject_settings:q} {params.settings:q} > {log:q} 2>&1"
 
 
@@ -75,4 +75,4 @@ rule compare_subjects:
     message:
         "comparing avatars over subjects"
     shell:
-        "python -m pipeline.compare_subjects --scores {input:q} --out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.compare_subjects --scores {input:q} --out {params.out:q} {params.settings:q} > {log:q} 2>&1"

@@ -49,7 +49,7 @@ rule evaluate_avatar:
     message:
         "{wildcards.subject}: scoring avatars on held-out images"
     shell:
-        "python -m pipeline.evaluate_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
+        "python -m pipeline.stages.evaluate_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
         "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} --avatars {params.avatars:q} "
         "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
 

@@ -7,18 +7,18 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.checkpoint import LoadedAvatar, load_avatar, save_avatar
 from pipeline.avatar.decoders import AtlasDecoder, PoseDecoder, bilinear
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.pose_encoder import PoseCode
 from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
 from pipeline.avatar.spec import AvatarSpec, spec_of
-from pipeline.avatar.training import Training
+from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
+from pipeline.avatar.training.training import Training
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
-from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
+from tests.support.sheet import make_frame, make_image, make_sheet
 
 SMALL = {"code_size": 8, "decoder_channels": (8, 4), "pose_points": 4}
 DECODED = TrainAvatar(steps=4, parameters="decoded", shadow_width=4, **SMALL)

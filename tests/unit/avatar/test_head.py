@@ -7,18 +7,18 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.checkpoint import LoadedAvatar, load_avatar, save_avatar
-from pipeline.avatar.expression import Expression, Latent, standard_divergence
+from pipeline.avatar.expression_vae import Expression, Latent, standard_divergence
 from pipeline.avatar.head_networks import view_outputs
 from pipeline.avatar.light_linear import LightLinearDecoder
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.spec import spec_of
-from pipeline.avatar.training import Position, Training, drawn_expression
+from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
+from pipeline.avatar.training.training import Position, Training, drawn_expression
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
-from tests.unit.avatar.sheet import make_frame, make_image, make_sheet
+from tests.support.sheet import make_frame, make_image, make_sheet
 
 SMALL = {"code_size": 4, "decoder_channels": (8, 4), "pose_points": 4}
 SETTINGS = TrainAvatar(avatar="head", steps=4, deferred="off", weight_ssim=0.02, **SMALL)

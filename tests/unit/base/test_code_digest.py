@@ -108,8 +108,8 @@ def test_unknown_module_is_an_error(project):
 @pytest.mark.parametrize("stage", SECTIONS)
 def test_digest_covers_what_a_stage_imports_by_itself(stage, repo_root):
     """Independently of the walk: every `from pipeline... import` that stands in the stage's file is covered."""
-    tree = ast.parse((repo_root / f"pipeline/{stage}.py").read_text())
+    tree = ast.parse((repo_root / f"pipeline/stages/{stage}.py").read_text())
     named = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     expected = {module for module in named if module and module.startswith("pipeline.")}
     assert expected
-    assert expected <= set(imported_modules(f"pipeline.{stage}"))
+    assert expected <= set(imported_modules(f"pipeline.stages.{stage}"))

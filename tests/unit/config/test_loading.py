@@ -130,3 +130,11 @@ def test_section_that_is_no_mapping_is_refused(tmp_path):
         "one.yaml: train_avatar: expected" in line
         for line in complaints(tmp_path, subjects={"one": {"train_avatar": 3}})
     )
+
+
+def test_section_under_its_old_name_is_read_from_files_and_from_the_command_line(tmp_path):
+    written = load(tmp_path, {"demo": {"unwrap_textures": {"cosine_power": 3.0}}})
+    assert written.subject("demo").bake_textures.cosine_power == 3.0
+    assert written.subject("other").bake_textures.cosine_power == DEFAULTS["bake_textures"]["cosine_power"]
+    given = load(tmp_path, command_line={"unwrap_textures": {"cosine_power": 2.0}})
+    assert given.subject("demo").bake_textures.cosine_power == 2.0

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from pipeline.capture.format_page import format_page
+from pipeline.capture.schema.format_page import format_page
 from pipeline.config.loading import load_project
 from pipeline.config.project import SECTIONS, ProjectSettings
 from pipeline.config.schema import config_schema, config_yaml
@@ -32,7 +32,7 @@ def test_defaults_file_names_every_setting_once():
 
 
 def test_every_section_is_named_after_its_stage(repo_root):
-    stages = {path.stem for path in (repo_root / "pipeline").glob("*.py")}
+    stages = {path.stem for path in (repo_root / "pipeline/stages").glob("*.py")}
     assert set(SECTIONS) <= stages
     assert all(model.__name__ == stage.title().replace("_", "") for stage, model in SECTIONS.items())
 

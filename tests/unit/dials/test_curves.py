@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.config.curves import read_curves, read_measured
+from pipeline.budget.curves import read_curves, read_measured
 from pipeline.config.project import SubjectSettings
 from pipeline.dials.catalogue import DIALS
 from pipeline.dials.curves import keep_curves

@@ -23,7 +23,7 @@ from pipeline.dials.tolerances import small_focal_percent, small_length_mm, smal
 from pipeline.dials.tracking import TRACKING
 from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
 from pipeline.geometry.cameras import write_cameras
-from tests.walking_figure import ring_of_cameras
+from tests.support.walking_figure import ring_of_cameras
 
 STAGE = CostedStage(
     name="track_mesh",
@@ -47,7 +47,7 @@ def subject(tmp_path: Path) -> Subject:
 
 def test_command_has_the_subjects_settings_and_the_one_that_changes(subject, tmp_path) -> None:
     words = STAGE.command(subject, tmp_path / "out", {"outline_rounds": 2})
-    assert words[1:3] == ["-m", "pipeline.track_mesh"]
+    assert words[1:3] == ["-m", "pipeline.stages.track_mesh"]
     given = dict(zip(words[3::2], words[4::2], strict=False))
     assert given["--index"] == f"{subject.results}/index"
     assert given["--out"] == str(tmp_path / "out")
@@ -111,12 +111,12 @@ def test_names_of_dials_differ() -> None:
 def test_stages_that_follow_are_run_like_any_other(subject) -> None:
     stage = replace(STAGE, afterwards={"pack_shards": "--irradiance {out}/0000 --chunk-size {chunk_size}"})
     command = stage.later_commands(subject, Path("/tmp/out"))["pack_shards"]
-    assert command[1:6] == ["-m", "pipeline.pack_shards", "--irradiance", "/tmp/out/0000", "--chunk-size"]
+    assert command[1:6] == ["-m", "pipeline.stages.pack_shards", "--irradiance", "/tmp/out/0000", "--chunk-size"]
     assert STAGE.later_commands(subject, Path("/tmp/out")) == {}
 
 
 def test_what_only_heads_have_is_asked_for_where_it_is(subject) -> None:
-    later = {"unwrap_textures": "--out {out}", "pack_shards": "--out {out} head:--textures head:{out}/a eyes:--eyes"}
+    later = {"bake_textures": "--out {out}", "pack_shards": "--out {out} head:--textures head:{out}/a eyes:--eyes"}
     stage = replace(STAGE, afterwards=later)
     command = stage.later_commands(subject, Path("/tmp/out"))
     assert list(command) == ["pack_shards"]
@@ -124,7 +124,7 @@ def test_what_only_heads_have_is_asked_for_where_it_is(subject) -> None:
     assert not {"--textures", "--eyes"} & set(command["pack_shards"])
     (subject.results / "textures").mkdir()
     command = stage.later_commands(subject, Path("/tmp/out"))
-    assert list(command) == ["unwrap_textures", "pack_shards"]
+    assert list(command) == ["bake_textures", "pack_shards"]
     assert command["pack_shards"][5:7] == ["--textures", "/tmp/out/a"]
     assert "--eyes" not in command["pack_shards"]
 

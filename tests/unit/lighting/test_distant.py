@@ -12,7 +12,7 @@ from pipeline.avatar.spec import AvatarSpec
 from pipeline.lighting.distant import FAR_M, LIGHTS_THAT_PAY, far_lights, gather_distant, light_harmonics
 from pipeline.lighting.environment_sh import gather_environment
 from pipeline.lighting.zonal import gather_light
-from tests.unit.avatar.sheet import make_frame, make_sheet
+from tests.support.sheet import make_frame, make_sheet
 from tests.unit.lighting.test_zonal import FLOAT32_SUM, random_scene
 
 

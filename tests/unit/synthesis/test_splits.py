@@ -4,9 +4,9 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.stages.synthesize_capture import check_settings
 from pipeline.synthesis.capture_files import held_out
 from pipeline.synthesis.stage_rig import build_stage_rig
-from pipeline.synthesize_capture import check_settings
 
 SETTINGS = SynthesizeCapture(frames=30, frames_b=9, test_cameras=2, test_frames=3, test_patterns=4)
 

@@ -1,0 +1,86 @@
+"""Avatars and training states on disk: safetensors and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import safetensors
+import safetensors.torch
+import torch
+from torch import Tensor
+
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import AvatarSpec
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, write_json, written_whole
+from pipeline.capture.records import FrameRecord, ImageRecord
+from pipeline.eyes.eye_fit import eyes_from_json
+from pipeline.geometry.texels import Atlas, read_atlas
+
+
+def save_avatar(folder: Path, avatar: Avatar, config: Mapping) -> None:
+    """Write avatar.safetensors, then config.json with what was built and how it was trained."""
+    with written_whole(folder / "avatar.safetensors") as temporary:
+        temporary.write_bytes(safetensors.torch.save(avatar.state_dict()))
+    eyes = {name: eye.as_json() for name, eye in avatar.eyes.fitted.items()} if avatar.spec.eyes else {}
+    write_json(folder / "config.json", {"spec": avatar.spec.as_json(), "eyes": eyes, **config})
+
+
+class LoadedAvatar:
+    """An avatar with its atlas, ready to render the frames and cameras of shards."""
+
+    def __init__(self, avatar: Avatar, atlas: Atlas) -> None:
+        self.avatar, self.atlas = avatar.eval(), atlas
+        self._frame: tuple[FrameRecord, dict] | None = None  # cameras of one frame share its light and shadow
+
+    @torch.no_grad()
+    def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[Tensor, Tensor]:
+        """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
+        device = self.avatar.albedo.device
+        if self._frame is None or self._frame[0] is not frame:
+            self._frame = (frame, self.avatar.prepare(FrameInputs(self.atlas, frame, device=device)))
+        picture = self.avatar.view(self._frame[1], *camera_tensors(image, device), image.width, image.height)
+        return picture["rgb"], picture["alpha"]
+
+
+def camera_tensors(image: ImageRecord, device: torch.device | str = "cpu") -> tuple[Tensor, Tensor, Tensor]:
+    """R, t, K of a crop as float32 tensors."""
+    return tuple(torch.tensor(array, dtype=torch.float32, device=device) for array in (image.R, image.t, image.K))
+
+
+def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
+    """Raises:
+    InputError: if the folder holds no avatar, one of another version, or one trained on another atlas.
+    """
+    atlas = read_atlas(atlas_path)
+    described = read_json(folder / "config.json")
+    stored, eyes = described["spec"], eyes_from_json(described.get("eyes", {}), f"{folder}/config.json: eyes")
+    if stored.keys() != {field.name for field in fields(AvatarSpec)}:
+        raise InputError(f"{folder}/config.json: spec: expected the keys of this version, found others; train again")
+    avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec.from_json(stored), eyes)
+    state = load_tensors(folder / "avatar.safetensors")[0]
+    if state.keys() != avatar.state_dict().keys():
+        raise InputError(
+            f"{folder}/avatar.safetensors: expected the tensors of this version, found others; train again"
+        )
+    if state["albedo"].shape != avatar.albedo.shape:
+        found, expected = len(state["albedo"]), len(avatar.albedo)
+        raise InputError(f"{folder}: expected {expected} texels as in {atlas_path}, found {found}; train again")
+    avatar.load_state_dict(state)
+    return LoadedAvatar(avatar, atlas)
+
+
+def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors and text metadata of a safetensors file.
+
+    Raises:
+        InputError: if the file is missing or damaged.
+    """
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            return {key: file.get_tensor(key) for key in file.keys()}, dict(file.metadata() or {})  # noqa: SIM118
+    except (OSError, safetensors.SafetensorError) as error:
+        raise InputError(f"{path}: expected a safetensors file, found: {error}") from error

@@ -1,0 +1,162 @@
+"""Several processes that train one avatar: each renders its share of a step's images, and all sum their gradients.
+
+Started by `torchrun --nproc_per_node N -m pipeline.stages.train_avatar ...`; alone otherwise. The gradients of all
+parameters lie in one flat tensor that is summed by one call, rather than in the buckets of `DistributedDataParallel`:
+that needs no wrapped module, whose one `forward` would have to be `prepare`, `view` and the losses in one; a parameter
+that a process did not use has the gradient zero there, instead of holding up the others; and the same tensor answers,
+by one reduction, whether all gradients are finite.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import TypeVar
+
+import numba
+import torch
+import torch.distributed
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from pipeline.base.errors import InputError
+from pipeline.config.train_avatar import Device
+
+Item = TypeVar("Item")
+
+PATIENCE = timedelta(minutes=10)
+"""How long a process waits for the others: longer than tracing a frame's bounces or reading a large capture takes."""
+
+
+CPU = torch.device("cpu")
+
+
+@dataclass(frozen=True)
+class Processes:
+    """This process among all that train one avatar.
+
+    Attributes:
+        rank: number of this process; 0 leads, and alone writes files.
+        count: number of processes.
+        device: where this process computes.
+    """
+
+    rank: int = 0
+    count: int = 1
+    device: torch.device = CPU
+
+    @property
+    def leads(self) -> bool:
+        """Whether this process writes."""
+        return self.rank == 0
+
+    def share(self, items: Sequence[Item]) -> Sequence[Item]:
+        """Those of `items` that fall to this process: every `count`-th."""
+        return items[self.rank :: self.count]
+
+    def sum_in_place(self, tensor: Tensor) -> None:
+        """Replace `tensor` by its sum over all processes, the same bits in each of them."""
+        if self.count > 1:
+            torch.distributed.all_reduce(tensor)
+
+    def gather(self, item: dict) -> list[dict]:
+        """The items of all processes, by rank: what JSON can say. torch's own gathering of objects unpickles them."""
+        if self.count == 1:
+            return [item]
+        text = torch.tensor(bytearray(json.dumps(item).encode()), dtype=torch.uint8, device=self.device)
+        lengths = torch.zeros(self.count, dtype=torch.int64, device=self.device)
+        lengths[self.rank] = len(text)
+        self.sum_in_place(lengths)
+        texts = torch.zeros(self.count, int(lengths.max()), dtype=torch.uint8, device=self.device)
+        texts[self.rank, : len(text)] = text
+        self.sum_in_place(texts)
+        rows = zip(texts.cpu(), lengths.tolist(), strict=True)
+        return [json.loads(bytes(row[:length].tolist())) for row, length in rows]
+
+    def wait(self) -> None:
+        """Return once every process has got here."""
+        if self.count > 1:
+            torch.distributed.barrier()
+
+
+@contextmanager
+def joined_processes(device: Device) -> Iterator[Processes]:
+    """Join the processes that torchrun started, of which its environment variables tell.
+
+    The threads that this process was given are divided among those on the same machine.
+
+    Raises:
+        InputError: if `device` is cuda and there is none for this process.
+    """
+    rank, count, local, neighbours = (
+        int(os.environ.get(name, default))
+        for name, default in (("RANK", 0), ("WORLD_SIZE", 1), ("LOCAL_RANK", 0), ("LOCAL_WORLD_SIZE", 1))
+    )
+    processes = Processes(rank, count, choose_device(device, local, neighbours))
+    if count == 1:
+        yield processes
+        return
+    if not processes.leads:
+        logging.getLogger().setLevel(logging.WARNING)  # All of them would say the same.
+    torch.set_num_threads(max(1, torch.get_num_threads() // neighbours))
+    numba.set_num_threads(max(1, numba.get_num_threads() // neighbours))
+    backend = "nccl" if processes.device.type == "cuda" else "gloo"
+    torch.distributed.init_process_group(backend, timeout=PATIENCE)
+    try:
+        yield processes
+    finally:
+        torch.distributed.destroy_process_group()
+
+
+def choose_device(wanted: Device, local_rank: int = 0, processes: int = 1) -> torch.device:
+    """The device of a process; auto: a GPU each if there are enough of them, else the CPU.
+
+    Raises:
+        InputError: if `wanted` is cuda and there are fewer GPUs than processes on this machine.
+    """
+    found = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if wanted == "cpu" or (wanted == "auto" and found < processes):
+        return CPU
+    if found < processes:
+        raise InputError(
+            f"device: cuda: expected a GPU for each process on this machine, found {found} for {processes}; "
+            "start fewer processes, or ask for auto or cpu"
+        )
+    torch.cuda.set_device(local_rank)
+    return torch.device("cuda", local_rank)
+
+
+class FlatGradients:
+    """The gradients of all parameters of a module, as views of one tensor.
+
+    Backward passes add to it; what no backward pass reached stays zero, which moves nothing.
+
+    Attributes:
+        flat: all gradients, one behind the other.
+        views: name -> the gradient of that parameter.
+    """
+
+    def __init__(self, module: nn.Module) -> None:
+        named = dict(module.named_parameters())
+        first = next(iter(named.values()))
+        self.flat: Float[Tensor, " numbers"] = first.new_zeros(sum(p.numel() for p in named.values()))
+        pieces = self.flat.split([p.numel() for p in named.values()])
+        self.views = {name: piece.view_as(named[name]) for name, piece in zip(named, pieces, strict=True)}
+        for name, parameter in named.items():
+            parameter.grad = self.views[name]
+
+    def clear(self) -> None:
+        """Start a step."""
+        self.flat.zero_()
+
+    def not_finite(self) -> list[str]:
+        """Names of the parameters whose gradients are not all finite; looks at each only if their sum is not, which
+        may also overflow."""
+        if bool(torch.isfinite(self.flat.sum())):
+            return []
+        return [name for name, view in self.views.items() if not bool(torch.isfinite(view).all())]

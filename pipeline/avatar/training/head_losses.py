@@ -1,0 +1,60 @@
+"""The terms of the training loss that RGCA has and RFGCA has not (RGCA 11, 12)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pipeline.avatar.expression_vae import standard_divergence
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs
+from pipeline.base.color import srgb_from_linear
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.metrics.images import SSIM_SIGMA, SSIM_WINDOW
+
+STABLE_MEAN, STABLE_VARIANCE = 0.01**2, 0.03**2
+"""C1 and C2 of Wang et al. 2004 for pictures of range 1."""
+
+
+def structural_dissimilarity(
+    rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
+) -> Float[Tensor, ""]:
+    """(1 - SSIM) / 2 in sRGB between the picture and the capture over black, mean over subject pixels.
+
+    The index of Wang et al. 2004 as `pipeline.metrics.images.ssim` scores it, differentiable; windows reach over the
+    picture's border as if it went on black, which it is.
+    """
+    pictures = [srgb_from_linear(linear.clamp(0, 1)).permute(2, 0, 1) for linear in (rgb, captured * mask[..., None])]
+    x, y = torch.stack(pictures)
+    mean_x, mean_y, xx, yy, xy = blurred(torch.cat([x, y, x * x, y * y, x * y])).split(len(x))
+
+    variance = xx - mean_x**2 + yy - mean_y**2
+    covariance = xy - mean_x * mean_y
+    index = (2 * mean_x * mean_y + STABLE_MEAN) * (2 * covariance + STABLE_VARIANCE)
+    index = index / ((mean_x**2 + mean_y**2 + STABLE_MEAN) * (variance + STABLE_VARIANCE))
+    return ((1 - index.mean(0)) / 2 * mask).sum() / mask.sum().clamp_min(1)
+
+
+def blurred(image: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
+    """Each channel under the Gaussian window of SSIM, zero outside."""
+    half = SSIM_WINDOW // 2
+    place = torch.arange(-half, half + 1, device=image.device, dtype=image.dtype)
+    window = torch.exp(-0.5 * (place / SSIM_SIGMA).square())
+    window = window / window.sum()
+    down = torch.nn.functional.conv2d(image[:, None], window[None, None, :, None], padding=(half, 0))
+    return torch.nn.functional.conv2d(down, window[None, None, None], padding=(0, half))[:, 0]
+
+
+def expression_terms(avatar: Avatar, frame: Mapping, inputs: FrameInputs, weights: TrainAvatar) -> dict[str, Tensor]:
+    """What keeps a head's code a code, weighted: L_geo, squared errors of decoded vertices over the variance of those
+    of training, and L_kl (RGCA 11, 12). Rigid tracking knows no vertices to compare with."""
+    if not avatar.spec.head:
+        return {}
+    terms = {"kl": weights.weight_kl * standard_divergence(frame["latent"])}
+    if avatar.spec.anchors != "rigid":
+        errors = (frame["decoded_vertices"] - inputs.local_vertices) / avatar.networks.expression.scale
+        terms["geometry"] = weights.weight_geometry * errors.square().mean()
+    return terms

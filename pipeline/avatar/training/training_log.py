@@ -1,0 +1,91 @@
+"""What is seen of a training while it runs: rows of its log, curves and pictures for TensorBoard, pictures as files."""
+
+from __future__ import annotations
+
+import logging
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch.utils.tensorboard import SummaryWriter
+
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.training.checkpoint import camera_tensors
+from pipeline.avatar.training.training import Position
+from pipeline.capture.images import write_png
+from pipeline.capture.records import ImageRecord
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.metrics.comparison import displayed, side_by_side
+
+log = logging.getLogger("train_avatar")
+
+MOST_PREVIEWS = 40
+"""Of one training, about: enough for a film of it, few enough to look through and to keep."""
+
+
+class Monitor:
+    """Writes events/ and previews/step_SSSSSS.png, and adds to the rows of the log.
+
+    Args:
+        out: folder of the avatar.
+        image: the training image that previews show.
+        inputs: its frame.
+        settings: how often.
+        first: step from which training goes on; at 0, the previews of an earlier training are removed.
+    """
+
+    def __init__(self, out: Path, image: ImageRecord, inputs: FrameInputs, settings: TrainAvatar, first: int) -> None:
+        self.folder, self.image, self.inputs, self.settings = out / "previews", image, inputs, settings
+        self.spacing = preview_spacing(settings)
+        self.events = SummaryWriter(str(out / "events"), purge_step=first)
+        if not first:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def __enter__(self) -> Monitor:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.events.close()
+
+    def see(self, step: int, done: Position, values: dict[str, float], avatar: Avatar) -> None:
+        """Note the weighted terms of a step, and how the avatar looks after it, where the settings ask for them."""
+        last = step == self.settings.steps - 1
+        if last or step % self.settings.log_every == 0:
+            row = {"step": step, "seconds": done.seconds, "loss": sum(values.values()), **values}
+            done.rows.append(row)
+            for name in ("loss", *values):
+                self.events.add_scalar(f"loss/{name}" if name in values else name, row[name], step)
+        if self.spacing and (last or step % self.spacing == 0):
+            picture = preview(step, avatar, self.inputs, self.image)
+            if picture is not None:
+                write_png(self.folder / f"step_{step:06d}.png", picture)
+                self.events.add_image("preview", picture, step, dataformats="HWC")
+
+
+def preview_spacing(settings: TrainAvatar) -> int:
+    """Steps between two previews: a multiple of the steps between two rows of the log, so that each has its row; 0 for
+    none."""
+    if not settings.preview_every:
+        return 0
+    wanted = max(settings.preview_every, settings.steps / MOST_PREVIEWS)
+    return settings.log_every * math.ceil(wanted / settings.log_every)
+
+
+@torch.no_grad()
+def preview(
+    step: int, avatar: Avatar, inputs: FrameInputs, image: ImageRecord
+) -> UInt8[np.ndarray, "height width 3"] | None:
+    """Captured | rendered | error, in sRGB over black; none if something is not finite, which the next step tells."""
+    try:
+        frame = avatar.prepare(inputs)
+        rgb = avatar.view(frame, *camera_tensors(image, inputs.device), image.width, image.height)["rgb"]
+    except ValueError as error:
+        log.warning("no preview of step %d: %s", step, error)
+        return None
+    captured = displayed(image.image * image.mask[..., None])
+    rendered = np.nan_to_num(displayed(rgb.cpu().numpy()))
+    return side_by_side(captured, rendered, f"step {step}, {image.camera}, frame {image.frame}")

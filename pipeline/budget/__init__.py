@@ -1,0 +1,1 @@
+"""Settings for a time budget: committed curves, cost estimates, and the choice among them."""

@@ -1,0 +1,1 @@
+"""Cameras, lights and colour: what calibration images say of the stage."""

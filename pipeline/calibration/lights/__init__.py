@@ -1,0 +1,1 @@
+"""Light calibration: mirror balls and their highlights, light positions and intensities, verdicts."""

@@ -1,0 +1,1 @@
+"""Cameras calibrated elsewhere: COLMAP, nerfstudio and this project's own format."""

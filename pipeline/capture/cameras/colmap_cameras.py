@@ -1,0 +1,94 @@
+"""Reading cameras from COLMAP's sparse models, text or binary.
+
+COLMAP's conventions are this project's: poses are camera-from-world, x right, y down, z forward, and the first pixel's
+centre is (0.5, 0.5). Its perspective lenses distort as OpenCV does.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from pipeline.base.errors import Complaints, InputError
+from pipeline.capture.cameras.camera_formats import SourceImage, camera_from_terms, owner_of
+from pipeline.capture.cameras.colmap_tables import check_whole
+from pipeline.geometry.cameras import Camera
+
+LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+"""COLMAP's models that k1 k2 p1 p2 k3 express exactly; the last one if its k4 to k6 are 0."""
+
+OPENCV_TERMS = {"f": "fx", "k": "k1"}
+"""COLMAP's names of terms where they differ from OpenCV's; a single f is fy too."""
+
+TABLES = ("cameras", "images")
+RIG_TABLES = ("rigs", "frames")
+"""What stands in a model beside its points: since COLMAP 3.12, also where cameras sit on a rig."""
+
+NO_POINTS = {"bin": bytes(8), "txt": b""}
+"""A table of no points, by the kind of model: points are of no use here, and there may be millions."""
+
+READING_ERRORS = (ValueError, LookupError, RuntimeError, MemoryError, OSError)
+"""What pycolmap raises on files that are not what they should be."""
+
+
+def read_colmap(folder: Path, cameras: Collection[str], complaints: Complaints) -> list[SourceImage]:
+    """The images of a model that the capture's cameras took, by name. Images of other cameras may be anything.
+
+    Raises:
+        InputError: if the folder is no model, or not a whole one.
+    """
+    found = []
+    for image in sorted(_read_model(folder).images.values(), key=lambda image: image.name):
+        owner, camera = None, None
+        with complaints.collecting():
+            owner = owner_of(image.name, cameras)
+            if owner is not None and image.has_pose:
+                camera = _camera(image)
+        if owner is not None and image.has_pose:
+            found.append(SourceImage(owner, image.name, camera))
+    return found
+
+
+def _read_model(folder: Path) -> pycolmap.Reconstruction:
+    """The model without its points.
+
+    Raises:
+        InputError: if it is none, or truncated.
+    """
+    kinds = [kind for kind in NO_POINTS if all((folder / f"{table}.{kind}").is_file() for table in TABLES)]
+    if len(kinds) != 1:
+        found = "both; remove one" if kinds else "no such files" if folder.is_dir() else "no such folder"
+        raise InputError(f"expected a COLMAP model, {', '.join(TABLES)} as .bin or as .txt, found {found}")
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        for table in TABLES + RIG_TABLES:
+            if (file := folder / f"{table}.{kinds[0]}").is_file():
+                if kinds == ["bin"]:
+                    check_whole(file)
+                (scratch / file.name).symlink_to(file.resolve())
+        (scratch / f"points3D.{kinds[0]}").write_bytes(NO_POINTS[kinds[0]])
+        try:
+            return pycolmap.Reconstruction(scratch)
+        except READING_ERRORS as error:
+            raise InputError(f"expected a whole COLMAP model, found: {error}") from error
+
+
+def _camera(image: pycolmap.Image) -> Camera:
+    lens, pose = image.camera, np.asarray(image.cam_from_world().matrix())
+    where = f"image {image.name}: COLMAP camera {lens.camera_id}"
+    if lens.model_name not in LENSES:
+        mend = "calibrate with one of those, or undistort the images"
+        raise InputError(f"{where}: model: expected one of {', '.join(LENSES)}, found {lens.model_name}; {mend}")
+    names = [OPENCV_TERMS.get(name, name) for name in lens.params_info.split(", ")]
+    if len(names) != len(lens.params):
+        raise InputError(f"{where}: expected the parameters {lens.params_info}, found {len(lens.params)} numbers")
+    terms = dict(zip(names, map(float, lens.params), strict=True))
+    terms.setdefault("fy", terms["fx"])
+    try:
+        return camera_from_terms(pose[:, :3], pose[:, 3], terms, int(lens.width), int(lens.height))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error

@@ -1,0 +1,142 @@
+"""Cameras that were calibrated elsewhere: read in the format they are in, checked, and brought to metres."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.base.errors import Complaints, InputError
+from pipeline.base.files import digest_bytes, digest_file
+from pipeline.capture.cameras.camera_formats import SourceImage
+from pipeline.capture.cameras.colmap_cameras import read_colmap
+from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
+from pipeline.capture.paths import locate
+from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.geometry.cameras import Camera, read_cameras
+
+ROTATION_TOLERANCE = 1e-4
+"""Largest entry of R R^T - I: a rotation written with five digits passes, a scaled or mirrored one does not."""
+
+AGREEMENT_PX = 0.1
+"""Pixels by which the poses and lenses of one camera's images may differ: about what a good calibration leaves open."""
+
+AGREEMENT_DISTANCES_M = (0.5, 5.0)
+"""Where that is measured: a stage's subjects and walls are between these."""
+
+
+def digest_known_cameras(root: Path, section: KnownCameras) -> str:
+    """Digest of the file, or of the names and contents of all files of a COLMAP model.
+
+    Raises:
+        InputError: if there is nothing of this name in the capture.
+    """
+    if section.format != "colmap":
+        return digest_file(locate(root, section.path))
+    if not (root / section.path).is_dir():
+        raise InputError(f"{section.path}: expected the folder of a COLMAP model, found none")
+    names = sorted(file.name for file in (root / section.path).iterdir() if not file.is_dir())
+    lines = [f"{digest_file(locate(root, f'{section.path}/{name}'))} {name}" for name in names]
+    return digest_bytes("\n".join(lines).encode())
+
+
+def read_known_cameras(
+    root: Path, section: KnownCameras, sizes: Mapping[str, tuple[int, int]], complaints: Complaints
+) -> dict[str, Camera]:
+    """The capture's cameras, in metres, their frame as it is given.
+
+    Args:
+        sizes: width and height of the sensor of every camera of the capture, pixels.
+    """
+    images = _read_images(root, section, sizes, complaints)
+    if images is None:
+        return {}
+    cameras = {}
+    for name, size in sizes.items():
+        mine = [image for image in images if image.owner == name]
+        if not mine:
+            _complain_missing(section, name, complaints)
+            continue
+        mine = [image for image in mine if image.camera is not None]
+        # A list: every image is to be checked.
+        if mine and False not in [_check(section.path, image, size, complaints) for image in mine]:
+            scaled = [replace(image, camera=_in_metres(image.camera, section.scale_to_m)) for image in mine]
+            _check_agreement(section.path, scaled, complaints)
+            cameras[name] = scaled[0].camera
+    return cameras
+
+
+def _read_images(
+    root: Path, section: KnownCameras, cameras: Collection[str], complaints: Complaints
+) -> list[SourceImage] | None:
+    """None if nothing can be read; complaints name the file."""
+    path, inner = root / section.path, Complaints(section.path)
+    try:
+        if section.format == "colmap":
+            images = read_colmap(path, cameras, inner)
+        elif section.format == "nerfstudio":
+            images = read_nerfstudio(path, cameras, inner)
+        else:
+            images = [SourceImage(name, name, camera) for name, camera in read_cameras(path).items()]
+    except InputError as error:
+        images = None
+        inner.messages.append(str(error).removeprefix(f"{path}: "))
+    complaints.messages += [f"{section.path}: {message}" for message in dict.fromkeys(inner.messages)]
+    return images
+
+
+def _complain_missing(section: KnownCameras, name: str, complaints: Complaints) -> None:
+    if section.format == "cameras_json":
+        complaints.add(section.path, name, expected="every camera of the table of cameras", found="no entry")
+        return
+    expected = f"an image with a pose that is called {name} or lies in a folder {name}"
+    complaints.add(section.path, name, expected=expected, found="none")
+
+
+def _check(path: str, image: SourceImage, size: tuple[int, int], complaints: Complaints) -> bool:
+    """Sensor's size and a rotation, or complaints."""
+    camera, before = image.camera, len(complaints.messages)
+    key = image.owner if image.name == image.owner else f"{image.owner}: image {image.name}"
+    if (camera.width, camera.height) != size:
+        expected, found = f"the sensor's {size[0]} x {size[1]}", f"{camera.width} x {camera.height}"
+        mend = "" if camera.width * size[1] != camera.height * size[0] else (
+            f"multiply its f and c (pixels) by {size[0] / camera.width:g} and give the sensor's size"
+        )  # fmt: skip
+        complaints.add(path, f"{key}: width x height", expected=expected, found=found, mend=mend)
+    error = float(np.abs(camera.R @ camera.R.T - np.eye(3)).max())
+    if error > ROTATION_TOLERANCE or np.linalg.det(camera.R) < 0:
+        found = "a mirrored one" if error <= ROTATION_TOLERANCE else f"rows off by {error:.2g}"
+        complaints.add(path, f"{key}: R", expected="a rotation (orthonormal, right-handed)", found=found)
+    return len(complaints.messages) == before
+
+
+def _in_metres(camera: Camera, scale: float) -> Camera:
+    """The rotation nearest to R, and t in metres."""
+    left, _, right = np.linalg.svd(camera.R)
+    R = left @ right
+    return replace(camera, R=R, t=scale * (R @ camera.R.T @ camera.t))
+
+
+def _check_agreement(path: str, images: list[SourceImage], complaints: Complaints) -> None:
+    """A camera of a stage stands still: all its images must have one pose and lens."""
+    differences = [_difference_px(images[0].camera, image.camera) for image in images]
+    worst = int(np.argmax(differences))
+    if differences[worst] > AGREEMENT_PX:
+        expected = f"one pose and lens for all of its {len(images)} images"
+        found = f"{images[0].name} and {images[worst].name} {differences[worst]:.2f} px apart"
+        mend = "calibrate the stage's cameras as a rig that does not move, or keep one image per camera"
+        complaints.add(path, images[0].owner, expected=expected, found=found, mend=mend)
+
+
+def _difference_px(a: Camera, b: Camera) -> float:
+    """How far apart two cameras put points that a sees in the middle half of its image, pixels."""
+    x, y = np.meshgrid(a.width * np.array([0.25, 0.5, 0.75]), a.height * np.array([0.25, 0.5, 0.75]))
+    pixels = np.stack([x.ravel(), y.ravel()], 1)
+    rays = a.ray_directions(pixels)
+    away = []
+    for distance in AGREEMENT_DISTANCES_M:
+        seen, depth = b.project(a.center + distance * rays)
+        away.append(np.where(depth > 0, np.linalg.norm(seen - pixels, axis=1), np.inf))
+    return float(np.max(away))

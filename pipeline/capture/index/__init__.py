@@ -1,0 +1,1 @@
+"""The checked index of a capture: tables, images, templates and calibration files, all complaints at once."""

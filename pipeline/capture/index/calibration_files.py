@@ -1,0 +1,142 @@
+"""Finding the calibration images of a capture and checking that there are enough of them to calibrate from.
+
+Each function returns what the index says about its section, with the images still to be decoded (`ExpectedImage`):
+their digests are filled in afterwards by `with_digests`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pipeline.base.errors import Complaints, listed
+from pipeline.base.files import digest_file
+from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_known_cameras
+from pipeline.capture.index.chart_corners import read_corners_csv
+from pipeline.capture.index.csv_tables import complain_unknown
+from pipeline.capture.index.image_checks import ExpectedImage
+from pipeline.capture.index.tables import read_patches_csv
+from pipeline.capture.paths import fill, find_files
+from pipeline.capture.schema.capture_yaml import (
+    ChartColor,
+    CharucoCameras,
+    KnownCameras,
+    KnownLights,
+    MirrorBallLights,
+    NoColor,
+)
+
+CAMERAS = "the table of cameras"
+
+Found = tuple[dict[str, Any], list[ExpectedImage]]
+
+FEWEST_LIGHTS = 3
+"""Three points fix a rigid motion: fewer measured lights cannot place the cameras in the stage."""
+
+FEWEST_SIGHTINGS = 2
+"""One reflection gives a ray; a light's position needs two, from two ball positions or two cameras."""
+
+
+def find_camera_calibration(
+    root: Path, section: CharucoCameras | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
+) -> Found:
+    """`calibration_cameras.json`, and the board views, which must be at sensor resolution."""
+    content: dict[str, Any] = section.model_dump(exclude_none=True)
+    if isinstance(section, KnownCameras):
+        with complaints.collecting():
+            content["digest"] = digest_known_cameras(root, section)
+            sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
+            read_known_cameras(root, section, sizes, complaints)
+        return content, []
+    views = [{**values, "path": path} for path, values in find_files(root, section.path).items()]
+    views = [{key: view[key] for key in ("camera", "view", "path")} for view in views]
+    complain_unknown(complaints, section.path, "camera", [v["camera"] for v in views], list(cameras["camera"]), CAMERAS)
+    if blind := [camera for camera in cameras["camera"] if camera not in {view["camera"] for view in views}]:
+        found = f"none for {listed(blind)}"
+        complaints.add(section.path, "camera", expected="at least one view of the board per camera", found=found)
+    return {**content, "views": views}, _at_sensor_size(views, cameras)
+
+
+def find_light_calibration(
+    root: Path,
+    section: MirrorBallLights | KnownLights,
+    cameras: pd.DataFrame,
+    lights: pd.DataFrame,
+    complaints: Complaints,
+) -> Found:
+    """`calibration_lights.json`, and the images of the mirror ball, which must be at sensor resolution."""
+    if isinstance(section, KnownLights):
+        return {"method": "known", "images": [], "silhouettes": []}, []
+    outlines = find_files(root, section.silhouette)
+    silhouettes = [{"position": v["position"], "camera": v["camera"], "path": p} for p, v in outlines.items()]
+    # The pattern of the lit images matches the silhouettes too, as a light called 'silhouette'.
+    lit = {path: values for path, values in find_files(root, section.path).items() if path not in outlines}
+    images = [{**{key: v[key] for key in ("position", "camera", "light")}, "path": p} for p, v in lit.items()]
+    for path, entries in ((section.path, images), (section.silhouette, silhouettes)):
+        complain_unknown(complaints, path, "camera", [e["camera"] for e in entries], list(cameras["camera"]), CAMERAS)
+    seen = list(dict.fromkeys(image["light"] for image in images))
+    complain_unknown(complaints, section.path, "light", seen, list(lights["light"]), "the table of lights")
+    _check_sightings(section, images, silhouettes, len(seen), complaints)
+    content = {"method": section.method, "radius_m": section.radius_m, "transfer": section.transfer}
+    return {**content, "images": images, "silhouettes": silhouettes}, _at_sensor_size(images + silhouettes, cameras)
+
+
+def _check_sightings(
+    section: MirrorBallLights, images: list[dict], silhouettes: list[dict], lights: int, complaints: Complaints
+) -> None:
+    lit = {(entry["position"], entry["camera"]) for entry in images}
+    outlined = {(entry["position"], entry["camera"]) for entry in silhouettes}
+    if not images:
+        complaints.add(section.path, "calibration.lights.path", expected="images of the mirror ball", found="none")
+        return
+    if bare := sorted(lit - outlined):
+        found = f"none for {listed([' '.join(pair) for pair in bare])}"
+        complaints.add(section.silhouette, "silhouette", expected="one per ball position and camera", found=found)
+    if idle := sorted(outlined - lit):
+        found = f"none for {listed([' '.join(pair) for pair in idle])}"
+        complaints.add(section.path, "images", expected="lit images for each silhouette", found=found)
+    if len(lit) < FEWEST_SIGHTINGS:
+        expected = f"at least {FEWEST_SIGHTINGS} pairs of ball position and camera"
+        complaints.add(section.path, "position", expected=expected, found=f"{len(lit)}")
+    if lights < FEWEST_LIGHTS:
+        complaints.add(section.path, "light", expected=f"at least {FEWEST_LIGHTS} lights", found=f"{lights}")
+
+
+def find_color_calibration(
+    root: Path, section: ChartColor | NoColor, cameras: pd.DataFrame, complaints: Complaints
+) -> Found:
+    """`calibration_color.json`, and one image of the chart per camera, of any size."""
+    if isinstance(section, NoColor):
+        nothing = {"method": "none", "transfer": None, "patches_digest": None}
+        return {**nothing, "images": [], "patches": [], "corners": {}}, []
+    images = [{"camera": camera, "path": fill(section.path, camera=camera)} for camera in cameras["camera"]]
+    if missing := [image["camera"] for image in images if not (root / image["path"]).is_file()]:
+        complaints.add(
+            section.path, "camera", expected="an image of the chart per camera", found=f"none for {listed(missing)}"
+        )
+    images = [image for image in images if image["camera"] not in missing]
+    patches = read_patches_csv(root, section.patches, complaints)
+    digest = digest_file(root / section.patches) if patches is not None else None
+    corners = read_corners_csv(root, section.corners, list(cameras["camera"]), complaints) if section.corners else {}
+    content = {"method": section.method, "transfer": section.transfer, "images": images, "corners": corners}
+    expected = [ExpectedImage(image["path"], "color", image["camera"], None) for image in images]
+    return {**content, "patches": patches, "patches_digest": digest}, expected
+
+
+def _at_sensor_size(entries: list[dict], cameras: pd.DataFrame) -> list[ExpectedImage]:
+    sizes = {row.camera: (row.sensor_width, row.sensor_height) for row in cameras.itertuples()}
+    return [
+        ExpectedImage(entry["path"], "pattern", entry["camera"], sizes.get(entry["camera"]), "the sensor's size")
+        for entry in entries
+    ]
+
+
+def with_digests(content: dict[str, Any], digests: dict[str, str]) -> dict[str, Any]:
+    """The same content, each entry of its lists of images with the digest of the file it names."""
+
+    def complete(entry: Any) -> Any:
+        return {**entry, "digest": digests[entry["path"]]} if isinstance(entry, dict) and "path" in entry else entry
+
+    return {key: [complete(e) for e in value] if isinstance(value, list) else value for key, value in content.items()}

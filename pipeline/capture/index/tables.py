@@ -1,0 +1,196 @@
+"""The tables of a capture: cameras, frames, lights, patterns, keypoints, chart patches, every row checked."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow
+
+from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.capture.index.csv_tables import (
+    DTYPES,
+    Kind,
+    column_names,
+    complain_repeats,
+    complain_rows,
+    complain_unknown,
+    read_csv,
+)
+from pipeline.capture.paths import locate
+
+log = logging.getLogger(__name__)
+
+SLACK_FRAMES = 16
+"""Frames that a pattern table may reach beyond the first and last image: a badly synchronised stage counts its patterns
+from another start, which book_patterns finds and mends. More than this is a table of something else."""
+
+CAMERA_COLUMNS: Mapping[str, Kind] = {
+    "camera": "name", "width": "whole", "height": "whole", "sensor_width": "whole", "sensor_height": "whole",
+}  # fmt: skip
+FRAME_COLUMNS: Mapping[str, Kind] = {"frame": "whole", "timestamp_s": "number", "segment": "text"}
+LIGHT_COLUMNS: Mapping[str, Kind] = {"light": "name", "x": "number", "y": "number", "z": "number"}
+INTENSITIES = ["intensity_r", "intensity_g", "intensity_b"]
+WHITE_PATTERN_COLUMNS: Mapping[str, Kind] = {"frame": "whole", "light": "name", "intensity": "number"}
+COLORED_PATTERN_COLUMNS: Mapping[str, Kind] = {
+    "frame": "whole",
+    "light": "name",
+    **dict.fromkeys(INTENSITIES, "number"),
+}
+KEYPOINT_COLUMNS: Mapping[str, Kind] = {
+    "frame": "whole", "camera": "name", "keypoint": "text", "x": "number", "y": "number", "confidence": "number",
+}  # fmt: skip
+PATCH_COLUMNS: Mapping[str, Kind] = {"patch": "whole", "r": "number", "g": "number", "b": "number"}
+
+PATCHES = 24
+
+
+def read_cameras_csv(root: Path, path: str, downsample: int | None, complaints: Complaints) -> pd.DataFrame | None:
+    """Cameras in the file's order; sizes in pixels, the sensor `downsample` times the image."""
+    table = read_csv(root, path, CAMERA_COLUMNS, complaints)
+    if table is None:
+        return None
+    if table.empty:
+        complaints.add(path, "camera", expected="at least one row", found="none")
+    complain_repeats(complaints, path, table, ["camera"])
+    for column in ("width", "height", "sensor_width", "sensor_height"):
+        if (bad := table[column] <= 0).any():
+            complain_rows(complaints, path, column, bad, "a positive number of pixels", table[column])
+    for camera in table.itertuples() if downsample else ():
+        expected = (camera.width * downsample, camera.height * downsample)
+        if expected != (camera.sensor_width, camera.sensor_height):
+            complaints.add(
+                path, f"{camera.camera}: sensor_width x sensor_height",
+                expected=f"{expected[0]} x {expected[1]}, images.downsample_from_sensor ({downsample}) times the image",
+                found=f"{camera.sensor_width} x {camera.sensor_height}",
+            )  # fmt: skip
+    return table
+
+
+def read_frames_csv(root: Path, path: str, complaints: Complaints) -> pd.DataFrame | None:
+    """Frames by number, with times that grow and the segment that each belongs to."""
+    table = read_csv(root, path, FRAME_COLUMNS, complaints)
+    if table is None:
+        return None
+    if table.empty:
+        complaints.add(path, "frame", expected="at least one row", found="none")
+    if (bad := table["frame"] < 0).any():
+        complain_rows(complaints, path, "frame", bad, "a number of 0 or more", table["frame"])
+    complain_repeats(complaints, path, table, ["frame"])
+    table = table.sort_values("frame", kind="stable", ignore_index=True)
+    if len(late := table["frame"][1:][np.diff(table["timestamp_s"]) <= 0]):
+        complaints.add(
+            path, "timestamp_s", expected="times that increase with the frame number",
+            found=f"no later than the frame before: frame {listed(list(late))}",
+        )  # fmt: skip
+    return table
+
+
+def read_lights_csv(root: Path, path: str, complaints: Complaints) -> pd.DataFrame | None:
+    """Surveyed lights in the file's order, metres."""
+    table = read_csv(root, path, LIGHT_COLUMNS, complaints)
+    if table is not None:
+        if table.empty:
+            complaints.add(path, "light", expected="at least one row", found="none")
+        complain_repeats(complaints, path, table, ["light"])
+    return table
+
+
+def read_patterns_csv(
+    root: Path, path: str, frames: pd.DataFrame | None, lights: pd.DataFrame | None, complaints: Complaints
+) -> pd.DataFrame | None:
+    """One row per lit light: frame, light, intensity_r, intensity_g, intensity_b, by frame.
+
+    A file with the one column `intensity` is of white lights: all three are equal. Rows of intensity 0 say what is true
+    of unlisted lights, and are left out. Frames up to `SLACK_FRAMES` before the first and after the last image may
+    be named: see there.
+    """
+    table = read_csv(root, path, _pattern_columns(root, path, complaints), complaints)
+    if table is None:
+        return None
+    for column in [column for column in table if column.startswith("intensity")]:
+        if (bad := table[column] < 0).any():
+            complain_rows(complaints, path, column, bad, "0 or more", table[column])
+    if "intensity" in table:
+        table = table.assign(**dict.fromkeys(INTENSITIES, table["intensity"])).drop(columns="intensity")
+    complain_repeats(complaints, path, table, ["frame", "light"])
+    if lights is not None:
+        complain_unknown(complaints, path, "light", table["light"], lights["light"], "the table of lights")
+    if frames is not None and len(frames):
+        first, last = int(frames["frame"].min()), int(frames["frame"].max())
+        around = [*range(first - SLACK_FRAMES, first), *range(last + 1, last + 1 + SLACK_FRAMES)]
+        complain_unknown(complaints, path, "frame", table["frame"], [*frames["frame"], *around], "the table of frames")
+        if beyond := set(table["frame"]) & set(around):
+            log.warning("%s: frames without images: %s; are the counts out of step?", path, listed(sorted(beyond)))
+    lit = (table[INTENSITIES] != 0).any(axis=1)
+    return table[lit].sort_values(["frame", "light"], kind="stable", ignore_index=True)
+
+
+def _pattern_columns(root: Path, path: str, complaints: Complaints) -> Mapping[str, Kind]:
+    """Which of the two spellings a file of patterns uses; complains about a file that uses both."""
+    names = column_names(root, path)
+    colored = any(column in names for column in INTENSITIES)
+    if colored and "intensity" in names:
+        complaints.add(
+            path, "columns", expected=f"intensity (white lights), or {', '.join(INTENSITIES)} (coloured ones)",
+            found="both", mend="keep one of the two",
+        )  # fmt: skip
+    return COLORED_PATTERN_COLUMNS if colored else WHITE_PATTERN_COLUMNS
+
+
+def read_patches_csv(root: Path, path: str, complaints: Complaints) -> list[list[float]] | None:
+    """Linear r, g, b of the chart's patches 1..24, in that order."""
+    table = read_csv(root, path, PATCH_COLUMNS, complaints)
+    if table is None:
+        return None
+    if sorted(table["patch"]) != list(range(1, PATCHES + 1)):
+        complaints.add(
+            path,
+            "patch",
+            expected=f"1 to {PATCHES}, each once",
+            found=f"{len(table)} rows: {listed(list(table['patch']))}",
+        )
+    for channel in "rgb":
+        if (bad := table[channel] < 0).any():
+            complain_rows(complaints, path, channel, bad, "0 or more (linear reflectance)", table[channel])
+    return table.sort_values("patch")[["r", "g", "b"]].to_numpy().tolist()
+
+
+def read_keypoints_parquet(
+    root: Path, path: str | None, known: Mapping[str, Collection[object] | None], complaints: Complaints
+) -> pd.DataFrame:
+    """Detections in image pixels, by frame and camera; an empty table if the capture has none.
+
+    Args:
+        known: for frame, camera and keypoint the values that other tables list; None where those are in doubt.
+    """
+    empty = pd.DataFrame({column: pd.Series(dtype=DTYPES[kind]) for column, kind in KEYPOINT_COLUMNS.items()})
+    if path is None:
+        return empty
+    try:
+        table = pd.read_parquet(locate(root, path))
+    except (InputError, pyarrow.ArrowException, OSError, ValueError) as error:
+        complaints.add(path, "table", expected="a parquet table", found=str(error))
+        return empty
+    if missing := [column for column in KEYPOINT_COLUMNS if column not in table.columns]:
+        complaints.add(path, "columns", expected=", ".join(KEYPOINT_COLUMNS), found=f"no {', '.join(missing)}")
+        return empty
+    try:
+        table = table[list(KEYPOINT_COLUMNS)].astype({c: DTYPES[kind] for c, kind in KEYPOINT_COLUMNS.items()})
+    except (TypeError, ValueError) as error:
+        complaints.add(path, "columns", expected="numbers in frame, x, y, confidence", found=str(error))
+        return empty
+    for column in ("x", "y", "confidence"):
+        if count := int((~np.isfinite(table[column])).sum()):
+            mend = "leave out rows that the detector did not find"
+            complaints.add(path, column, expected="finite numbers", found=f"{count} rows of NaN or infinity", mend=mend)
+    if count := int((table["confidence"] < 0).sum()):
+        complaints.add(path, "confidence", expected="0 or more", found=f"{count} negative rows")
+    complain_repeats(complaints, path, table, ["frame", "camera", "keypoint"])
+    for column, values in known.items():
+        if values is not None:
+            complain_unknown(complaints, path, column, table[column], values, f"the table of {column}s")
+    return table.sort_values(["frame", "camera", "keypoint"], kind="stable", ignore_index=True)

@@ -1,0 +1,96 @@
+"""Checking a capture's template mesh, its keypoints and its eyes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Int64
+
+from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.capture.index.csv_tables import complain_repeats, complain_rows, read_csv
+from pipeline.capture.index.eye_tables import read_eyes_csv
+from pipeline.capture.paths import locate
+from pipeline.capture.schema.capture_yaml import Template
+from pipeline.geometry.gltf import GltfFile
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What other files may name of a template: `vertices` is their number, `joints` are nodes."""
+
+    vertices: int
+    faces: Int64[np.ndarray, "f 3"]
+    joints: set[int]
+
+
+def check_template(root: Path, template: Template, complaints: Complaints) -> tuple[list[str] | None, pd.DataFrame]:
+    """Check that the mesh loads, and that keypoints and eyes lie on joints or vertices that it has.
+
+    Returns:
+        the keypoints' names, None if there is no table of them or it is in doubt; and the table of eyes.
+    """
+    shape = None
+    with complaints.collecting():
+        shape = _read_shape(root, template.mesh)
+    faces, vertices = (None, 0) if shape is None else (shape.faces, shape.vertices)
+    eyes = read_eyes_csv(root, template.eyes, faces, vertices, complaints)
+    table = read_keypoint_places(root, template.keypoints, complaints)
+    if table is None:
+        return None, eyes
+    complain_repeats(complaints, template.keypoints, table, ["keypoint"])
+    if shape is not None:
+        _check_places(template.keypoints, table, shape.vertices, shape.joints, complaints)
+    return list(table["keypoint"]), eyes
+
+
+def _read_shape(root: Path, path: str) -> Shape:
+    try:
+        mesh = GltfFile(locate(root, path))
+        primitives = mesh.primitives()
+        starts = np.cumsum([0] + [len(primitive.positions) for primitive in primitives])
+        faces = [primitive.faces + start for primitive, start in zip(primitives, starts[:-1], strict=True)]
+        joints = {joint for skin in mesh.document.skins or [] for joint in skin.joints}
+        return Shape(int(starts[-1]), np.concatenate(faces).astype(np.int64), joints)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        # A reference to nothing, an unknown type: the JSON part of a .glb may say anything.
+        found = f"a file that does not keep to it ({type(error).__name__}: {error})"
+        raise InputError(
+            f"{path}: expected a mesh by the glTF 2.0 specification, found {found}; export it anew"
+        ) from error
+
+
+def read_keypoint_places(root: Path, path: str | None, complaints: Complaints) -> pd.DataFrame | None:
+    """The template's keypoints: `keypoint` and either `node_index` or `vertex`."""
+    if path is None:
+        return None
+    try:
+        header = pd.read_csv(locate(root, path), nrows=0, encoding="utf-8-sig", skipinitialspace=True)
+    except (InputError, ValueError) as error:
+        complaints.add(path, "table", expected="the columns keypoint and node_index or vertex", found=str(error))
+        return None
+    places = [column for column in ("node_index", "vertex") if column in header.columns]
+    if len(places) != 1:
+        found = ", ".join(map(str, header.columns))
+        complaints.add(path, "columns", expected="keypoint and either node_index or vertex", found=found)
+        return None
+    return read_csv(root, path, {"keypoint": "text", places[0]: "whole"}, complaints)
+
+
+def _check_places(path: str, table: pd.DataFrame, vertices: int, joints: set[int], complaints: Complaints) -> None:
+    if "vertex" in table.columns:
+        bad = ~table["vertex"].between(0, vertices - 1)
+        if bad.any():
+            complain_rows(
+                complaints, path, "vertex", bad, f"a vertex of the template, 0 to {vertices - 1}", table["vertex"]
+            )
+    elif not joints:
+        mend = "place keypoints by vertex"
+        complaints.add(path, "node_index", expected="a template with a skin", found="a template without one", mend=mend)
+    else:
+        bad = ~table["node_index"].isin(joints)
+        if bad.any():
+            expected = f"a joint of the template's skin, one of {listed(sorted(joints), 30)}"
+            complain_rows(complaints, path, "node_index", bad, expected, table["node_index"])

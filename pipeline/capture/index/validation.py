@@ -1,0 +1,179 @@
+"""From a capture folder to its index: every table read, every image decoded, all complaints at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pipeline.base.errors import Complaints
+from pipeline.base.files import digest_file
+from pipeline.capture.index import calibration_files, tables
+from pipeline.capture.index.csv_tables import complain_unknown
+from pipeline.capture.index.eye_tables import read_gaze_csv
+from pipeline.capture.index.frame_images import expected_images, find_frame_images
+from pipeline.capture.index.image_checks import ExpectedImage, inspect_images
+from pipeline.capture.index.template_checks import check_template
+from pipeline.capture.schema.capture_yaml import (
+    Capture,
+    CharucoCameras,
+    KnownCameras,
+    KnownLights,
+    MirrorBallLights,
+    Splits,
+)
+from pipeline.capture.schema.manifest import MANIFEST, read_manifest
+
+Contents = dict[str, dict[str, Any]]
+Tables = dict[str, pd.DataFrame | None]
+
+
+@dataclass(frozen=True)
+class CaptureIndex:
+    """What a valid capture holds: tables and JSON contents, by the names of the index's files."""
+
+    tables: dict[str, pd.DataFrame]
+    contents: Contents
+
+
+def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
+    """Validate a capture and index it. What is wrong in one place hides nothing that is wrong in another.
+
+    Raises:
+        InputError: naming everything that is wrong, if anything is.
+    """
+    complaints = Complaints(root)
+    manifest = read_manifest(root, complaints)
+    found = _read_tables(root, manifest, complaints)
+    contents, expected = _find_calibration(root, manifest, found, complaints)
+    images = find_frame_images(root, manifest, found["cameras"], found["frames"], complaints)
+    expected += expected_images(images, found["cameras"])
+    digests = inspect_images(root, expected, complaints, threads)
+    _check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
+    complaints.raise_if_any()
+    contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
+    contents["capture"] = _capture_content(root, manifest, found["eyes"])
+    return CaptureIndex(found | {"images": _images_table(images, digests, found["frames"], manifest.splits)}, contents)
+
+
+def _read_tables(root: Path, manifest: Capture, complaints: Complaints) -> Tables:
+    """All tables but that of images; None for one that cannot be read."""
+    found: Tables = dict.fromkeys(("cameras", "frames", "lights", "patterns"))
+    if manifest.cameras:
+        downsample = manifest.images.downsample_from_sensor if manifest.images else None
+        found["cameras"] = tables.read_cameras_csv(root, manifest.cameras, downsample, complaints)
+    if manifest.frames:
+        found["frames"] = tables.read_frames_csv(root, manifest.frames, complaints)
+    if manifest.lights:
+        found["lights"] = tables.read_lights_csv(root, manifest.lights, complaints)
+    if manifest.patterns:
+        frames, lights = found["frames"], found["lights"]
+        found["patterns"] = tables.read_patterns_csv(root, manifest.patterns, frames, lights, complaints)
+    keypoints = None
+    if manifest.template:
+        keypoints, found["eyes"] = check_template(root, manifest.template, complaints)
+        if manifest.gaze and not manifest.template.eyes:
+            expected = "a csv that says which vertices the eyes of gaze consist of"
+            complaints.add(MANIFEST, "template.eyes", expected=expected, found="no such key")
+        else:
+            found["gaze"] = read_gaze_csv(root, manifest.gaze, found["frames"], found["eyes"], complaints)
+    if manifest.template and manifest.keypoints_2d and not manifest.template.keypoints:
+        expected = "a csv that says where the keypoints of keypoints_2d lie on the template"
+        complaints.add(MANIFEST, "template.keypoints", expected=expected, found="no such key")
+    known = {name: list(found[f"{name}s"][name]) for name in ("frame", "camera") if found[f"{name}s"] is not None}
+    if keypoints is not None:
+        known["keypoint"] = keypoints
+    found["keypoints_2d"] = tables.read_keypoints_parquet(root, manifest.keypoints_2d, known, complaints)
+    return found
+
+
+def _find_calibration(
+    root: Path, manifest: Capture, found: Tables, complaints: Complaints
+) -> tuple[Contents, list[ExpectedImage]]:
+    contents, expected, section = {}, [], manifest.calibration
+    cameras, lights = found["cameras"], found["lights"]
+    if cameras is not None and section.cameras is not None:
+        contents["calibration_cameras"], more = calibration_files.find_camera_calibration(
+            root, section.cameras, cameras, complaints
+        )
+        expected += more
+    if cameras is not None and lights is not None and section.lights is not None:
+        contents["calibration_lights"], more = calibration_files.find_light_calibration(
+            root, section.lights, cameras, lights, complaints
+        )
+        expected += more
+    if cameras is not None and section.color is not None:
+        contents["calibration_color"], more = calibration_files.find_color_calibration(
+            root, section.color, cameras, complaints
+        )
+        expected += more
+    if section.cameras is not None and section.lights is not None:
+        _check_stage_frame(section.cameras, section.lights, complaints)
+    return contents, expected
+
+
+def _check_stage_frame(
+    cameras: CharucoCameras | KnownCameras, lights: MirrorBallLights | KnownLights, complaints: Complaints
+) -> None:
+    in_stage = isinstance(cameras, KnownCameras) and cameras.frame == "stage"
+    if not in_stage and isinstance(lights, KnownLights):
+        complaints.add(
+            MANIFEST, "calibration.lights.method",
+            expected="mirror_ball for cameras in a frame of their own", found="known",
+            mend="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
+            "cameras in the frame of the lights",
+        )  # fmt: skip
+
+
+def _check_splits(
+    splits: Splits | None, cameras: pd.DataFrame | None, frames: pd.DataFrame | None, complaints: Complaints
+) -> None:
+    if splits is None or cameras is None or frames is None:
+        return
+    listed_in = {
+        "test_cameras": (cameras["camera"], "the table of cameras"),
+        "test_frames": (frames["frame"], "the table of frames"),
+        "test_segments": (frames["segment"], "the table of frames"),
+        "test_patterns": (frames["frame"], "the table of frames"),
+    }
+    for key, (known, where) in listed_in.items():
+        complain_unknown(complaints, MANIFEST, f"splits.{key}", getattr(splits, key), list(known), where)
+    held_out = [*splits.test_frames, *splits.test_patterns]
+    training_frames = ~(frames["frame"].isin(held_out) | frames["segment"].isin(splits.test_segments))
+    if not training_frames.any() or cameras["camera"].isin(splits.test_cameras).all():
+        found = "every camera, or every frame, held out"
+        complaints.add(MANIFEST, "splits", expected="some images that no split holds out, to train on", found=found)
+
+
+def _images_table(images: pd.DataFrame, digests: dict[str, str], frames: pd.DataFrame, splits: Splits) -> pd.DataFrame:
+    segments = images["frame"].map(frames.set_index("frame")["segment"])
+    return images.assign(
+        digest=images["path"].map(digests).astype("str"),
+        mask_digest=images["mask_path"].map(digests).astype("str"),
+        test_camera=images["camera"].isin(splits.test_cameras),
+        test_frame=images["frame"].isin(splits.test_frames),
+        test_segment=segments.isin(splits.test_segments),
+        # Of the frames that the capture names; book_patterns finds all that show the same pattern.
+        test_pattern=images["frame"].isin(splits.test_patterns),
+    )
+
+
+def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[str, Any]:
+    """`capture.json`: no splits and no calibration, so that a change there reruns only what reads it."""
+    template, images = manifest.template, manifest.images
+    return {
+        "subject": manifest.subject,
+        "kind": manifest.kind,
+        "fps": manifest.fps,
+        "images": images.model_dump(include={"transfer", "black_level", "downsample_from_sensor"}),
+        "template": {
+            "mesh": template.mesh,
+            "mesh_digest": digest_file(root / template.mesh),
+            "keypoints": template.keypoints,
+            "keypoints_digest": digest_file(root / template.keypoints) if template.keypoints else None,
+            "scale_to_m": template.scale_to_m,
+            "eyes": sorted(set(eyes["eye"])),
+        },
+    }

@@ -1,0 +1,155 @@
+"""The keys of `capture.yaml`, format `lightstage-capture/1`.
+
+A capture is one folder; `capture.yaml` at its root names everything else by paths relative to it. Nothing is guessed: a
+key that is missing, unknown or of the wrong type is an error. Keys with a default may be left out. Tables and images
+that the keys name are checked in `pipeline.capture.index.tables` and its neighbours.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pipeline.capture.schema.board_schema import CharucoCameras
+from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.sections import (
+    BallPattern,
+    ChartPattern,
+    CsvPath,
+    ImagePattern,
+    Length,
+    MaskPattern,
+    Section,
+    SilhouettePattern,
+    path_to,
+)
+
+NAME_PATTERN = r"^[A-Za-z0-9_-]+$"
+
+
+class Images(Section):
+    """The images of the moving subject."""
+
+    path: ImagePattern = Field(description="pattern with {camera} and {frame:06d}; .exr (R, G, B) or .png (8, 16 bit)")
+    transfer: Literal["linear", "srgb"] = Field(description="how stored values relate to light")
+    black_level: float = Field(
+        allow_inf_nan=False, description="stored value (counts for .png) of no light; subtracted before anything else"
+    )
+    downsample_from_sensor: int = Field(ge=1, description="d: an image pixel is d x d sensor pixels")
+
+
+class Masks(Section):
+    """Which pixels show the subject."""
+
+    path: MaskPattern = Field(description="pattern with {camera} and {frame:06d}; one channel, 8 bit, 255 = subject")
+
+
+class Template(Section):
+    """The rest mesh that is posed for every frame."""
+
+    mesh: Annotated[str, path_to(".glb")] = Field(
+        description="glTF binary: mesh, texture coordinates if any, skin if it is rigged"
+    )
+    keypoints: CsvPath | None = Field(None, description="csv: keypoint, and node_index (of a joint) or vertex")
+    scale_to_m: Length = Field(description="a vertex in metres is this times its (skinned) glTF position")
+    eyes: CsvPath | None = Field(
+        None, description="csv: eye, vertex; every vertex of each eyeball, which is a separate part of the mesh"
+    )
+
+
+class MirrorBallLights(Section):
+    """Light positions are measured from their mirror images in a ball."""
+
+    method: Literal["mirror_ball"] = Field(description="which method this section is about")
+    path: BallPattern = Field(description="pattern with {position}, {camera} and {light}: only that light is on")
+    silhouette: SilhouettePattern = Field(
+        description="pattern with {position} and {camera}: the ball dark before light"
+    )
+    radius_m: Length = Field(description="radius of the ball, metres")
+    transfer: Literal["linear", "srgb"] = Field(
+        "linear", description="how the ball images' stored values relate to light; srgb for a camera's JPEGs"
+    )
+
+
+class KnownLights(Section):
+    """The surveyed light positions are taken as they are."""
+
+    method: Literal["known"] = Field(description="which method this section is about")
+
+
+class ChartColor(Section):
+    """Each camera's colours are corrected by what it sees of a chart."""
+
+    method: Literal["chart"] = Field(description="which method this section is about")
+    path: ChartPattern = Field(description="pattern with {camera}: one image of the chart under one constant light")
+    patches: CsvPath = Field(description="csv: patch, r, g, b; the linear values of the 24 patches, in order")
+    transfer: Literal["linear", "srgb"] = Field(description="how the chart images' stored values relate to light")
+    corners: CsvPath | None = Field(
+        None,
+        description="csv: camera, corner, x, y; where the chart lies, for cameras in which it is not found by itself: "
+        "corners 0 to 3 are the outermost of patches 1, 6, 24 and 19, image pixels",
+    )
+
+
+class NoColor(Section):
+    """Colours are left as the cameras record them."""
+
+    method: Literal["none"] = Field(description="which method this section is about")
+
+
+class Calibration(Section):
+    """How the stage's cameras, lights and colours are calibrated."""
+
+    cameras: CharucoCameras | KnownCameras = Field(discriminator="method", description="poses and lenses")
+    lights: MirrorBallLights | KnownLights = Field(discriminator="method", description="positions of the LEDs")
+    color: ChartColor | NoColor = Field(discriminator="method", description="colour response of each camera")
+
+
+class Splits(Section):
+    """What is held out for testing; everything else trains. Lists may be empty, `test_patterns` may be left out.
+
+    A pattern, the lit lights with their intensities, is named by the number of any frame that shows it. Holding it out
+    holds out every frame that shows it.
+    """
+
+    test_cameras: list[str] = Field(description="cameras never trained on")
+    test_frames: list[int] = Field(description="frame numbers never trained on")
+    test_segments: list[str] = Field(description="segments never trained on")
+    test_patterns: list[int] = Field([], description="frame numbers whose light patterns are never trained on")
+
+
+class Capture(Section):
+    """All of `capture.yaml`."""
+
+    format: Literal["lightstage-capture/1"] = Field(description="this format and its version")
+    subject: str = Field(pattern=NAME_PATTERN, description="name of the subject: letters, digits, _ and -")
+    kind: Literal["body", "head"] = Field(description="what of the subject is captured")
+    units: Literal["m"] = Field(
+        description="unit of every position", json_schema_extra={"mend": "convert lights.csv to metres and say m"}
+    )
+    up: Literal["+y"] = Field(
+        description="the world's up axis",
+        json_schema_extra={"mend": "rotate the world of lights.csv and of known cameras so that +y is up and say +y"},
+    )
+    fps: float = Field(gt=0, allow_inf_nan=False, description="frames per second")
+    images: Images = Field(description="images of the subject")
+    masks: Masks | None = Field(None, description="masks of the subject, if there are any")
+    cameras: CsvPath = Field(description="csv: camera, width, height, sensor_width, sensor_height (pixels)")
+    frames: CsvPath = Field(description="csv: frame, timestamp_s, segment")
+    lights: CsvPath = Field(description="csv: light, x, y, z: surveyed, metres; they define the stage frame")
+    patterns: CsvPath = Field(
+        description="csv: frame, light, intensity (or intensity_r, intensity_g, intensity_b if lights are coloured); "
+        "one row per lit light, unlisted = off"
+    )
+    keypoints_2d: Annotated[str, path_to(".parquet")] | None = Field(
+        None, description="parquet: frame, camera, keypoint, x, y, confidence"
+    )
+    template: Template = Field(description="the mesh that is tracked")
+    gaze: CsvPath | None = Field(
+        None,
+        description="csv: frame, eye, x, y, z; unit direction in which an eye of template.eyes looks, in the frame of "
+        "the template at rest; frames without a row are interpolated between their neighbours",
+    )
+    calibration: Calibration = Field(description="how cameras, lights and colours are calibrated")
+    splits: Splits = Field(description="what is held out for testing")

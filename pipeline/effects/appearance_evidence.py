@@ -1,0 +1,99 @@
+"""Which effects of appearance a capture calls for, as decibels of PSNR that its training images say they are worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float64
+
+from pipeline.effects.appearance_columns import GLOSS_WIDTHS
+from pipeline.effects.appearance_fits import Explained, decibels
+from pipeline.effects.seen_texels import SeenTexels, texel_turns
+from pipeline.geometry.texels import Atlas, texel_frames
+
+FLAGS = ["test_camera", "test_frame", "test_segment", "test_pattern"]
+
+FOOTPRINT_STD = 0.6
+"""Standard deviation of a Gaussian on the surface, in texel spacings: neighbours then sum to an even surface."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One measured number and the sentence that says what it is."""
+
+    value: float
+    text: str
+
+
+def choose_images(
+    images: pd.DataFrame, booked: pd.DataFrame, usable: set[int], fully_lit: int, partially_lit: int, cameras: int
+) -> pd.DataFrame:
+    """Training images of a few frames, evenly spread: some fully lit, some partially, by a few cameras.
+
+    Args:
+        images: of the index: camera, frame, path and why held out.
+        booked: frames.parquet of book_patterns.
+        usable: frames that are tracked and have a light on.
+    """
+    booked = booked.set_index("frame")
+    known = images[images.frame.isin(booked.index) & images.frame.isin(usable)]
+    train = known[~known[FLAGS].any(axis=1) & ~known.frame.map(booked.test_pattern).astype(bool)]
+    lit = train.frame.map(booked.fully_lit).astype(bool)
+    frames = [*spread(train.frame[lit], fully_lit), *spread(train.frame[~lit], partially_lit)]
+    chosen = train[train.frame.isin(frames) & train.camera.isin(spread(train.camera, cameras))]
+    return chosen.sort_values(["frame", "camera"])
+
+
+def spread(values: pd.Series, count: int) -> list:
+    """At most `count` of the values that occur, evenly spaced in their order."""
+    every = sorted(set(values))
+    return every if len(every) <= count else [every[int((i + 0.5) * len(every) / count)] for i in range(count)]
+
+
+def describe(found: Explained) -> str:
+    """What the numbers rest on."""
+    return (
+        f"{found.observations} colours of texels in training images, {100 * found.strays:.1f} % left out as strays, "
+        f"residual {100 * found.floor:.2f} % of full scale"
+    )
+
+
+def specular_evidence(found: Explained) -> Evidence:
+    """What gloss explains that no colour of a texel does, in dB."""
+    return Evidence(found.gloss_db, f"gloss explains {found.gloss_db:.2f} dB of {describe(found)}")
+
+
+def transport_evidence(found: Explained) -> Evidence:
+    """What transport by the angle of the light explains beyond GGX, traced visibility and one bounce, in dB."""
+    text = f"beyond GGX, traced visibility and one bounce, transport explains {found.transport_db:.2f} dB of "
+    return Evidence(found.transport_db, text + describe(found))
+
+
+def deferred_evidence(
+    found: Explained, seen: SeenTexels, atlas: Atlas, spacing_m: Float64[np.ndarray, " t"]
+) -> Evidence:
+    """What shading per Gaussian would lose, in dB.
+
+    Interpolating over Gaussians widens a lobe of variance s^2 by that of the mirrored direction over a Gaussian,
+    (0.6 x 2 x the turn of the normal from texel to texel)^2, which lowers its peak by that ratio. What a pixel averages
+    anyway is not lost: the part (pixel / texel)^2 of it. A GGX of width a has slopes of variance a^2 / 2, and mirrored
+    directions turn twice as far: s^2 = 2 a^2.
+    """
+    normals = texel_frames(atlas, atlas.rest_vertices.astype(np.float64))[1][..., 2]
+    texel = seen.texels[seen.point]
+    footprint_px = spacing_m[texel] / seen.pixel_m
+    turn = 2 * FOOTPRINT_STD * texel_turns(atlas, normals)[texel]
+    own = np.maximum(1 - footprint_px**-2.0, 0)
+    lost = [np.minimum(turn**2 / (2 * width**2) * own, 1) ** 2 for width in GLOSS_WIDTHS]
+    square = float((found.gloss**2) @ np.mean(lost, 1)) if len(texel) else 0.0
+    value = decibels(found.floor**2 + square, found.floor**2)
+    middle = np.median(footprint_px) if len(texel) else 0.0
+    spread_deg = np.degrees(np.median(turn)) if len(texel) else 0.0
+    width_deg = np.degrees(np.sqrt(2) * (found.gloss @ GLOSS_WIDTHS) / max(found.gloss.sum(), np.finfo(float).tiny))
+    text = (
+        f"mirrored directions spread by {spread_deg:.1f} degrees over a Gaussian of {middle:.2f} pixels, lobes are "
+        f"{width_deg:.0f} degrees wide: shading per Gaussian would lose {value:.2f} dB"
+    )
+    return Evidence(value, text)

@@ -1,0 +1,197 @@
+"""How much better texels' colours are explained by gloss, and by transport that no surface model has.
+
+Observed colours are fitted by one albedo per texel times its shading, plus what is under test, by linear least squares.
+Residuals count as PSNR counts them: in sRGB, to first order, so squared and weighted by the squared slope of the
+transfer curve. What is under test has few coefficients for all texels together; they are found on one half of the
+texels and judged on the other, so that nothing gains by fitting noise. A gain is in decibels of that residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.optimize import nnls
+from scipy.spatial import cKDTree
+
+from pipeline.effects.appearance_columns import gloss_columns, transport_columns
+from pipeline.effects.seen_texels import SeenTexels
+from pipeline.effects.texel_light import TexelLight
+from pipeline.lighting.frame_lights import FrameLights
+from pipeline.tracking.point_colors import MEDIAN_LENGTH
+
+DARKEST = 0.01
+"""Linear value below which the slope of the sRGB curve is taken there: darker pixels are mostly noise."""
+
+TURNS = 4
+"""Turns of albedo, light bounced off other texels' albedo, and which observations count: each bounce adds a tenth of
+the last, and the rest settles about as fast."""
+
+RIDGE = 1e-3
+"""Of the square of each column: neighbouring pieces of transport look nearly alike in few observations, and their
+difference would be fitted to noise."""
+
+STRAY_SIGMAS = 8.0
+"""Residuals longer than this many robust standard deviations, with or without transport in the fit, are no noise and no
+effect of light, which all are well below: three in a hundred on a tracked body, and they would drown the rest."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What fits say of a capture's colours.
+
+    Attributes:
+        observations: how many colours were fitted.
+        strays: share of them that is left out.
+        floor: root mean square residual with everything, in sRGB of full scale 1.
+        gloss_db, transport_db: gain by gloss, and by further transport where there is gloss.
+        gloss: root mean square of the fitted gloss of each width, in the unit of the floor.
+    """
+
+    observations: int
+    strays: float
+    floor: float
+    gloss_db: float
+    transport_db: float
+    gloss: Float64[np.ndarray, " widths"]
+
+
+def explain_colors(
+    seen: SeenTexels, lights: Sequence[FrameLights], lit: Sequence[TexelLight], rest: Float64[np.ndarray, "texels 3"]
+) -> Explained:
+    """Fit the colours.
+
+    Args:
+        lights, lit: of each of `seen.frames`.
+        rest: all texels of the atlas at rest, metres: a bounce comes from the nearest texel that was looked at.
+    """
+    direct = np.stack([light.direct for light in lit])
+    nearest = np.append(cKDTree(rest[seen.texels]).query(rest)[1], len(seen.texels))
+    gloss, transport, kept = gloss_columns(seen, lights, lit), transport_columns(seen, lit), np.ones(len(seen.point))
+    shading = direct
+    for _ in range(TURNS):
+        sent = np.pi * fit_albedo(seen, shading, kept) * direct
+        shading = direct + np.stack([mean_sent(sent[f], nearest[light.hits]) for f, light in enumerate(lit)])
+        albedo, shaded = fit_albedo(seen, shading, kept)[seen.point], shading[seen.frame, seen.point]
+        fit = AlbedoFit(shaded, srgb_slope(albedo * shaded), kept, seen.point, len(seen.texels))
+        target = fit.residual(seen.color[:, None])
+        strengths = solve_shared(target, fit.residual(gloss))
+        columns = np.concatenate([(gloss * strengths).sum(1)[:, None], transport * albedo[:, None]], 1)
+        # What is a stray with and without transport under test: neither side may choose what it is judged by.
+        judged = []
+        for some in (columns[:, :1], columns):
+            found = solve_apart(target, fit.residual(some))
+            left = fit.residual((seen.color - (some * found).sum(1))[:, None], everywhere=True)
+            judged.append(without_strays(left[:, 0]))
+        kept = judged[0] * judged[1]
+
+    columns = fit.residual(columns)
+    matte = float((target**2).mean())
+    shiny = crossed(target, fit.residual(gloss), seen.point, solve_shared)
+    plain = crossed(target, columns[:, :1], seen.point, solve_apart)
+    learned = crossed(target, columns, seen.point, solve_apart)
+    share = max(float(fit.kept.mean()), np.finfo(float).tiny)
+    weighed = (fit.kept[:, None] * fit.slope)[:, None] * gloss * strengths
+    return Explained(
+        len(seen.point), 1 - share, float(np.sqrt(min(learned, plain) / share)), decibels(matte, shiny),
+        decibels(plain, learned), np.sqrt((weighed**2).mean((0, 2)) / share),
+    )  # fmt: skip
+
+
+def without_strays(left: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+    """1 for observations, 0 for those that are not what they are taken for: a wrong pose, a neighbour, no subject."""
+    length = np.linalg.norm(left, axis=1)
+    return (length <= STRAY_SIGMAS / MEDIAN_LENGTH * np.median(length)).astype(np.float64)
+
+
+def decibels(without: float, with_it: float) -> float:
+    """Gain in PSNR of one mean square error over another; 0 where there is nothing to gain on."""
+    return float(10 * np.log10(without / with_it)) if without > 0 and with_it > 0 else 0.0
+
+
+def mean_sent(sent: Float64[np.ndarray, "some 3"], hits: Int64[np.ndarray, "P rays"]) -> Float64[np.ndarray, "P 3"]:
+    """Irradiance by way of what cosine-spread rays hit, if that sends `sent` / pi alike to all sides."""
+    padded = np.concatenate([sent, np.zeros((1, 3))])
+    return padded[hits].mean(1) if hits.size else np.zeros((len(hits), 3))
+
+
+def fit_albedo(
+    seen: SeenTexels, shading: Float64[np.ndarray, "F P 3"], weight: Float64[np.ndarray, " n"]
+) -> Float64[np.ndarray, "P 3"]:
+    """Of each texel, times 1 / pi: at most white, whatever little light says; 0 where not seen or not lit."""
+    shaded, albedo = shading[seen.frame, seen.point], np.zeros((len(seen.texels), 3))
+    for c in range(3):
+        dot, norm = (
+            np.bincount(seen.point, x, len(albedo)) for x in (shaded[:, c] * seen.color[:, c], shaded[:, c] ** 2)
+        )
+        albedo[:, c] = np.divide(dot, norm, out=np.zeros_like(dot), where=norm > 0)
+    return albedo.clip(0, 1 / np.pi)
+
+
+def srgb_slope(linear: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """Derivative of the sRGB transfer curve, IEC 61966-2-1."""
+    return 1.055 / 2.4 * np.clip(linear, DARKEST, 1.0) ** (1 / 2.4 - 1)
+
+
+@dataclass(frozen=True)
+class AlbedoFit:
+    """Weighted columns less what one albedo per texel explains of them.
+
+    Attributes:
+        shaded: what an albedo of 1 would show.
+        slope: weight of each number.
+        kept: 1 for observations that count, else 0.
+        point: texel of each row.
+    """
+
+    shaded: Float64[np.ndarray, "n 3"]
+    slope: Float64[np.ndarray, "n 3"]
+    kept: Float64[np.ndarray, " n"]
+    point: Int64[np.ndarray, " n"]
+    points: int
+
+    def residual(self, columns: Float64[np.ndarray, "n k 3"], everywhere: bool = False) -> Float64[np.ndarray, "n k 3"]:
+        """Columns times the slope, less each texel's shading times what fits best where observations count; 0 where
+        they do not, unless asked for."""
+        unit, rest = self.slope * self.shaded, self.slope[:, None] * columns
+        for c in range(3):
+            norm = np.bincount(self.point, self.kept * unit[:, c] ** 2, self.points)
+            for k in range(columns.shape[1]):
+                dot = np.bincount(self.point, self.kept * unit[:, c] * rest[:, k, c], self.points)
+                share = np.divide(dot, norm, out=np.zeros_like(dot), where=norm > 0)
+                rest[:, k, c] -= share[self.point] * unit[:, c]
+        return rest if everywhere else rest * self.kept[:, None, None]
+
+
+Solver = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""From target [n, 1, 3] and columns [n, k, 3] to coefficients [k, 3]."""
+
+
+def solve_shared(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Coefficients of 0 or more, the same for all colours."""
+    stacked = columns.swapaxes(1, 2).reshape(-1, columns.shape[1])
+    q, r = np.linalg.qr(stacked)
+    return np.repeat(nnls(r, q.T @ target.swapaxes(1, 2).ravel())[0][:, None], 3, 1)
+
+
+def solve_apart(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Coefficients of any sign, each colour its own, held to 0 where the columns say little about them."""
+    coefficients = np.zeros(columns.shape[1:])
+    for c in range(3):
+        size = np.maximum(np.sqrt((columns[..., c] ** 2).sum(0)), np.finfo(float).tiny)
+        scaled = columns[..., c] / size
+        normal = scaled.T @ scaled + RIDGE * np.eye(len(size))
+        coefficients[:, c] = np.linalg.solve(normal, scaled.T @ target[:, 0, c]) / size
+    return coefficients
+
+
+def crossed(target: np.ndarray, columns: np.ndarray, point: np.ndarray, solve: Solver) -> float:
+    """Mean square of what is left of the target by coefficients of the other half of the texels."""
+    error = 0.0
+    for half in (0, 1):
+        mine = point % 2 == half
+        left = target[~mine, 0] - (columns[~mine] * solve(target[mine], columns[mine])).sum(1)
+        error += float((left**2).sum())
+    return error / target.size

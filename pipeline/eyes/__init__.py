@@ -1,0 +1,1 @@
+"""Two-sphere eyes: their shape, and the fit to tracked eyeballs."""

@@ -1,0 +1,242 @@
+"""Which LED was on in which frame of the images, is the LED log true and in step with them, which split is a frame in.
+
+In: the capture's index, calibrated lights and cameras, and the images themselves. What the log predicts for the
+brightness of the subject in each camera is compared with what the cameras saw (`pipeline.sync.sync`): the two
+numberings may be apart, images lost or stored twice, LEDs dead or stuck, single frames under another pattern. Out:
+patterns.parquet, frames.parquet, sync.json and a timeline, sync.png.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import Complaints, listed
+from pipeline.base.files import read_json, read_table, write_json, write_table
+from pipeline.base.progress import progress
+from pipeline.base.verdicts import log_verdicts
+from pipeline.capture.images import read_image, read_mask
+from pipeline.config.book_patterns import BookPatterns
+from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.sync.brightness import BrightnessModel, directions_from, observed_table, read_log
+from pipeline.sync.patterns import book_frames, book_patterns_rgb, find_leaks, mend_patterns
+from pipeline.sync.subject_proxy import Ellipsoid, fit_ellipsoid, shading_response
+from pipeline.sync.sync import FAULTY, UNEXPLAINED, SyncCheck, check_sync
+from pipeline.sync.timeline import draw_timeline
+
+log = logging.getLogger("book_patterns")
+
+SUBJECT = 128
+"""Mask values from here on are subject: at least half of the pixel."""
+
+MEASURED = ["camera", "frame", "r", "g", "b", "x", "y", "xx", "xy", "yy"]
+
+
+def run(
+    *, capture: Path, index: Path, lights: Path, cameras: Path, out: Path, settings: BookPatterns = BookPatterns()
+) -> None:
+    """Book light patterns and splits per frame, and check that LED log and images agree.
+
+    Args:
+        capture: folder of the capture, for its images.
+        index: folder of index_capture.
+        lights: lights.parquet of calibrate_lights.
+        cameras: cameras.json of calibrate_lights (stage frame, sensor resolution).
+        out: folder for patterns.parquet, frames.parquet, sync.json and sync.png.
+        settings: see the flags below.
+    """
+    tables = {name: read_table(index / f"{name}.parquet") for name in ("frames", "patterns", "images")}
+    facts = read_json(index / "capture.json")["images"]
+    stage_lights, rig = read_table(lights), read_cameras(cameras)
+    chosen = choose_cameras(tables["images"], settings.sync_cameras)
+    complain_about(tables["patterns"], stage_lights, lights, chosen, rig, cameras)
+    rig = {name: rig[name].downsampled(float(facts["downsample_from_sensor"])) for name in chosen}
+
+    means = measure_brightness(capture, tables["images"], chosen, facts)
+    subject = fit_subject(rig, means)
+    model = build_model(tables, stage_lights, rig, subject, means)
+    check = check_sync(model, settings.max_offset_frames, settings.fault_sigma)
+    log_verdicts(log, [check.timing, *(light for light in check.lights if light.grade != "good")])
+
+    patterns, frames, names = tables["patterns"], tables["frames"], stage_lights.light.tolist()
+    fixed = settings.on_desync == "fix" and check.verdict == FAULTY
+    if fixed:
+        patterns, frames = mend_patterns(patterns, frames, check.frames, check.constants)
+        names = [light for light in names if check.constants.get(light, np.ones(3)).any()]
+    booked = book_frames(frames, tables["images"], patterns, names)
+    found = check.frames.set_index("frame").reindex(booked.frame)
+    booked["predicted"] = found["predicted" if fixed else "logged"].to_numpy()
+    booked["observed"] = found.observed.to_numpy()
+    booked["suspicious"] = found.suspicious.eq(True).to_numpy()
+    table = book_patterns_rgb(patterns, booked)
+    report(booked, len(tables["frames"]))
+    write_json(out / "sync.json", sync_facts(check, fixed, subject))
+    draw_timeline(out / "sync.png", check, booked, table, stage_lights.light.tolist())
+    complain_of_faults(check, settings, index / "patterns.parquet", out / "sync.png")
+    complain_of_leaks(find_leaks(booked, table), settings, index / "patterns.parquet")
+    write_table(out / "patterns.parquet", table)
+    write_table(out / "frames.parquet", booked)
+
+
+def choose_cameras(images: pd.DataFrame, at_most: int) -> list[str]:
+    """Cameras evenly spread over the sorted list of those that have images."""
+    names = sorted(images.camera.unique())
+    return [names[i] for i in np.unique(np.linspace(0, len(names) - 1, min(at_most, len(names))).round().astype(int))]
+
+
+def complain_about(
+    patterns: pd.DataFrame,
+    lights: pd.DataFrame,
+    lights_file: Path,
+    chosen: list[str],
+    rig: dict[str, Camera],
+    cameras_file: Path,
+) -> None:
+    """Raises:
+    InputError: naming all lights and cameras that have no calibration, before any image is read.
+    """
+    complaints = Complaints("book_patterns")
+    for light in sorted(set(patterns.light) - set(lights.light)):
+        complaints.add(lights_file, light, expected="a position, as it is lit in patterns.parquet", found="no row")
+    for camera in [name for name in chosen if name not in rig]:
+        complaints.add(cameras_file, camera, expected="a calibrated camera, as it has images", found="none")
+    complaints.raise_if_any()
+
+
+def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], facts: dict) -> pd.DataFrame:
+    """Per image the mean of the subject, r, g, b, the mean x, y of its pixels and their covariance xx, xy, yy.
+
+    Without masks the whole image is averaged (the background of a stage is dark), x, y is the image's centre and the
+    covariance NaN. Images without a finite subject pixel are left out.
+    """
+    rows = []
+    for row in progress(list(images[images.camera.isin(cameras)].itertuples()), "book_patterns"):
+        image = read_image(capture / row.path, facts["transfer"], facts["black_level"])
+        subject = np.isfinite(image).all(2)
+        masked = isinstance(row.mask_path, str)
+        if masked:
+            subject &= read_mask(capture / row.mask_path) >= SUBJECT
+        if not subject.any():
+            continue
+        y, x = np.nonzero(subject)
+        covariance = np.cov(x, y, bias=True)[[0, 0, 1], [0, 1, 1]] if masked else np.full(3, np.nan)
+        color = image[subject].mean(0, dtype=np.float64)
+        rows.append((row.camera, row.frame, *color, x.mean() + 0.5, y.mean() + 0.5, *covariance))
+    return pd.DataFrame(rows, columns=MEASURED)
+
+
+def fit_subject(rig: dict[str, Camera], means: pd.DataFrame) -> Ellipsoid:
+    """The ellipsoid of the subject's mean place and size over all frames."""
+    average = means.groupby("camera")[MEASURED[5:]].mean()
+    pixels = {camera: row[["x", "y"]].to_numpy(np.float64) for camera, row in average.iterrows()}
+    spread = {camera: row[["xx", "xy", "xy", "yy"]].to_numpy(np.float64).reshape(2, 2)
+              for camera, row in average.iterrows()}  # fmt: skip
+    return fit_ellipsoid(rig, pixels, spread)
+
+
+def seeing_cameras(means: pd.DataFrame) -> list[str]:
+    """Cameras that see any light at all; every camera if none does."""
+    brightest = means.groupby("camera")[["r", "g", "b"]].max().max(axis=1)
+    if blind := brightest.index[brightest <= 0].tolist():
+        log.warning("no light at all in the images of %s", listed(blind))
+    return sorted(brightest.index[brightest > 0]) or sorted(brightest.index)
+
+
+def build_model(
+    tables: dict[str, pd.DataFrame],
+    lights: pd.DataFrame,
+    rig: dict[str, Camera],
+    subject: Ellipsoid,
+    means: pd.DataFrame,
+) -> BrightnessModel:
+    """The log and the images in one numbering of cameras and lights."""
+    names = seeing_cameras(means)
+    frames, seen = observed_table(means, names)
+    places = lights[["x", "y", "z"]].to_numpy(np.float64)
+    centers = np.stack([rig[name].center for name in names])
+    return BrightnessModel(
+        read_log(tables["patterns"], tables["frames"].frame, lights.light.tolist()), frames, seen,
+        shading_response(subject, places, centers),
+        directions_from(subject.center, centers), directions_from(subject.center, places),
+    )  # fmt: skip
+
+
+def report(booked: pd.DataFrame, frames: int) -> None:
+    """Log the splits."""
+    splits, lit, patterns = booked.split.value_counts().to_dict(), booked.fully_lit.sum(), booked.pattern.nunique()
+    log.info("%d frames: %s, %d fully lit, %d different patterns", len(booked), splits, lit, patterns)
+    if len(booked) < frames:
+        log.warning("%d frames dropped: it is not known what was on in them", frames - len(booked))
+
+
+def complain_of_faults(check: SyncCheck, settings: BookPatterns, file: Path, picture: Path) -> None:
+    """Raises:
+    InputError: naming every fault, as `on_desync` wants; always, unless told to ignore it, if nothing can be fixed.
+    """
+    if settings.on_desync == "ignore" or (settings.on_desync == "fix" and check.verdict != UNEXPLAINED):
+        return
+    complaints = Complaints(f"{file}: log and images disagree, see {picture}")
+    if check.verdict == UNEXPLAINED:
+        mend = "is it this capture's log? More than max_offset_frames away? book_patterns.on_desync: ignore goes on"
+        complaints.add(file, "frame", expected="patterns that the images show", found=check.why, mend=mend)
+    for fault in check.faults if check.verdict == FAULTY else []:
+        key = f"light {fault.name}" if fault.kind in ("dead_light", "stuck_light") else f"frame {fault.name}"
+        mend = "correct the capture's patterns file, or set book_patterns.on_desync to fix (or ignore)"
+        if fault.kind == "offset":
+            mend = f"subtract {fault.value:g} from its frame numbers, or set book_patterns.on_desync to fix (or ignore)"
+        complaints.add(file, key, expected="what the images show", found=fault.why, mend=mend)
+    complaints.raise_if_any()
+
+
+def complain_of_leaks(leaks: list[tuple[int, int]], settings: BookPatterns, file: Path) -> None:
+    """Raises:
+    InputError: naming the frames, if `on_leak` says so.
+    """
+    complaints = Complaints(f"{file}: held-out light is trained on")
+    for test in dict.fromkeys(test for test, _ in leaks):
+        trained = [train for other, train in leaks if other == test]
+        complaints.add(
+            file, f"frame {test}", expected="light that no training frame shows, as it is held out",
+            found=f"the same lights in the same proportions in training frame {listed(trained)}",
+            mend="hold those out too (splits.test_patterns holds out all frames of a pattern), or set "
+            "book_patterns.on_leak to warn",
+        )  # fmt: skip
+    if settings.on_leak == "error":
+        complaints.raise_if_any()
+    for message in complaints.messages:
+        log.warning("%s", message)
+
+
+def sync_facts(check: SyncCheck, fixed: bool, subject: Ellipsoid) -> dict:
+    """Content of sync.json."""
+    offsets = check.frames.offset_frames
+    starts = offsets.ne(offsets.shift()) & (offsets.index > 0)
+    return {
+        "verdict": check.verdict,
+        "why": check.why,
+        "fixed": fixed,
+        "offset_frames": int(offsets.iloc[0]),
+        "offset_changes": [
+            {"frame": int(row.frame), "offset_frames": int(row.offset_frames)}
+            for row in check.frames[starts].itertuples()
+        ],
+        "faults": [asdict(fault) for fault in check.faults],
+        "sigmas_ahead_of_offset": {f"{k:+d}": value for k, value in sorted(check.sigmas_ahead.items())},
+        "lights": [asdict(light) for light in check.lights],
+        "subject_center_m": subject.center.tolist(),
+        "subject_semiaxes_m": np.linalg.norm(subject.axes, axis=0).tolist(),
+    }
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

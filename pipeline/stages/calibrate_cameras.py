@@ -1,0 +1,227 @@
+"""Images of ChArUco boards -> intrinsics, distortion and poses of all cameras, metric, in the rig's own frame.
+
+Corners are detected in every image, each camera is calibrated alone (Zhang 2000), cameras are joined through the views
+they share, and one bundle adjustment over everything refines the result. Each camera is then judged, and one that moved
+between views is named. The rig's frame is that of the first board view; calibrate_lights moves it into the stage's.
+With `method: known` the given cameras are validated and copied.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import Complaints, InputError
+from pipeline.base.files import read_json, read_table, write_table
+from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
+from pipeline.calibration.cameras.board_views import (
+    BoardViews,
+    choose_shots,
+    explain_nothing,
+    find_boards,
+    gather_views,
+)
+from pipeline.calibration.cameras.charuco import Board, dictionary_names
+from pipeline.calibration.cameras.rig import Rig
+from pipeline.calibration.cameras.rig_calibration import Calibrated, calibrate_rig, inspect_rig
+from pipeline.calibration.cameras.rig_misfit import complain_of_misfits
+from pipeline.calibration.cameras.rig_quality import (
+    COLUMNS,
+    describe_focal,
+    judge_cameras,
+    quality_table,
+    rough_shots,
+)
+from pipeline.calibration.cameras.rig_start import connected_groups
+from pipeline.capture.cameras.known_cameras import read_known_cameras
+from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.config.calibrate_cameras import CalibrateCameras
+from pipeline.geometry.cameras import Camera, write_cameras
+
+log = logging.getLogger("calibrate_cameras")
+
+RESIDUAL_COLUMNS = ["camera", "view", "board", "corner", "x", "y", "residual_x", "residual_y", "weight"]
+
+
+def run(
+    *, capture: Path, index: Path, out: Path, threads: int = 1, settings: CalibrateCameras = CalibrateCameras()
+) -> None:
+    """Calibrate all cameras of a rig together from images of ChArUco boards.
+
+    Args:
+        capture: folder of the capture.
+        index: folder that index_capture wrote.
+        out: folder to write rig.json, residuals_cameras.parquet, quality_cameras.parquet and verdicts_cameras.csv to.
+        threads: images searched at a time.
+    """
+    calibration = read_json(index / "calibration_cameras.json")
+    table = read_table(index / "cameras.parquet").sort_values("camera")
+    sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in table.itertuples()}
+    if calibration["method"] == "known":
+        cameras = known_cameras(capture, calibration, sizes)
+        verdicts = [Verdict("camera", name, "good", "given, not calibrated here") for name in cameras]
+        log_verdicts(log, verdicts)
+        none = pd.DataFrame(columns=RESIDUAL_COLUMNS, dtype="float64").astype({"camera": "str"})
+        write(out, cameras, none, pd.DataFrame(columns=COLUMNS, dtype="float64").astype({"camera": "str"}), verdicts)
+        return
+    boards, names = boards_of(calibration), list(sizes)
+    views = choose_shots(calibration["views"], settings.most_views)
+    detections = find_boards(capture, views, sizes, boards, threads)
+    found = gather_views(detections, views, names, boards)
+    complaints = Complaints(capture)
+
+    def explain(camera: str) -> str:
+        mine = [k for k, view in enumerate(views) if view["camera"] == camera]
+        if not mine or any(len(detection.ids) for k in mine for detection in detections[k]):
+            return ""
+        return explain_nothing(capture, [views[k] for k in mine], boards, [detections[k] for k in mine])
+
+    failed, group = choose_cameras(found, names, settings.least_views, explain, complaints)
+    if not group:
+        log_verdicts(log, failed)
+        complaints.raise_if_any()
+    chosen, held = found.of_cameras(group), [names[c] for c in group]
+    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, [sizes[n] for n in held], settings.distortion)
+    report_distortion(calibrated, held)
+    quality, judged = judge(calibrated, chosen, held, [sizes[n] for n in held], settings, complaints)
+    verdicts = sorted([*failed, *judged], key=lambda verdict: names.index(verdict.name))
+    log_verdicts(log, verdicts)
+    rig, squared = calibrated.rig, (calibrated.rig.residual**2).sum(1)
+    log.info("all: %d corners, RMS %.3f px, noise %.3f px", len(squared), np.sqrt(squared.mean()), rig.sigma_px)
+    complaints.raise_if_any()
+    cameras = dict(zip(held, rig.cameras, strict=True))
+    write(out, cameras, residual_table(rig, chosen, held, boards), quality, verdicts)
+
+
+def write(
+    out: Path, cameras: dict[str, Camera], residuals: pd.DataFrame, quality: pd.DataFrame, verdicts: Sequence[Verdict]
+) -> None:
+    """Write all that this stage writes."""
+    write_cameras(out / "rig.json", cameras)
+    write_table(out / "residuals_cameras.parquet", residuals)
+    write_table(out / "quality_cameras.parquet", quality)
+    write_table(out / "verdicts_cameras.csv", verdict_table(verdicts))
+
+
+def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, tuple[int, int]]) -> dict[str, Camera]:
+    """Given cameras, those of the index only, in metres.
+
+    Raises:
+        InputError: naming cameras that are not there or cannot be right.
+    """
+    section = KnownCameras.model_validate({key: value for key, value in calibration.items() if key != "digest"})
+    complaints = Complaints(capture)
+    cameras = read_known_cameras(capture, section, sizes, complaints)
+    complaints.raise_if_any()
+    return cameras
+
+
+def boards_of(calibration: dict[str, Any]) -> list[Board]:
+    """The boards of the index's calibration_cameras.json: its list, or the one board whose keys stand there directly.
+
+    Raises:
+        InputError: if OpenCV has no such dictionary.
+    """
+    keys, entries = [field.name for field in fields(Board)], calibration.get("boards") or [calibration]
+    boards = [Board(**{key: entry[key] for key in keys if key in entry}) for entry in entries]
+    for board in boards:
+        if not (board.dictionary.startswith("DICT_") and hasattr(cv2.aruco, board.dictionary)):
+            expected = f"expected one of {dictionary_names()}, found {board.dictionary}"
+            raise InputError(f"capture.yaml: dictionary: {expected}")
+    return boards
+
+
+def choose_cameras(
+    found: BoardViews, names: Sequence[str], least_views: int, explain: Callable[[str], str], complaints: Complaints
+) -> tuple[list[Verdict], list[int]]:
+    """The largest group of cameras that can be calibrated together; a verdict and a complaint on those outside it.
+
+    Args:
+        explain: why a camera sees no board at all.
+    """
+    counts, failed = [len(found.shots_of(c)) for c in range(len(names))], []
+    enough = [c for c, count in enumerate(counts) if count >= least_views]
+    for c in set(range(len(names))) - set(enough):
+        mend = "; ".join(filter(None, [explain(names[c]), "record more, or remove the camera"]))
+        expected = f"the board in at least {least_views} views"
+        complaints.add("calibration.cameras", f"camera {names[c]}", expected=expected, found=f"{counts[c]}", mend=mend)
+        failed.append(Verdict("camera", names[c], "failed", f"{counts[c]} views of {least_views} needed; {mend}"))
+    if not enough:
+        return failed, []
+    groups = connected_groups(found.of_cameras(enough).observations, len(enough))
+    groups = [[enough[c] for c in group] for group in groups]
+    if len(groups) > 1:
+        told = "; ".join(f"({', '.join(names[c] for c in group)})" for group in groups)
+        mend = "record views in which cameras of different groups see the board at once"
+        expected = "cameras joined by shared views"
+        complaints.add("calibration.cameras", "views", expected=expected, found=told, mend=mend)
+        reason = f"shares no view with ({', '.join(names[c] for c in groups[0])}); {mend}"
+        failed += [Verdict("camera", names[c], "failed", reason) for group in groups[1:] for c in group]
+    return failed, groups[0]
+
+
+def judge(
+    calibrated: Calibrated,
+    found: BoardViews,
+    names: Sequence[str],
+    sizes: Sequence[tuple[int, int]],
+    settings: CalibrateCameras,
+    complaints: Complaints,
+) -> tuple[pd.DataFrame, list[Verdict]]:
+    """The table of quality and the verdicts; complaints on what must not be used."""
+    rig, where = calibrated.rig, "calibration.cameras"
+    quality = quality_table(calibrated, names, found.shot)
+    inspection = inspect_rig(calibrated, found.corners_m, sizes, found.shot)
+    complain_of_misfits(inspection, names, quality.views.tolist(), settings.largest_shift_px, where, complaints)
+    for row in quality.itertuples():
+        if row.focal_sigma > settings.largest_focal_error:
+            expected = f"a focal length known to {100 * settings.largest_focal_error:g} %"
+            told, mend = f"{100 * row.focal_sigma:.1f} %", describe_focal(row.focal_sigma, row.tilt_deg)
+            complaints.add(where, f"camera {row.camera}", expected=expected, found=told, mend=mend)
+    observations = rig.model.observations
+    centers = np.stack([camera.center for camera in rig.cameras])[observations.camera]
+    farthest = np.linalg.norm(centers - rig.rig_from_board[observations.view, :3, 3], axis=1).max()
+    # A focal length that is open takes the distance along with it.
+    if farthest > settings.largest_rig_m and quality.focal_sigma.max() <= settings.largest_focal_error:
+        expected = f"cameras within {settings.largest_rig_m:g} m of the boards"
+        mend = "are square_m and marker_m in metres?"
+        complaints.add(where, "square_m", expected=expected, found=f"{farthest:.0f} m", mend=mend)
+    rough = rough_shots(rig, names, found.shot, settings.good_rms_px)
+    return quality, judge_cameras(quality, calibrated, rough, inspection, names, settings)
+
+
+def report_distortion(calibrated: Calibrated, names: Sequence[str]) -> None:
+    """Log what was chosen, and by which odds."""
+    for name, number, odds in zip(names, calibrated.distortion, calibrated.evidence, strict=True):
+        told = ", ".join(f"{k}: {value:.1f}" for k, value in odds.items())
+        log.info("camera %s: %d distortion coefficients; log odds against all five: %s", name, number, told)
+
+
+def residual_table(rig: Rig, found: BoardViews, names: Sequence[str], boards: Sequence[Board]) -> pd.DataFrame:
+    """One row per corner: camera, view, board, corner (of that board), x, y, residual_x, residual_y (projected minus
+    observed), weight."""
+    observations = found.observations
+    first = np.cumsum([0, *(len(board.corners_m()) for board in boards)])
+    board = found.board[observations.view]
+    values = [
+        np.array(names)[observations.camera], found.shot[observations.view], board, observations.corner - first[board],
+        *observations.pixel.T, *rig.residual.T, rig.weight,
+    ]  # fmt: skip
+    return pd.DataFrame(dict(zip(RESIDUAL_COLUMNS, values, strict=True)))
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

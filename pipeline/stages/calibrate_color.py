@@ -1,0 +1,175 @@
+"""One image of a 24-patch chart per camera -> 3 x 3 matrices that bring every camera to the average camera's colours.
+
+raw = M_c @ patch value for each camera c, by robust least squares; the light is common to all cameras and part of
+M_c, as is exposure. The average camera has the mean of all M_c, so corrected_from_raw_c = mean(M) @ inverse(M_c). With
+`method: none` all matrices are the identity.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import Complaints
+from pipeline.base.files import read_json, read_table, write_json, write_table
+from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
+from pipeline.calibration.color.color_chart import PATCHES, Patches, find_chart, measure_patches, place_chart
+from pipeline.calibration.color.color_response import Response, corrections, fit_response
+from pipeline.calibration.color.color_verdicts import Flaw, light_flaws, patch_flaws, response_flaws
+from pipeline.capture.images import decode_image, decode_stored, read_bytes
+from pipeline.config.calibrate_color import CalibrateColor
+
+log = logging.getLogger("calibrate_color")
+
+RESIDUAL_COLUMNS = ["camera", "patch", "r", "g", "b", "residual_r", "residual_g", "residual_b", "weight", "used"]
+CORNER_COLUMNS = [f"{axis}{corner}" for corner in range(4) for axis in "xy"]
+
+
+def run(
+    *, capture: Path, index: Path, out: Path, threads: int = 1, settings: CalibrateColor = CalibrateColor()
+) -> None:
+    """Fit every camera's colour response to a chart and bring all cameras to their average.
+
+    Args:
+        capture: folder of the capture.
+        index: folder that index_capture wrote.
+        out: folder to write color.json, residuals_color.parquet and verdicts_color.csv to.
+        threads: images searched at a time.
+    """
+    calibration = read_json(index / "calibration_color.json")
+    names = sorted(read_table(index / "cameras.parquet").camera)
+    if calibration["method"] == "none":
+        write(out, {name: np.eye(3) for name in names}, {}, [])
+        return
+    black_level = read_json(index / "capture.json")["images"]["black_level"]
+    paths = {entry["camera"]: capture / entry["path"] for entry in calibration["images"]}
+    values = np.asarray(calibration["patches"], np.float64)
+    check(capture, paths, names, values)
+
+    def measure(name: str) -> Measured:
+        corners = calibration.get("corners", {}).get(name)
+        return measure_chart(paths[name], calibration["transfer"], black_level, corners, settings)
+
+    with ThreadPoolExecutor(threads) as pool:
+        measured = dict(zip(names, pool.map(measure, names), strict=True))
+    flaws = {name: patch_flaws(m.patches, m.saturated_share, settings) for name, m in measured.items()}
+    responses = {name: fit_response(measured[name].patches, values) for name in names if not flaws[name]}
+    for name, response in responses.items():
+        flaws[name] += response_flaws(response, settings)
+    sound = {name: response for name, response in responses.items() if not is_failed(flaws[name])}
+    for name, more in light_flaws(sound, settings).items():
+        flaws[name] += more
+    matrices = corrections({name: response.matrix for name, response in sound.items()}) if sound else {}
+    verdicts = [judge(name, flaws[name], responses.get(name), matrices.get(name)) for name in names]
+    log_verdicts(log, verdicts)
+    refuse(capture, paths, flaws)
+    write(out, matrices, responses, verdicts)
+
+
+def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.ndarray) -> None:
+    """Raises:
+    InputError: naming cameras without an image, or patch values that are not 24 colours.
+    """
+    complaints = Complaints(capture)
+    for name in names:
+        if name not in paths:
+            complaints.add("calibration.color", f"camera {name}", expected="an image of the chart", found="none")
+    if values.shape != (PATCHES, 3) or not np.isfinite(values).all() or np.linalg.matrix_rank(values) < 3:
+        expected = "24 rows of linear r, g, b that are not all of one hue"
+        complaints.add("calibration.color.patches", "values", expected=expected, found=f"shape {values.shape}")
+    complaints.raise_if_any()
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one image shows of the chart: None if it was not found; and the share of the image that is saturated."""
+
+    patches: Patches | None
+    saturated_share: float
+
+
+def measure_chart(
+    path: Path, transfer: str, black_level: float, corners: list[list[float]] | None, settings: CalibrateColor
+) -> Measured:
+    """Find the chart in an image, unless its corners (pixels) are given, and measure its patches."""
+    content = read_bytes(path)
+    stored, image = decode_stored(content, path), decode_image(content, path, transfer, black_level)
+    full = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1.0
+    saturated = (stored >= settings.saturation * full).any(-1)
+    squares = find_chart(image) if corners is None else place_chart(np.array(corners, np.float64))
+    patches = None if squares is None else measure_patches(image, saturated, squares, settings.patch_interior)
+    return Measured(patches, float(saturated.mean()))
+
+
+def is_failed(flaws: list[Flaw]) -> bool:
+    """Whether any of the flaws makes the camera's colours useless."""
+    return any(flaw.grade == "failed" for flaw in flaws)
+
+
+def judge(name: str, flaws: list[Flaw], response: Response | None, matrix: np.ndarray | None) -> Verdict:
+    """The camera's verdict: the numbers that its flaws are judged by, and the flaws."""
+    numbers = []
+    if response is not None:
+        residual, sigma = np.nanmedian(response.relative_residual()), response.relative_sigma()
+        numbers += [f"{response.patches.used.sum()} patches", f"residual {residual:.2%} (median) of the brightest"]
+        numbers += [f"response +-{sigma:.2%}"]
+    if matrix is not None:
+        numbers += [f"correction {np.abs(matrix - np.eye(3)).max():.1%}"]
+    grade = "failed" if is_failed(flaws) else "weak" if flaws else "good"
+    reasons = [", ".join(numbers), *map(str, flaws)]
+    return Verdict("color", name, grade, "; ".join(reason for reason in reasons if reason))
+
+
+def refuse(capture: Path, paths: Mapping[str, Path], flaws: Mapping[str, list[Flaw]]) -> None:
+    """Raises:
+    InputError: naming cameras whose colours stay unknown.
+    """
+    complaints = Complaints(capture)
+    for name, found in flaws.items():
+        for flaw in found:
+            if flaw.grade == "failed":
+                key, file = f"camera {name}", paths[name].relative_to(capture)
+                complaints.add(file, key, expected=flaw.expected, found=flaw.found, mend=flaw.mend)
+    complaints.raise_if_any()
+
+
+def residual_table(responses: Mapping[str, Response]) -> pd.DataFrame:
+    """One row per camera and patch (from 1, as in the chart's csv).
+
+    Columns: camera, patch; r, g, b: raw linear colour, NaN where unused; residual_r, ...: raw minus fitted; weight;
+    used; x0, y0, ... x3, y3: corners of the square in the middle of the patch, image pixels.
+    """
+    parts = [pd.DataFrame(columns=RESIDUAL_COLUMNS + CORNER_COLUMNS)] if not responses else []
+    for name, response in responses.items():
+        patches = response.patches
+        columns = [*patches.color.T, *response.residual.T, response.weight, patches.used]
+        columns += [*patches.corners.reshape(PATCHES, 8).T]
+        part = pd.DataFrame(dict(zip(RESIDUAL_COLUMNS[2:] + CORNER_COLUMNS, columns, strict=True)))
+        part = part.assign(camera=name, patch=np.arange(1, PATCHES + 1))
+        parts.append(part[RESIDUAL_COLUMNS + CORNER_COLUMNS])
+    return pd.concat(parts, ignore_index=True)
+
+
+def write(
+    out: Path, matrices: Mapping[str, np.ndarray], responses: Mapping[str, Response], verdicts: list[Verdict]
+) -> None:
+    """All outputs of the stage."""
+    write_json(out / "color.json", {"cameras": {name: matrix.tolist() for name, matrix in matrices.items()}})
+    write_table(out / "residuals_color.parquet", residual_table(responses))
+    write_table(out / "verdicts_color.csv", verdict_table(verdicts))
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

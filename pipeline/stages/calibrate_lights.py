@@ -1,0 +1,183 @@
+"""Images of mirror balls -> positions and brightness of all lights, and the cameras moved into the stage's frame.
+
+Each ball is located by its outlines in all cameras that see it; which bright spots are a light's, balls and cameras
+decide together; then all lights and balls are fitted to highlights and outlines at once (see
+pipeline.calibration.lights.mirror_lights). The measured lights, in the rig's frame, are laid over the surveyed ones
+without scaling: the survey is good to centimetres only, but it says where the stage is. Lights that are measured too
+poorly keep their surveyed position. With `method: known` the surveyed positions are taken as they are; the cameras,
+which are then known in the stage's frame, stay where they are.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import Complaints, InputError
+from pipeline.base.files import read_json, read_table, write_table
+from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
+from pipeline.calibration.lights.ball_photos import find_outlines, find_spots, use_most_balls
+from pipeline.calibration.lights.length_units import radius_in_rig, unit_complaint
+from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS, measure_lights, place_in_stage
+from pipeline.calibration.lights.light_verdicts import ball_verdicts, light_verdicts, refusals, why_not_measured
+from pipeline.calibration.lights.mirror_ball import locate_ball
+from pipeline.config.calibrate_lights import CalibrateLights
+from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
+from pipeline.geometry.rigid_alignment import Alignment, align_rigid, fit_scale
+
+log = logging.getLogger("calibrate_lights")
+
+UNITS_SURE = 4.0
+"""Standard deviations of a scale below which three or four badly measured lights may have made it up."""
+
+CLEAR_SIGMA = 0.05
+"""Standard deviation of a light, over the stage's size in whatever unit, up to which it says something about scale."""
+
+
+def run(
+    *, capture: Path, index: Path, rig: Path, out: Path, threads: int = 1, settings: CalibrateLights = CalibrateLights()
+) -> None:
+    """Locate all lights from mirror balls and move the cameras into the stage's frame.
+
+    Args:
+        capture: folder of the capture.
+        index: folder that index_capture wrote.
+        rig: rig.json that calibrate_cameras wrote.
+        out: folder to write lights.parquet, cameras.json, residuals_lights.parquet and verdicts_lights.csv to.
+        threads: images measured at a time.
+    """
+    cameras = read_cameras(rig)
+    calibration = read_json(index / "calibration_lights.json")
+    survey = read_table(index / "lights.parquet").sort_values("light", ignore_index=True)
+    given = read_json(index / "calibration_cameras.json")
+    in_stage = given["method"] == "known" and given.get("frame", "stage") == "stage"
+    if calibration["method"] == "known":
+        lights, verdicts = take_survey(capture, survey, in_stage)
+        write(out, lights, cameras, pd.DataFrame(columns=RESIDUAL_COLUMNS), verdicts)
+        return
+    calibration = use_most_balls(calibration, settings.most_balls)
+    outlines, refused = find_outlines(capture, calibration)
+    if not outlines:
+        found = f"none: {refusals(refused)}"
+        raise InputError(f"{capture}: calibration.lights.silhouette: expected a dark ball in some image, found {found}")
+    radius_m = radius_in_rig(cameras, outlines) or calibration["radius_m"]
+    ball_ratio = radius_m / calibration["radius_m"]
+    if abs(np.log(ball_ratio)) <= settings.largest_scale_error:
+        radius_m = calibration["radius_m"]
+    seen = {p: sorted(camera for q, camera in outlines if q == p) for p in sorted({p for p, _ in outlines})}
+    balls = {
+        p: locate_ball([cameras[c] for c in names], [outlines[p, c] for c in names], radius_m)
+        for p, names in seen.items()
+    }
+    spots = find_spots(capture, calibration, outlines, survey.light, threads)
+    photographed = pd.Series([e["light"] for e in calibration["images"] if (e["position"], e["camera"]) in outlines])
+    facts, table = measure_lights(spots, balls, cameras, radius_m, list(survey.light), settings)
+    facts.insert(0, "images", facts.index.map(photographed.value_counts()).fillna(0).astype(int))
+    check_units(capture, facts, survey, ball_ratio, settings.largest_scale_error)
+    facts["why"] = [why_not_measured(row, settings) for _, row in facts.iterrows()]
+    well = facts[facts.why == ""]
+    alignment = align(well, survey, capture)
+    lights = place_in_stage(facts, survey, alignment, in_stage, settings)
+    if in_stage:
+        check_frame(capture, lights, settings)
+    else:
+        R, t = alignment.R, alignment.t
+        # x_cam = R_c x_rig + t_c and x_rig = R^T (x_stage - t).
+        cameras = {name: replace(c, R=c.R @ R.T, t=c.t - c.R @ R.T @ t) for name, c in cameras.items()}
+    summarize(lights, table, alignment)
+    verdicts = ball_verdicts(balls, seen, refused, settings) + light_verdicts(lights, settings)
+    write(out, lights, cameras, table, verdicts)
+
+
+def take_survey(capture: Path, survey: pd.DataFrame, in_stage: bool) -> tuple[pd.DataFrame, list[Verdict]]:
+    """The surveyed lights as they are, for cameras that are in their frame."""
+    if not in_stage:
+        mend = "known lights do not show in images and cannot place cameras that have a frame of their own"
+        raise InputError(f"{capture}: calibration.cameras: expected known cameras in the stage's frame; {mend}")
+    lights = survey[["light", "x", "y", "z"]].assign(sigma_m=0.0, status="surveyed", highlights=0)
+    why = "known: taken from lights.csv as it is; nothing measured"
+    return lights.reindex(columns=TABLE_COLUMNS), [Verdict("light", name, "good", why) for name in lights.light]
+
+
+def check_units(capture: Path, facts: pd.DataFrame, survey: pd.DataFrame, ball_ratio: float, tolerance: float) -> None:
+    """Board, ball and survey must be in one unit, or a rigid alignment would hide that they are not.
+
+    Raises:
+        InputError: saying which is not, and the factor.
+    """
+    facts = facts[facts.x.notna()]
+    points = facts[["x", "y", "z"]].to_numpy(np.float64)
+    if not len(points):
+        return  # `align` says so
+    extent = np.median(np.linalg.norm(points - np.median(points, 0), axis=1))
+    clear = (facts.rival == 0) & (facts.sigma_m < CLEAR_SIGMA * extent)
+    surveyed = survey.set_index("light").loc[facts.index[clear], ["x", "y", "z"]].to_numpy(np.float64)
+    try:
+        scale, sigma = fit_scale(points[clear], surveyed)
+    except ValueError:
+        return  # too few lights to say; `align` says so
+    text = "size over the rig's: survey %.4f +- %.4f; the rig says %.4f times the ball's radius"
+    log.info(text, scale, sigma, ball_ratio)
+    sure = abs(np.log(scale)) > UNITS_SURE * sigma / scale
+    if wrong := unit_complaint(ball_ratio, scale if sure else 1.0, tolerance):
+        file, key, expected, found, mend = wrong
+        complaints = Complaints(capture)
+        complaints.add(file, key, expected=expected, found=found, mend=mend)
+        complaints.raise_if_any()
+
+
+def align(well: pd.DataFrame, survey: pd.DataFrame, capture: Path) -> Alignment:
+    """Stage from rig, by the lights that are measured well."""
+    surveyed = survey.set_index("light").loc[well.index, ["x", "y", "z"]].to_numpy(np.float64)
+    try:
+        return align_rigid(well[["x", "y", "z"]].to_numpy(np.float64), surveyed)
+    except ValueError as error:
+        raise InputError(f"{capture}: calibration.lights: {len(well)} lights are measured well: {error}") from error
+
+
+def check_frame(capture: Path, lights: pd.DataFrame, settings: CalibrateLights) -> None:
+    """Known cameras must be in the frame of the surveyed lights.
+
+    Raises:
+        InputError: if most lights are measured somewhere else.
+    """
+    away_m = float(np.median(lights.away_m[lights.status == "measured"]))
+    if away_m > settings.suspicious_distance_m:
+        found = f"lights measured {away_m:.2f} m from where the survey has them (median)"
+        mend = "write the cameras in the frame of lights.csv"
+        raise InputError(f"{capture}: calibration.cameras: expected the stage's frame, found {found}; {mend}")
+
+
+def summarize(lights: pd.DataFrame, table: pd.DataFrame, alignment: Alignment) -> None:
+    """Log how well it went in all."""
+    rms = np.sqrt((table[["residual_x", "residual_y"]].to_numpy(np.float64) ** 2).sum(1).mean())
+    measured = lights[lights.status == "measured"]
+    sigma, away = 1000 * measured.sigma_m, 1000 * measured.away_m.median()
+    log.info("%d highlights, RMS %.3f px", len(table), rms)
+    log.info("%d lights measured, +-%.1f mm per axis (worst %.1f)", len(measured), sigma.median(), sigma.max())
+    log.info("survey: +-%.1f mm per axis, %.1f mm from measured lights (median)", 1000 * alignment.sigma, away)
+
+
+def write(
+    out: Path, lights: pd.DataFrame, cameras: dict[str, Camera], residuals: pd.DataFrame, verdicts: list[Verdict]
+) -> None:
+    """All outputs of the stage."""
+    log_verdicts(log, verdicts)
+    write_table(out / "lights.parquet", lights[TABLE_COLUMNS])
+    write_table(out / "residuals_lights.parquet", residuals[RESIDUAL_COLUMNS])
+    write_table(out / "verdicts_lights.csv", verdict_table(verdicts))
+    write_cameras(out / "cameras.json", cameras)
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""Score avatars on the images that training never saw, and show the worst, the median and the best.
+
+In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
+pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
+stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet, ablations.csv (a row per
+variant: its scores on all held-out images, on new segments and on new light, and what it costs) and
+images/VARIANT_{worst,median,best}.png.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, write_table
+from pipeline.capture.images import write_png
+from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
+from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.metrics.comparison import side_by_side
+from pipeline.metrics.evaluation import (
+    COLOR_SPACE,
+    LIT,
+    METRICS,
+    REGION,
+    TABLES,
+    Render,
+    display_pair,
+    evaluate,
+    summarize,
+    worst_median_best,
+)
+from pipeline.metrics.lpips import open_lpips
+
+log = logging.getLogger("evaluate_avatar")
+
+TIMED_IMAGES = 9
+"""Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
+
+
+def run(
+    *,
+    atlas: Path,
+    shards: Path,
+    effects: Path,
+    avatars: tuple[Path, ...],
+    out: Path,
+    subject: str,
+    frames: tuple[Path, ...] = (),
+    settings: EvaluateAvatar = EvaluateAvatar(),
+) -> None:
+    """Score avatars on held-out images.
+
+    Args:
+        atlas: atlas.safetensors of unwrap_atlas.
+        shards: folder with test/ and frames/ of pack_shards.
+        effects: effects.json of plan_effects; what is on is logged beside the scores.
+        avatars: folders of train_avatar; each folder's name is the variant.
+        out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv and images/.
+        subject: name of the subject, for the table.
+        frames: folder of frame shards of each avatar, if they are not all lit as in SHARDS/frames.
+        settings: see the flags below.
+    """
+    variants = [folder.name for folder in avatars]
+    if len(set(variants)) < len(variants) or not variants:
+        raise InputError(
+            f"--avatars: expected folders of different names, found {variants}; a variant is its folder's name"
+        )
+    backbone = Path(settings.lpips_backbone) if settings.lpips_backbone else None
+    lpips, weights = open_lpips(settings.lpips_net, backbone)
+    if lpips is None:
+        log.warning("LPIPS stays empty: %s", weights)
+    frames = frames or (shards / "frames",) * len(avatars)
+    if len(frames) != len(avatars):
+        raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
+    images, lit = read_image_shards([shards / "test"]), {path: read_frame_shards([path]) for path in frames}
+    log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
+    protocol = {"color_space": COLOR_SPACE, "region": REGION, "lpips_net": settings.lpips_net, "lpips_weights": weights}
+
+    means, singles, ablations = [], [], []
+    if not settings.pictures:  # those of an earlier run would stand beside scores that are not theirs
+        shutil.rmtree(out / "images", ignore_errors=True)
+    for folder, path in zip(avatars, frames, strict=True):
+        render = load_avatar(folder, atlas).render
+        per_image = evaluate(render, images, lit[path], lpips)
+        names = {"subject": subject, "variant": folder.name}
+        means.append(summarize(per_image).assign(**names, **protocol))
+        singles.append(per_image.assign(**names, lpips_net=settings.lpips_net, lpips_weights=weights))
+        ablations.append(names | costs_of(folder, render, images, lit[path]) | scores_in_a_row(means[-1]))
+        log.info("%s: %s", folder.name, means[-1].iloc[0][["images", "psnr_db", "ssim", "lpips", "flip"]].to_dict())
+        if settings.pictures:
+            write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
+    write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
+    write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
+    write_table(out / "ablations.csv", pd.DataFrame(ablations))
+
+
+def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
+    """METRIC_LIT of all held-out images, for each metric and lighting; METRIC_SPLIT of `TABLES`."""
+    rows = means[means.split == "test"].set_index("lit")
+    scores = {f"{metric}_{lit}": rows.loc[lit, metric] for metric in METRICS for lit in LIT}
+    rows = means[means.lit == "all"].set_index("split")
+    return scores | {f"{metric}_{split}": rows.loc[split, metric] for split in TABLES for metric in METRICS}
+
+
+def costs_of(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
+    """Number of parameters, seconds of training, and milliseconds from a new pose and light to a picture (median)."""
+    config, taken = read_json(folder / "config.json"), []
+    for index in range(0, len(images), max(1, len(images) // TIMED_IMAGES)):
+        image = images[index]
+        frame = frames[image.frame]  # a record of its own each time: nothing of an earlier picture is used again
+        started = time.perf_counter()
+        render(frame, image)
+        taken.append(1e3 * (time.perf_counter() - started))
+    return {
+        "parameters": config["parameters"],
+        "training_seconds": config["seconds"],
+        "render_milliseconds": float(np.median(taken)) if taken else math.nan,
+    }
+
+
+def names_first(table: pd.DataFrame) -> pd.DataFrame:
+    """The same table, subject and variant leading."""
+    leading = ["subject", "variant"]
+    return table[leading + [column for column in table.columns if column not in leading]]
+
+
+def write_pictures(
+    folder: Path, variant: str, render: Render, per_image: pd.DataFrame, images: ImageShards, frames: FrameShards
+) -> None:
+    """Write VARIANT_worst.png, _median.png and _best.png by PSNR; nothing if no image has one."""
+    for name, row in worst_median_best(per_image).items():
+        image = images[int(row["index"])]
+        captured, rendered = display_pair(render, image, frames[image.frame])
+        lit = "fully lit" if image.fully_lit else "partially lit"
+        label = f"{variant}, {name}: {image.camera}, frame {image.frame}, {lit}, PSNR {row.psnr_db:.2f} dB"
+        write_png(folder / f"{variant}_{name}.png", side_by_side(captured, rendered, label))
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

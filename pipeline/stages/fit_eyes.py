@@ -1,0 +1,84 @@
+"""Tracked vertices of the eye parts and gaze in, two spheres per eye out: eyes.json.
+
+For each eye: where it is, how large eyeball and cornea are and where the cornea sits, in the frame of the template at
+rest, each with its standard deviation; and whether the template showed a cornea. See `pipeline.eyes.eye_fit`.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_arrays, read_table, write_json
+from pipeline.capture.head_data import head_motions
+from pipeline.config.fit_eyes import FitEyes
+from pipeline.eyes.eye_fit import fit_eye
+from pipeline.geometry.texels import read_atlas
+
+log = logging.getLogger("fit_eyes")
+
+
+def run(
+    *, index: Path, atlas: Path, tracking: tuple[Path, ...], out: Path, settings: FitEyes = FitEyes(),
+) -> None:  # fmt: skip
+    """Fit the eyes of a capture.
+
+    Args:
+        index: folder of index_capture, for eyes.parquet and gaze.parquet.
+        atlas: atlas.safetensors of unwrap_atlas, for the template at rest.
+        tracking: all chunks of track_mesh.
+        out: eyes.json.
+        settings: see the flags below.
+    """
+    eyes, gaze = read_table(index / "eyes.parquet"), read_table(index / "gaze.parquet")
+    if eyes.empty or gaze.empty:
+        missing = " and ".join(name for name, table in (("template.eyes", eyes), ("gaze", gaze)) if table.empty)
+        raise InputError(f"{index}: expected eyes and where they look, found no {missing}; set train_avatar.eyes: off")
+    rest = read_atlas(atlas).rest_vertices.astype(np.float64)
+    tracked = in_head(tracking)
+    known = gaze[~gaze.interpolated & gaze.frame.isin(tracked)]
+    frames = np.sort(known.frame.unique())
+    chosen = frames[np.linspace(0, len(frames) - 1, min(len(frames), settings.frames)).astype(np.int64)]
+    log.info("%d of %d frames with a declared gaze", len(chosen), len(frames))
+    found = {}
+    for name, rows in eyes.groupby("eye"):
+        vertices = np.sort(rows.vertex.to_numpy())
+        if vertices[-1] >= len(rest):
+            raise InputError(f"{index}/eyes.parquet: {name}: expected vertices of {atlas}, found {vertices[-1]}")
+        looks = directions_of(known[known.eye == name], chosen)
+        seen = np.stack([tracked[frame][vertices] for frame in looks]) if looks else np.zeros((0, len(vertices), 3))
+        towards = np.array(list(looks.values())).reshape(-1, 3)
+        eye = fit_eye(str(name), tuple(vertices.tolist()), rest[vertices], seen, towards, settings.cornea)
+        found[str(name)] = eye.as_json()
+    write_json(out, found)
+
+
+def in_head(tracking: tuple[Path, ...]) -> dict[int, np.ndarray]:
+    """Tracked vertices [V, 3] by frame in the head's frame, metres."""
+    found = {}
+    for path in tracking:
+        arrays = read_arrays(path)
+        motions = head_motions(arrays)
+        for frame, vertices in zip(arrays["frames"].tolist(), arrays["vertices"].astype(np.float64), strict=True):
+            found[frame] = vertices @ motions[frame][:, :3].T.astype(np.float64) + motions[frame][:, 3]
+    return found
+
+
+def directions_of(gaze: pd.DataFrame, frames: np.ndarray) -> dict[int, np.ndarray]:
+    """Unit directions [3] of one eye in those of the frames in which it has one."""
+    some = gaze[gaze.frame.isin(frames)].set_index("frame")[["x", "y", "z"]]
+    return {int(frame): direction for frame, direction in zip(some.index, some.to_numpy(np.float64), strict=True)}
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""Index a native capture: from `capture.yaml` and what it names to validated tables, with a digest of every file.
+
+The whole capture is checked first: every key, row and image (each is decoded). All that is wrong is said at once,
+before anything is written. Images stay where they are; the index says where, and the digest of what they hold, so that
+later stages rerun when content changes and only then. Format: `pipeline.capture.schema.capture_yaml`.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from pipeline.base.command import run_as_command
+from pipeline.base.files import write_json, write_table
+from pipeline.capture.index.validation import index_folder
+from pipeline.config.index_capture import IndexCapture
+
+log = logging.getLogger("index_capture")
+
+
+def run(*, capture: Path, out: Path, settings: IndexCapture = IndexCapture()) -> None:
+    """Validate a capture folder and write its index tables.
+
+    Args:
+        capture: the capture folder; capture.yaml lies at its root.
+        out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, eyes and gaze.parquet,
+            capture.json and calibration_cameras, calibration_lights and calibration_color.json.
+    """
+    index = index_folder(capture, settings.decode_threads)
+    for name, table in index.tables.items():
+        write_table(out / f"{name}.parquet", table)
+    for name, content in index.contents.items():
+        write_json(out / f"{name}.json", content)
+    log.info("%d images of %d cameras", len(index.tables["images"]), len(index.tables["cameras"]))
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

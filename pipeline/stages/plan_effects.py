@@ -1,0 +1,159 @@
+"""Cheap measurements on this capture -> which effects to simulate, each with the number it was decided on.
+
+Reads the tracked meshes, the booked light patterns, the calibrations and a few training images; writes effects.json:
+{effect: {"on", "mode", "evidence", "threshold", "why", "cost"}}. An effect whose mode is `auto` is on if its evidence
+exceeds its threshold (`pipeline.config.plan_effects` derives them); what is off costs nothing downstream, and "cost"
+says how much that spares: jobs, channels, parameters and estimated seconds of training.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.avatar.pose import texel_spacing
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, read_table, write_json
+from pipeline.base.seeds import generator_for
+from pipeline.config.effects import EFFECTS
+from pipeline.config.plan_effects import PlanEffects
+from pipeline.effects.appearance_evidence import (
+    Evidence,
+    choose_images,
+    deferred_evidence,
+    specular_evidence,
+    transport_evidence,
+)
+from pipeline.effects.appearance_fits import explain_colors
+from pipeline.effects.effect_costs import effect_cost
+from pipeline.effects.scene_evidence import (
+    articulation_evidence,
+    color_evidence,
+    distortion_evidence,
+    near_field_evidence,
+    read_colors,
+    shadow_evidence,
+)
+from pipeline.effects.seen_texels import observe_texels
+from pipeline.effects.texel_light import light_texels
+from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.geometry.texels import Atlas, read_atlas, texel_frames
+from pipeline.geometry.tracked import read_tracked
+from pipeline.lighting.frame_lights import FrameLights, read_frame_lights
+
+log = logging.getLogger("plan_effects")
+
+THRESHOLDS = {
+    "shadow": "shadow_percent", "near_field": "near_field_percent", "articulation": "articulation_degrees",
+    "specular": "specular_db", "deferred": "deferred_db", "learned_transport": "learned_transport_db",
+    "lens_distortion": "lens_distortion_px", "color_correction": "color_correction_percent",
+}  # fmt: skip
+"""The setting that each effect's evidence is compared with; declared eyes need none."""
+
+
+def run(
+    *, capture: Path, index: Path, atlas: Path, tracking: tuple[Path, ...], patterns: Path, booked: Path, lights: Path,
+    cameras: Path, color: Path, out: Path,
+    settings: PlanEffects = PlanEffects(),
+) -> None:  # fmt: skip
+    """Measure which effects this capture calls for.
+
+    Args:
+        capture: folder of the capture, for some of its training images.
+        index: folder written by index_capture.
+        atlas: atlas.safetensors of unwrap_atlas.
+        tracking: all chunks of track_mesh.
+        patterns: patterns.parquet of book_patterns.
+        booked: frames.parquet of book_patterns.
+        lights: calibration/lights.parquet.
+        cameras: calibration/cameras.json, at sensor resolution.
+        color: calibration/color.json.
+        out: effects.json.
+        settings: numbers and modes.
+    """
+    described, texels = read_json(index / "capture.json"), read_atlas(atlas)
+    if not tracking:
+        raise InputError("--tracking: expected at least one chunk, found none; run track_mesh first")
+    chunks = [read_tracked(path, len(texels.rest_vertices)) for path in tracking]
+    lit = read_frame_lights(lights, patterns)
+    posed = {int(f): v for chunk in chunks for f, v in zip(chunk.frames, chunk.vertices, strict=True) if int(f) in lit}
+    random = generator_for(described["subject"], "plan_effects")
+    chosen = np.sort(random.permutation(sorted(posed))[: settings.frames])
+    sample = [(posed[f], lit[f].positions) for f in chosen.tolist()]
+    found = read_cameras(cameras)
+    downsample = float(described["images"]["downsample_from_sensor"])
+    # Eyes turn with the gaze: without one they are part of the mesh like everything else.
+    eyes = read_table(index / "gaze.parquet").eye.nunique()
+    evidence = {
+        "shadow": shadow_evidence(texels, sample, settings.local_radius_percent, settings.rays, random),
+        "near_field": near_field_evidence(texels, sample, settings.rays, random),
+        "articulation": articulation_evidence(chunks, texels),
+        "eyes": Evidence(float(eyes), f"the capture declares {eyes or 'no'} eyes and their gaze"),
+        "lens_distortion": distortion_evidence(found, downsample),
+        "color_correction": color_evidence(color),
+    }
+    images = choose_images(
+        read_table(index / "images.parquet"), read_table(booked), set(posed), settings.fully_lit_frames,
+        settings.partially_lit_frames, settings.views,
+    )  # fmt: skip
+    small = {name: camera.downsampled(downsample) for name, camera in found.items()}
+    evidence |= appearance_evidence(
+        capture, images, described["images"], small, read_colors(color), texels, posed, lit, settings, random
+    )
+    effects = {
+        name: {
+            **decide(getattr(settings, name), evidence[name], getattr(settings, THRESHOLDS.get(name, ""), 0.0)),
+            "cost": effect_cost(name, texels.texel_count, len(tracking)),
+        }
+        for name in EFFECTS
+    }
+    for name, effect in effects.items():
+        log.info("%s %s: %s", name, "on" if effect["on"] else "off", effect["why"])
+    write_json(out, effects)
+
+
+def decide(mode: str, evidence: Evidence, threshold: float) -> dict[str, object]:
+    """One entry of effects.json."""
+    exceeds = evidence.value > threshold
+    on = exceeds if mode == "auto" else mode == "on"
+    compared = f"{evidence.text}: {'more than' if exceeds else 'within'} the threshold of {threshold:g}"
+    why = compared if mode == "auto" else f"forced {mode}; {compared}"
+    return {"on": on, "mode": mode, "evidence": evidence.value, "threshold": threshold, "why": why}
+
+
+def appearance_evidence(
+    capture: Path, images: pd.DataFrame, facts: dict, cameras: dict[str, Camera], colors: dict[str, np.ndarray],
+    atlas: Atlas, posed: dict[int, np.ndarray], lit: dict[int, FrameLights], settings: PlanEffects,
+    random: np.random.Generator,
+) -> dict[str, Evidence]:  # fmt: skip
+    """What training images say of gloss and transport; nothing, if no texel is seen well in any."""
+    some = np.sort(random.permutation(atlas.texel_count)[: settings.texels])
+    seen = observe_texels(capture, images, facts, cameras, colors, atlas, some, posed)
+    if not len(seen.point):
+        nothing = Evidence(0.0, "no training image shows a texel well")
+        return dict.fromkeys(("specular", "deferred", "learned_transport"), nothing)
+    lights = [lit[int(frame)] for frame in seen.frames]
+    light = [
+        light_texels(atlas, posed[int(frame)], some, normals, lamps, settings.bounce_rays)
+        for frame, normals, lamps in zip(seen.frames, seen.normals, lights, strict=True)
+    ]
+    found = explain_colors(seen, lights, light, texel_frames(atlas, atlas.rest_vertices.astype(np.float64))[0])
+    spacing = texel_spacing(atlas).numpy().astype(np.float64).mean(1)
+    return {
+        "specular": specular_evidence(found),
+        "deferred": deferred_evidence(found, seen, atlas, spacing),
+        "learned_transport": transport_evidence(found),
+    }
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

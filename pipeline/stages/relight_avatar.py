@@ -1,0 +1,162 @@
+"""Show an avatar in new light: what drives it, a camera path, and an environment map or point lights.
+
+In: an avatar; tracked chunks, or of a head also latent codes, and gaze (see
+`pipeline.avatar.relighting.driving_sequence`); and one light: a panorama (.hdr, .exr), which may turn, or a list of
+point lights (.csv, .json), which may move. Out, in one folder: film.mp4, stills/{picture}.png and .exr,
+splats/{picture}.ply (standard 3DGS files, without view-dependent parts), pictures.parquet, which says what each picture
+shows, and of a head codes.csv: its latent codes, to be edited and given back as --codes.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.avatar.relighting.driving_sequence import Drives, read_poses
+from pipeline.avatar.relighting.driving_tables import code_table
+from pipeline.avatar.relighting.film import Relighter, view_independent_color
+from pipeline.avatar.relighting.light_sources import ListedLights, TurningSky
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.base.color import srgb_from_linear
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError, listed
+from pipeline.base.files import write_table, written_whole
+from pipeline.base.progress import progress
+from pipeline.capture.images import write_exr, write_png
+from pipeline.capture.video import write_video
+from pipeline.config.relight_avatar import RelightAvatar
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.geometry.camera_paths import orbit, through_cameras, through_keyframes
+from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.lighting.environment import read_environment
+from pipeline.lighting.light_lists import read_light_list
+from pipeline.rendering.splat_ply import Splats, write_splats
+
+log = logging.getLogger("relight_avatar")
+
+
+def run(
+    *,
+    atlas: Path,
+    avatar: Path,
+    out: Path,
+    tracking: tuple[Path, ...] = (),
+    textures: tuple[Path, ...] = (),
+    index: Path | None = None,
+    environment: Path | None = None,
+    lights: Path | None = None,
+    cameras: Path | None = None,
+    keyframes: Path | None = None,
+    settings: RelightAvatar = RelightAvatar(),
+) -> None:
+    """Render an avatar under new light.
+
+    Args:
+        atlas: atlas.safetensors of unwrap_atlas.
+        avatar: folder of train_avatar.
+        out: folder for film, stills and splats.
+        tracking: chunks of track_mesh, in order.
+        textures: of the same chunks, by bake_textures, for heads; without, those of an average frame are taken.
+        index: folder of index_capture, for --segment and for the gaze that was captured; without, eyes look as tracked.
+        environment: panorama that lights the avatar.
+        lights: point lights instead: columns light, x, y, z [m], r, g, b and, if they move, picture.
+        cameras: calibration/cameras.json, for --camera-names.
+        keyframes: camera path as JSON: {"keyframes": [{picture, eye, target, fov_y_degrees}, ...]}.
+        settings: see the flags below.
+    """
+    if (environment is None) == (lights is None):
+        raise InputError("expected either --environment or --lights, found both or neither; name one light")
+    relighter = Relighter(load_avatar(avatar, atlas), TraceIrradiance(samples=settings.shadow_samples))
+    drives = Drives(relighter, read_poses(relighter, tracking, textures, index, settings), settings)
+    path, codes = camera_path(drives, cameras, keyframes, settings), []
+    if environment is None:
+        light = ListedLights(relighter, read_light_list(lights))
+    else:
+        light = TurningSky(relighter, read_environment(environment), settings, drives.pictures)
+
+    def show() -> Iterator[np.ndarray]:
+        driven, lit = None, {}
+        for picture in progress(range(drives.pictures), "pictures"):
+            driver = drives.at(picture)
+            codes.append(driver.code)
+            if driver is not driven or not light.still:
+                driven, lit = driver, light.frame(driver, picture)
+            if settings.splats == "all" or (settings.splats == "first" and picture == 0):
+                write_splats(folder / f"splats/{picture:06d}.ply", splats_of(lit, settings.exposure))
+            rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(lit, path[picture]))
+            yield write_stills(folder / "stills", picture, rgb, alpha, light.behind(path[picture], picture), settings)
+
+    with written_whole(out) as folder:
+        folder.mkdir()
+        write_video(folder / "film.mp4", show(), settings.fps)
+        write_table(folder / "pictures.parquet", picture_table(drives, path))
+        if relighter.avatar.spec.head:
+            write_table(folder / "codes.csv", code_table(np.stack(codes)))
+    log.info("%d pictures of %d tracked frames in %s", drives.pictures, len(drives.frames), out)
+
+
+def camera_path(drives: Drives, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar) -> list[Camera]:
+    """One camera per picture: through keyframes, through calibrated cameras, or around the subject.
+
+    Raises:
+        InputError: for two paths at once, unknown cameras, or a centre that is no point.
+    """
+    if keyframes is not None and settings.camera_names:
+        raise InputError("expected either --keyframes or --camera-names, found both; name one path")
+    if keyframes is not None:
+        return through_keyframes(keyframes, settings.width, settings.height, drives.pictures)
+    if settings.camera_names:
+        known = read_cameras(cameras) if cameras is not None else {}
+        unknown = [name for name in settings.camera_names if name not in known]
+        if unknown:
+            raise InputError(f"--camera-names: expected cameras of {cameras}: {listed(known)}; found {listed(unknown)}")
+        return through_cameras([known[name] for name in settings.camera_names], settings.height, drives.pictures)
+    if len(settings.orbit_center) not in (0, 3):
+        raise InputError(f"--orbit-center: expected three numbers, found {settings.orbit_center}")
+    center = np.array(settings.orbit_center, np.float64) if settings.orbit_center else drives.middle()
+    return orbit(
+        center, settings.orbit_radius, settings.orbit_rise, settings.orbit_turns, settings.fov_y_degrees,
+        settings.width, settings.height, drives.pictures,
+    )  # fmt: skip
+
+
+def write_stills(
+    folder: Path, picture: int, rgb: np.ndarray, alpha: np.ndarray, behind: np.ndarray, settings: RelightAvatar
+) -> np.ndarray:
+    """Write what `stills` asks for; returns the picture as it is shown, in sRGB of 8 bits."""
+    if settings.stills in ("exr", "both"):
+        planes = [*np.moveaxis(rgb, 2, 0), alpha]
+        write_exr(folder / f"{picture:06d}.exr", dict(zip("RGBA", planes, strict=True)))
+    shown = settings.exposure * (rgb + (1 - alpha)[..., None] * behind)
+    shown = np.round(np.clip(srgb_from_linear(shown), 0, 1) * 255).astype(np.uint8)
+    if settings.stills in ("png", "both"):
+        write_png(folder / f"{picture:06d}.png", shown)
+    return shown
+
+
+def splats_of(frame: dict, exposure: float) -> Splats:
+    """The frame's Gaussians with the colour that all sides share."""
+    rgb = exposure * view_independent_color(frame)
+    names = ("opacities", "scales", "quaternions")
+    return Splats(frame["means"], frame["normals"], rgb, *(frame[name] for name in names))
+
+
+def picture_table(drives: Drives, path: list[Camera]) -> pd.DataFrame:
+    """Picture, its tracked frame if there are any, and the camera's centre in metres."""
+    shown = [drives.pose_of(picture) for picture in range(drives.pictures)]
+    frames = {"frame": drives.frames[shown]} if len(drives.frames) else {}
+    centers = np.stack([camera.center for camera in path])
+    return pd.DataFrame({"picture": np.arange(len(path)), **frames, **dict(zip("xyz", centers.T, strict=True))})
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

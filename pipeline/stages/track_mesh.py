@@ -1,0 +1,177 @@
+"""Keypoints and masks in, posed template vertices of every frame out.
+
+Reads the index tables, calibrated cameras and the template; writes `out`/{chunk:04d}.safetensors (frames, vertices,
+joint_rotations, root_rotation, root_translation; offsets: of vertices before skinning, metres, already in `vertices`;
+keypoints and keypoint_sigma_m: triangulated) and a .parquet of the same name with one row per frame: status
+("refined" by the images of a fully lit frame; "carried": a frame between such, with their corrections and its own
+keypoints; "tracked" without images; "interpolated" where too few keypoints were seen), rms_px, inliers, ... A rigged
+template is posed by a robust least-squares fit of all frames of the chunk together (`pipeline.tracking.mesh_tracker`);
+an unrigged one (a head) moves by a root transform and smooth offsets (`pipeline.tracking.surface_tracker`), without
+comparing images. Lit or not, every frame is tracked. Held-out cameras take no part unless `use_test_cameras` says so.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, read_table, write_arrays, write_table
+from pipeline.config.track_mesh import TrackMesh
+from pipeline.geometry.signed_distance import View, silhouette_overlap
+from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.surface_points import spread_vertices
+from pipeline.lighting.frame_lights import read_frame_lights
+from pipeline.tracking.color_views import read_color_views
+from pipeline.tracking.cues import Rounds, vertices_of
+from pipeline.tracking.keypoint_targets import read_keypoint_targets
+from pipeline.tracking.mask_interpolation import interpolated_views
+from pipeline.tracking.mesh_tracker import Tracking, track
+from pipeline.tracking.motion_prior import MotionPrior
+from pipeline.tracking.photometric_refinement import fully_lit_frames, image_refinement
+from pipeline.tracking.silhouette_cue import OutlineCue
+from pipeline.tracking.surface_tracker import DeformationPrior, track_surface
+from pipeline.tracking.tracking_inputs import image_cameras, keypoint_observations, mask_views
+from pipeline.tracking.vertex_offsets import carrying_matrices
+
+LOG = logging.getLogger("track_mesh")
+
+TRACKER_SETTINGS = {"inlier_px", "min_keypoints", "max_iterations"}
+"""The settings that `track` takes; the others concern what it is given."""
+
+
+def run(
+    *, capture: Path, index: Path, cameras: Path, chunk: int, out: Path, chunk_size: int = 64,
+    patterns: Path | None = None, lights: Path | None = None, settings: TrackMesh = TrackMesh(),
+) -> None:  # fmt: skip
+    """Pose the template in every frame of one chunk, from 2D keypoints, masks and fully lit images.
+
+    Args:
+        capture: the capture folder, to which the index's paths are relative.
+        index: folder of index tables that index_capture wrote.
+        cameras: cameras.json at sensor resolution, in the stage frame.
+        chunk: which chunk of sorted frames: [chunk * chunk_size, (chunk + 1) * chunk_size).
+        out: folder for {chunk:04d}.safetensors and {chunk:04d}.parquet.
+        chunk_size: frames per chunk.
+        patterns: patterns.parquet of book_patterns: which frames are fully lit; without it, images are not compared.
+        lights: lights.parquet of calibrate_lights; needed with `patterns`.
+        settings: numbers and modes.
+    """
+    tracker_settings = settings.model_dump(include=TRACKER_SETTINGS)
+    content = read_json(index / "capture.json")
+    frames = read_table(index / "frames.parquet").sort_values("frame", ignore_index=True)
+    first, last = chunk * chunk_size, min((chunk + 1) * chunk_size, len(frames))
+    if not 0 <= first < last:
+        raise InputError(f"chunk: expected 0 to {(len(frames) - 1) // chunk_size}, found {chunk}; {len(frames)} frames")
+    start = max(first - settings.context_frames, 0)
+    with_context = frames.iloc[start : last + settings.context_frames]
+    template = read_template(capture / content["template"]["mesh"], float(content["template"]["scale_to_m"]))
+    if content["template"].get("keypoints") is None:
+        raise InputError("capture.yaml: template.keypoints: expected a csv of keypoints on the template, found none")
+    targets = read_keypoint_targets(capture / content["template"]["keypoints"], template)
+    images = read_table(index / "images.parquet")
+    used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), settings.use_test_cameras)
+    frame_numbers = with_context.frame.to_numpy(np.int64)
+    observations = keypoint_observations(read_table(index / "keypoints_2d.parquet"), used, frame_numbers, targets)
+    views = []
+    if settings.outline_rounds:
+        views = mask_views(capture, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
+    chosen = spread_vertices(template.vertices_rest, settings.outline_vertices)
+    outlines = [OutlineCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
+    times_s, takes = with_context.timestamp_s.to_numpy(np.float64), pd.factorize(with_context.segment)[0]
+    between = []
+    if settings.mask_gap_frames:
+        between = interpolated_views(views, times_s, takes.astype(np.int64), settings.mask_gap_frames)
+    if any(view.usable.any() for view in between):
+        outlines.append(OutlineCue(between, template.faces, chosen, settings.interpolated_sigma_px))
+    refinement = None
+    if settings.image_rounds and template.rigged and patterns is not None and lights is not None:
+        lit = fully_lit_frames(patterns, frame_numbers, settings.image_frames)
+        colors = read_color_views(
+            capture, images, used, frame_numbers, lit, settings.image_cameras, settings.image_size_px,
+            content["images"]["transfer"], float(content["images"]["black_level"]),
+        )  # fmt: skip
+        refinement = image_refinement(
+            template, colors, read_frame_lights(lights, patterns), frame_numbers, lit, outlines,
+            rounds=settings.image_rounds, points=settings.image_points, redundancy=settings.image_redundancy,
+            offset_m=settings.offset_m,
+        )  # fmt: skip
+    prior = MotionPrior(
+        times_s, settings.rotation_acceleration, settings.translation_acceleration, settings.rest_rotation,
+        takes=takes.astype(np.int64),
+    )  # fmt: skip
+    schedule = [Rounds("outlines", outlines, settings.outline_rounds)] if outlines else []
+    if template.rigged:
+        tracking = track(template, targets, observations, prior, schedule, refinement, **tracker_settings)
+    else:
+        deformation = DeformationPrior(
+            settings.deformation_modes, settings.deformation_m, settings.deformation_length_m,
+            settings.deformation_time_s, settings.deformation_still_m,
+        )  # fmt: skip
+        tracking = track_surface(template, deformation, targets, observations, prior, schedule, **tracker_settings)
+    LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)
+    LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
+    kept = slice(first - start, last - start)
+    _write(out, chunk, frame_numbers, kept, template, tracking, views, between, settings.inlier_px)
+
+
+def _write(
+    out: Path, chunk: int, frames: np.ndarray, kept: slice, template: Template, tracking: Tracking, views: list[View],
+    between: list[View], inlier_px: float,
+) -> None:  # fmt: skip
+    pose, every = tracking.pose.at(kept), np.arange(len(frames))[kept]
+    vertices = vertices_of(template, pose)
+    vertices = vertices + np.einsum(
+        "fvab,fvb->fva", carrying_matrices(template, pose), tracking.offsets[kept], optimize=True
+    )
+    residual = tracking.residual_px[:, kept]
+    inlier = residual < inlier_px
+    count = inlier.sum((0, 2))
+    rms = np.sqrt((np.where(inlier, residual, 0.0) ** 2).sum((0, 2)) / np.maximum(count, 1))
+    table = pd.DataFrame(
+        {
+            "frame": frames[kept],
+            "status": tracking.status[kept],
+            "rms_px": np.where(count > 0, rms, np.nan),
+            "inliers": count,
+            "observations": np.isfinite(residual).sum((0, 2)),
+            "keypoints": np.isfinite(tracking.keypoints_m[kept]).all(-1).sum(1),
+            "masks": np.sum([view.usable[kept] for view in views], axis=0) if views else 0,
+            "masks_interpolated": np.sum([view.usable[kept] for view in between], axis=0) if between else 0,
+            "silhouette_iou": silhouette_overlap([view.at(every) for view in views], vertices, template.faces),
+        }
+    )
+    interpolated = table.frame[table.status == "interpolated"].tolist()
+    if interpolated:
+        LOG.warning("%d frames had too few keypoints and were interpolated: %s", len(interpolated), interpolated)
+    unmasked = table.frame[table.masks == 0].tolist()
+    if views and unmasked:
+        LOG.warning("%d frames have no mask; carried poses stand in for outlines: %s", len(unmasked), unmasked)
+    for status, rows in table.groupby("status"):
+        LOG.info("%d frames %s", len(rows), status)
+    arrays = {
+        "frames": frames[kept], "vertices": vertices.astype(np.float32),
+        "joint_rotations": pose.joint_rotations.astype(np.float32),
+        "root_rotation": pose.root_rotation.astype(np.float32),
+        "root_translation": pose.root_translation.astype(np.float32),
+        "offsets": tracking.offsets[kept].astype(np.float32),
+        "keypoints": tracking.keypoints_m[kept].astype(np.float32),
+        "keypoint_sigma_m": tracking.keypoint_sigma_m[kept].astype(np.float32),
+    }  # fmt: skip
+    if not template.rigged:
+        del arrays["joint_rotations"]
+    write_arrays(out / f"{chunk:04d}.safetensors", arrays)
+    write_table(out / f"{chunk:04d}.parquet", table)
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

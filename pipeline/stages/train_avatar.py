@@ -1,0 +1,199 @@
+"""Training: shards in, an avatar out.
+
+Adam on the per-texel parameters and the shadow network of `pipeline.avatar.model`, against the training images of the
+shards (losses: RFGCA 17, 18, Appendix B). A checkpoint is written as it goes, and when a signal asks to stop; a run
+that was stopped continues from it to the same result, provided that settings, shards, atlas and plan are what they
+were. `torchrun --nproc_per_node N -m pipeline.stages.train_avatar ...` spreads the images of a step over N processes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import signal
+import time
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+import pandas as pd
+import torch
+
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import AvatarSpec, read_plan, spec_of
+from pipeline.avatar.training.checkpoint import save_avatar
+from pipeline.avatar.training.distributed import Processes, joined_processes
+from pipeline.avatar.training.training import BrokenStep, Position, Training
+from pipeline.avatar.training.training_images import Schedule, chosen_images
+from pipeline.avatar.training.training_log import Monitor
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import digest_file, write_table
+from pipeline.base.progress import progress
+from pipeline.base.seeds import seed_for
+from pipeline.base.stopping import Stopped, StopRequests
+from pipeline.capture.shards import ImageShards, read_frame_shards, read_image_shards
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.eyes.eye_fit import read_eyes
+from pipeline.geometry.texels import read_atlas
+
+log = logging.getLogger("train_avatar")
+
+CHECKPOINT, BROKEN = "checkpoint.safetensors", "broken.safetensors"
+"""States in the avatar's folder: from which a stopped training goes on; before a step that came to nothing."""
+
+WATCHED_BY = {"checkpoint_every", "log_every", "preview_every", "device"}
+"""Settings that change how a training is run and watched, but not where it goes: checkpoints stay valid."""
+
+
+def run(
+    *,
+    subject: str,
+    atlas: Path,
+    shards: Path,
+    effects: Path,
+    out: Path,
+    frames: Path | None = None,
+    fitted_eyes: Path | None = None,
+    settings: TrainAvatar = TrainAvatar(),
+) -> None:
+    """Train an avatar on the shards of a subject.
+
+    Args:
+        subject: name of the subject; seeds the order of the images.
+        atlas: atlas.safetensors of unwrap_atlas.
+        shards: folder with train/*.arrow and frames/*.arrow of pack_shards.
+        effects: effects.json of plan_effects: what is off there is not built, unless the settings insist.
+        out: folder of the avatar: avatar.safetensors, config.json, log.parquet, TensorBoard events, previews/, and
+            checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
+        frames: folder of frame shards with other irradiance maps than SHARDS/frames.
+        fitted_eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
+        settings: see the flags below.
+    """
+    with joined_processes(settings.device) as processes:
+        images = read_image_shards([shards / "train"])
+        if not len(images):
+            raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
+        texels = read_atlas(atlas)
+        frames = frames or shards / "frames"
+        records = read_frame_shards([frames]).items()
+        inputs = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
+        planned = read_plan(effects)
+        is_head = any(frame.record.head_from_world is not None for frame in inputs.values())
+        spec = spec_of(settings, planned, "head" if is_head else "body")
+        if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in inputs.values()):
+            raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
+        if spec.eyes and fitted_eyes is None:
+            raise InputError("--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off")
+        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow"), *[fitted_eyes] * spec.eyes]
+        fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
+
+        torch.manual_seed(seed_for(subject, "train_avatar"))
+        fitted = read_eyes(fitted_eyes) if spec.eyes else None
+        avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
+        lit = {number: frame.record for number, frame in inputs.items()}
+        chosen = chosen_images(images.table, lit, settings, subject)
+        if spec.head:
+            learn_expressions(avatar, [inputs[number] for number in sorted(set(images.table.frame.iloc[chosen]))])
+        work = f"{len(chosen)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
+        log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
+        training = Training(avatar, settings, processes, subject)
+        done = train(subject, training, images, chosen, inputs, out, fingerprint)
+        if processes.leads:
+            write_table(out / "log.parquet", pd.DataFrame(done.rows))
+            parameters = sum(parameter.numel() for parameter in avatar.parameters())
+            facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
+            facts |= {"seconds": round(done.seconds, 1), "texels": len(texels.face), "parameters": parameters}
+            save_avatar(out, avatar, facts)
+            for name in (CHECKPOINT, BROKEN):
+                (out / name).unlink(missing_ok=True)
+            log.info("%d steps in %.0f s, photometric %.4f", done.step, done.seconds, done.rows[-1]["photometric"])
+
+
+def learn_expressions(avatar: Avatar, frames: list[FrameInputs]) -> None:
+    """What the encoder of a head knows of the training frames before the first step."""
+    textures = [frame.record.texture for frame in frames if frame.record.texture is not None]
+    avatar.networks.expression.learn_statistics([avatar.networks.tracked(frame) for frame in frames], textures)
+
+
+def train(
+    subject: str, training: Training, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs],
+    out: Path, fingerprint: str,
+) -> Position:  # fmt: skip
+    """All steps that are left after the checkpoint, if there is one, on the chosen images.
+
+    Raises:
+        InputError: if a number is not finite, with the step, its images, what is not, and a state to look at.
+        Stopped: after a signal, once the step under way is finished and the checkpoint written.
+    """
+    settings, processes = training.settings, training.processes
+    at = training.restore(out / CHECKPOINT, fingerprint)
+    require_same_start(at.step, processes)
+    if (out / CHECKPOINT).exists():
+        log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
+    schedule = Schedule(subject, images.table.frame.iloc[chosen].tolist(), settings.cameras_per_step)
+    steps, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
+    with StopRequests() as stop, monitor_of(out, images, chosen, frames, training, at) as monitor:
+        for step in progress(steps, "train_avatar") if processes.leads else steps:
+            batch = [chosen[i] for i in schedule[step]]
+            mine, frame = [images[i] for i in processes.share(batch)], frames[int(images.table.frame[batch[0]])]
+            try:
+                values, stopping = training.take_step(step, frame, mine, len(batch), bool(stop.received))
+            except BrokenStep as error:
+                write_state(training, out / BROKEN, at, fingerprint)
+                names = ", ".join(f"{row.camera}/{row.frame}" for row in images.table.iloc[batch].itertuples())
+                raise InputError(f"step {step}, {names}: {error}; before it: {out / BROKEN}") from error
+            at.step, at.seconds = step + 1, before + time.monotonic() - started
+            if monitor:
+                monitor.see(step, at, values, training.avatar)
+            if at.step < settings.steps and (stopping or at.step % settings.checkpoint_every == 0):
+                write_state(training, out / CHECKPOINT, at, fingerprint)
+                if stopping:
+                    done = f"stopped after {at.step} of {settings.steps} steps; the same command goes on from there"
+                    raise Stopped(done, stop.received or signal.SIGTERM)
+    return at
+
+
+def require_same_start(step: int, processes: Processes) -> None:
+    """Raises:
+    InputError: if the processes do not all go on from the same step, for want of a common folder.
+    """
+    steps = torch.tensor([step * (rank == processes.rank) for rank in range(processes.count)], device=processes.device)
+    processes.sum_in_place(steps)
+    if len(set(steps.tolist())) > 1:
+        raise InputError(
+            f"{CHECKPOINT}: expected the same for all processes, found steps {steps.tolist()}; share --out"
+        )
+
+
+def monitor_of(
+    out: Path, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], training: Training, at: Position
+) -> AbstractContextManager[Monitor | None]:
+    """The leader's view of the training: of the middle one of its images, a fully lit one if there is any."""
+    if not training.processes.leads:
+        return nullcontext()
+    shown = [i for i in chosen if images.table.fully_lit.iloc[i]] or chosen
+    image = images[shown[len(shown) // 2]]
+    return Monitor(out, image, frames[image.frame], training.settings, at.step)
+
+
+def write_state(training: Training, path: Path, at: Position, fingerprint: str) -> None:
+    """The leader writes; all go on once it has, so that none ends, and has the others ended, before."""
+    if training.processes.leads:
+        training.save(path, at, fingerprint)
+    training.processes.wait()
+
+
+def fingerprint_of(settings: TrainAvatar, spec: AvatarSpec, inputs: list[Path]) -> str:
+    """What a checkpoint belongs to: what settings make of the result, what is built, and the content of all inputs."""
+    parts = [settings.model_dump_json(exclude=WATCHED_BY), str(spec), *(digest_file(path) for path in inputs)]
+    return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""One page to judge a result by: scores, pictures, what it was made from, what it cost, where it comes from.
+
+Everything is inside the one file, which loads nothing and may be sent to anyone. Parts whose inputs are not there are
+named as missing, with the command that makes them.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.config.write_report import WriteReport
+from pipeline.report import costs, project, recording, scores
+from pipeline.report.part import Part, write_parts
+from pipeline.report.pictures import Pictures
+from pipeline.report.provenance import provenance
+from pipeline.report.results import Found
+
+log = logging.getLogger("write_report")
+
+PARTS: list[Callable[[Found], Part]] = [
+    scores.headline, scores.pictures, recording.relit, scores.ablations, recording.effects, project.effects_comparison,
+    recording.calibration, recording.patterns, recording.tracking, recording.atlas, costs.accuracy_cost,
+    project.cost_growth, costs.hard_cases, costs.stages, provenance,
+]  # fmt: skip
+"""In the order of the page: the result first, then what it rests on."""
+
+FIRST_LIMIT, LAST_LIMIT = 600_000, 2_000
+"""Bytes of one picture. The limit is halved until the page is small enough; below the last, pictures show nothing."""
+
+
+def run(
+    *, results: Path, project_results: Path, out: Path, subject_settings: str = "{}",
+    settings: WriteReport = WriteReport(),
+) -> None:  # fmt: skip
+    """Write the report of one subject.
+
+    Args:
+        results: the subject's results, results/SUBJECT, up to metrics.csv; what else there is, is shown.
+        project_results: folder of what belongs to no subject: hard_cases.csv, effects_comparison.csv, growth/; what is
+            not there is named as missing.
+        out: HTML file to write.
+        subject_settings: JSON, what differs from the defaults in the subject's settings, for the page.
+    """
+    changed = read_changes(subject_settings)
+    limit = FIRST_LIMIT
+    while True:
+        found = Found(results, project_results, changed, settings, Pictures(limit))
+        parts = [part(found) for part in PARTS]
+        size_mb = sum(len(part.html) for part in parts) / 1e6
+        if size_mb <= settings.page_mb:
+            break
+        limit //= 2
+        log.info("%.1f MB are too many: pictures of at most %d bytes", size_mb, limit)
+        if limit < LAST_LIMIT:
+            raise InputError(f"--page-mb: expected room for the text and small pictures, found {settings.page_mb}")
+    for part in parts:
+        if part.missing:
+            log.info("%s: missing: %s", part.title, part.missing)
+    write_parts(out, f"{found.subject}: from capture to avatar", subtitle(found), parts)
+    log.info("%s: %.1f MB", out.name, out.stat().st_size / 1e6)
+
+
+def read_changes(text: str) -> dict:
+    """Raises:
+    InputError: if the text is no JSON object.
+    """
+    try:
+        changed = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"--subject-settings: expected JSON, found: {error}") from error
+    if not isinstance(changed, dict):
+        raise InputError(f"--subject-settings: expected {{stage: {{setting: value}}}}, found {text}")
+    return changed
+
+
+def subtitle(found: Found) -> str:
+    """What was recorded, in one line."""
+    cameras, frames = found.table("index/cameras.parquet"), found.table("index/frames.parquet")
+    lights = found.table("index/lights.parquet")
+    sizes = " and ".join(sorted({f"{row.width} × {row.height}" for row in cameras.itertuples()}))
+    return f"{len(cameras)} cameras of {sizes} pixels, {len(frames)} frames, {len(lights)} lights"
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

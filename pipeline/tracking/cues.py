@@ -1,0 +1,75 @@
+"""What images say about points of a posed surface, beside keypoints: outlines, colours."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from pipeline.geometry.kinematics import Pose, TrackedPoints
+from pipeline.geometry.skin import Template, posed
+from pipeline.geometry.surface_points import SurfacePoints
+from pipeline.tracking.motion_prior import MotionPrior
+from pipeline.tracking.pose_solver import DataTerm, joined, solve_poses
+
+LOG = logging.getLogger(__name__)
+
+SETTLED_M = 1e-4
+"""Rounds end when vertices move less than this on average, a tenth of what a mask can tell."""
+
+STEPS_PER_ROUND = 4
+"""Gauss-Newton steps per round of cues; then what was drawn is out of date."""
+
+
+@runtime_checkable
+class Cue(Protocol):
+    """What images say about points of the surface, in all frames."""
+
+    @property
+    def points(self) -> SurfacePoints:
+        """The points."""
+
+    def at(self, frames: Int64[np.ndarray, " some"]) -> Cue:
+        """The cue of some of the frames."""
+
+    def around(self, vertices: Float64[np.ndarray, "frames vertices 3"]) -> DataTerm:
+        """The term of the points, linearised around a mesh."""
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """At most so many rounds of linearising cues and fitting them, with the keypoints kept."""
+
+    name: str
+    cues: Sequence[Cue]
+    most: int
+
+    def at(self, frames: Int64[np.ndarray, " some"]) -> Rounds:
+        """The same for some of the frames."""
+        return Rounds(self.name, [cue.at(frames) for cue in self.cues], self.most)
+
+
+def vertices_of(template: Template, pose: Pose) -> Float64[np.ndarray, "frames vertices 3"]:
+    """The posed template, world, metres."""
+    return posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
+
+
+def fit_cues(points: TrackedPoints, keypoints: DataTerm, rounds: Rounds, prior: MotionPrior, pose: Pose) -> Pose:
+    """Poses that fit keypoints (the term of `points`) and cues; cues are linearised anew in every round."""
+    counts = [len(points.parts), *(len(cue.points) for cue in rounds.cues)]
+    together = points
+    for cue in rounds.cues:
+        together = together.with_surface(cue.points)
+    for number in range(rounds.most):
+        before = vertices_of(points.template, pose)
+        term = joined([keypoints, *(cue.around(before) for cue in rounds.cues)], counts)
+        pose, _ = solve_poses(together, term, prior, pose, STEPS_PER_ROUND)
+        change = np.linalg.norm(vertices_of(points.template, pose) - before, axis=-1).mean()
+        LOG.info("%s, round %d: vertices moved %.2f mm on average", rounds.name, number + 1, 1e3 * change)
+        if change < SETTLED_M:
+            break
+    return pose

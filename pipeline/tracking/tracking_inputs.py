@@ -1,0 +1,103 @@
+"""What tracking reads: cameras at image resolution, keypoints without lens distortion, masks as outlines."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from pipeline.base.errors import InputError
+from pipeline.base.progress import progress
+from pipeline.capture.reduced_images import block_means, reduction
+from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.geometry.signed_distance import View, view_from_masks
+from pipeline.tracking.color_views import evenly
+from pipeline.tracking.keypoint_targets import KeypointTargets
+from pipeline.tracking.mesh_tracker import Observations
+
+LOG = logging.getLogger("track_mesh")
+
+
+def image_cameras(path: Path, images: pd.DataFrame, downsample: float, use_test_cameras: bool) -> dict[str, Camera]:
+    """Calibrated cameras at image resolution, sorted by name: those of the index, without the held-out ones.
+
+    Raises:
+        InputError: if one is not calibrated, or fewer than two are left.
+    """
+    calibrated = read_cameras(path)
+    wanted = images if use_test_cameras else images[~images.test_camera]
+    names = sorted(wanted.camera.unique())
+    missing = [name for name in names if name not in calibrated]
+    if missing:
+        raise InputError(f"{path}: cameras: expected every camera of the capture, found none for {', '.join(missing)}")
+    if len(names) < 2:
+        raise InputError(
+            f"index/images.parquet: expected at least 2 cameras for triangulation, found {len(names)} "
+            f"({'' if use_test_cameras else 'without held-out ones; '}add cameras, or hold fewer out)"
+        )
+    return {name: calibrated[name].downsampled(float(downsample)) for name in names}
+
+
+def keypoint_observations(
+    table: pd.DataFrame, cameras: dict[str, Camera], frames: np.ndarray, targets: KeypointTargets
+) -> Observations:
+    """A table of keypoints_2d in normalised coordinates, for some cameras and frames.
+
+    Raises:
+        InputError: if there are no keypoints, none that the template has, or several rows for one.
+    """
+    if table.empty:
+        raise InputError(
+            "keypoints_2d: expected keypoints, found none; run a 2D detector and name its table in capture.yaml"
+        )
+    known = table.keypoint.isin(targets.names)
+    if not known.any():
+        found = ", ".join(sorted(table.keypoint.unique())[:5])
+        raise InputError(f"keypoints_2d: keypoint: expected names of template.keypoints, found {found} ...")
+    if not known.all():
+        LOG.warning("%d keypoint rows name keypoints that template.keypoints does not map: left out", (~known).sum())
+    if table.duplicated(["frame", "camera", "keypoint"]).any():
+        raise InputError("keypoints_2d: expected one row per frame, camera and keypoint, found several; keep the best")
+    names = list(cameras)
+    table = table[known & table.camera.isin(names) & table.frame.isin(frames)]
+    rows = (
+        pd.Index(names).get_indexer(table.camera),
+        pd.Index(frames).get_indexer(table.frame),
+        pd.Index(targets.names).get_indexer(table.keypoint),
+    )
+    shape = (len(names), len(frames), len(targets.names))
+    normalised, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    confidence[rows] = np.nan_to_num(table.confidence.to_numpy(np.float64))
+    pixels = table[["x", "y"]].to_numpy(np.float64)
+    for number, camera in enumerate(cameras.values()):
+        mine = (rows[0] == number) & np.isfinite(pixels).all(1)
+        if mine.any():
+            normalised[number, rows[1][mine], rows[2][mine]] = camera.undistort(pixels[mine])
+    return Observations(list(cameras.values()), normalised, confidence)
+
+
+def mask_views(
+    capture: Path, images: pd.DataFrame, cameras: dict[str, Camera], frames: np.ndarray, most: int, size_px: int
+) -> list[View]:
+    """Masks as outlines to fit, from at most `most` cameras, reduced to `size_px`; empty if the capture has none."""
+    masked = images[images.mask_path.notna() & images.camera.isin(list(cameras)) & images.frame.isin(frames)]
+    names = evenly(sorted(masked.camera.unique()), most)
+    views = []
+    for name in progress(names, "read masks"):
+        factor = reduction(cameras[name], size_px)
+        camera = cameras[name].downsampled(float(factor))
+        rows = masked[masked.camera == name].set_index("frame").mask_path
+        views.append(view_from_masks(camera, [_mask(capture, rows.get(frame), camera, factor) for frame in frames]))
+    return views
+
+
+def _mask(capture: Path, path: str | None, camera: Camera, factor: int) -> np.ndarray | None:
+    if path is None:
+        return None
+    mask = cv2.imread(str(capture / path), cv2.IMREAD_GRAYSCALE)
+    if mask is None:
+        raise InputError(f"{capture / path}: expected an 8-bit mask, found no readable image")
+    return np.round(block_means(mask, factor, camera)).astype(np.uint8)

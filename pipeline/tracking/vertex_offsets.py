@@ -1,0 +1,116 @@
+"""What a posed template leaves behind: small smooth offsets of its vertices, frame by frame (cloth, cheeks, bellies).
+
+Offsets live in the template before skinning, so that they move along with it. They are the minimum of the cues'
+Gauss-Newton model and of a prior: a membrane (neighbouring offsets differ by a share of their distance) that is
+anchored (offsets are millimetres). Both are integrals over the surface, per `CORRELATION_M2`, so that a finer mesh is
+not held more tightly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float64, Int64
+from scipy.sparse.linalg import cg
+
+from pipeline.geometry.kinematics import Pose
+from pipeline.geometry.mesh import area_vectors, weld_vertices
+from pipeline.geometry.rotations import matrix_from_quaternion
+from pipeline.geometry.skin import Template, blended_transforms
+from pipeline.geometry.surface_points import SurfacePoints
+from pipeline.tracking.cues import Cue
+
+CORRELATION_M2 = 0.05**2
+"""Area over which an offset is one independent number: a fold of cloth."""
+
+STRETCH = 0.1
+"""Typical difference of two offsets over their distance: a tenth, as a belly or the edge of a loose sleeve has it."""
+
+ROUNDS = 3
+"""Rounds of linearising the cues: robust losses let go of an outline pixels away, and take it up again nearer."""
+
+SOLVED = 1e-3
+"""Relative residual at which conjugate gradients end: a hundredth of a millimetre of a centimetre."""
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """The prior's matrix, for one coordinate of the offsets of the welded vertices.
+
+    Attributes:
+        weld: unknown of each vertex: vertices in one place share it.
+        matrix: inverse covariance, 1 / m^2.
+    """
+
+    weld: Int64[np.ndarray, " vertices"]
+    matrix: scipy.sparse.csr_array
+
+
+def membrane(template: Template, typical_m: float) -> Membrane:
+    """The prior on offsets of about `typical_m`, on the rest mesh."""
+    lowest = weld_vertices(template.vertices_rest, template.faces)
+    _, weld = np.unique(lowest, return_inverse=True)
+    count = int(weld.max()) + 1
+    corner_area = np.repeat(np.linalg.norm(area_vectors(template.vertices_rest, template.faces), axis=1) / 3, 3)
+    start, end = template.faces.ravel(), np.roll(template.faces, -1, 1).ravel()
+    length = np.linalg.norm(template.vertices_rest[start] - template.vertices_rest[end], axis=1)
+    used = length > 0
+    spring = corner_area[used] / CORRELATION_M2 / (STRETCH * length[used]) ** 2
+    i, j = weld[start[used]], weld[end[used]]
+    springs = scipy.sparse.coo_array(
+        (np.concatenate([spring, spring, -spring, -spring]), (np.r_[i, j, i, j], np.r_[i, j, j, i])), (count, count)
+    )
+    area = np.bincount(weld[start], corner_area, count)
+    # A vertex without any area (of a degenerate face only) is held where it is.
+    anchor = np.maximum(area, area.mean()) / CORRELATION_M2 / typical_m**2
+    return Membrane(weld, (springs + scipy.sparse.diags_array(anchor)).tocsr())
+
+
+def carrying_matrices(template: Template, pose: Pose) -> Float64[np.ndarray, "frames vertices 3 3"]:
+    """How an offset before skinning moves a vertex in the world."""
+    root = matrix_from_quaternion(pose.root_rotation)
+    if not template.rigged:
+        return np.broadcast_to(root[:, None], (len(pose), len(template.vertices_rest), 3, 3))
+    return root[:, None] @ blended_transforms(template, pose.joint_rotations)[..., :3]
+
+
+def fit_offsets(
+    template: Template, vertices: Float64[np.ndarray, "frames vertices 3"],
+    carrying: Float64[np.ndarray, "frames vertices 3 3"], cues: Sequence[Cue], typical_m: float,
+) -> Float64[np.ndarray, "frames vertices 3"]:  # fmt: skip
+    """Offsets before skinning, metres, that bring posed `vertices` to what the cues of these frames say."""
+    prior = membrane(template, typical_m)
+    offsets = np.zeros((len(vertices), prior.matrix.shape[0], 3))
+    for _ in range(ROUNDS):
+        moved = vertices + np.einsum("fvab,fvb->fva", carrying, offsets[:, prior.weld], optimize=True)
+        terms = [(cue.points, cue.around(moved)(cue.points.carried(moved))) for cue in cues]
+        for frame in range(len(vertices)):
+            parts = [(points, q.gradient[frame], q.normal[frame]) for points, q in terms]
+            offsets[frame] += _step(prior, carrying[frame], parts, offsets[frame])
+    return offsets[:, prior.weld]
+
+
+def _step(
+    prior: Membrane,
+    carrying: np.ndarray,
+    parts: list[tuple[SurfacePoints, np.ndarray, np.ndarray]],
+    offsets: np.ndarray,
+) -> Float64[np.ndarray, "unknowns 3"]:
+    """Gauss-Newton step of one frame's offsets."""
+    count = 3 * len(offsets)
+    matrix = scipy.sparse.kron(prior.matrix, np.eye(3)).tocsr()
+    slope = (prior.matrix @ offsets).ravel()
+    for points, gradient, normal in parts:
+        # Rows: coordinates of the points; columns: offsets of their corners.
+        blocks = points.barycentric[..., None, None] * carrying[points.corners]
+        rows = np.broadcast_to(3 * np.arange(len(points))[:, None, None, None] + np.arange(3)[:, None], blocks.shape)
+        columns = np.broadcast_to(3 * prior.weld[points.corners][..., None, None] + np.arange(3), blocks.shape)
+        shape = (3 * len(points), count)
+        carried = scipy.sparse.coo_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape).tocsr()
+        matrix = matrix + carried.T @ scipy.sparse.block_diag(list(normal), "csr") @ carried
+        slope += carried.T @ gradient.ravel()
+    step, _ = cg(matrix, -slope, rtol=SOLVED, M=scipy.sparse.diags_array(1 / matrix.diagonal()))
+    return step.reshape(-1, 3)

@@ -1,0 +1,84 @@
+"""What processes that train together have to agree on; `tests/stages/test_train_processes.py` starts real ones."""
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.training.distributed import FlatGradients, Processes, choose_device
+from pipeline.avatar.training.training import Training, compute_loss
+from pipeline.base.errors import InputError
+from pipeline.config.train_avatar import TrainAvatar
+from tests.support.sheet import make_frame, make_image, make_sheet
+
+PARTS_RTOL = 100 * 2**-24
+"""Of the largest gradient of a parameter. One process adds the gradients of its pictures before they go back through
+the frame, several do it afterwards: each of the about 100 operations on the way rounds, by 2^-24, differently."""
+
+SETTINGS = TrainAvatar(steps=4, weight_offset=1.0, weight_normal=1.0)
+
+
+@pytest.fixture
+def scene():
+    atlas = make_sheet(8)
+    frame = make_frame(atlas, np.array([[0.5, 0.3, 1.5]]), np.array([[3.0, 3.0, 3.0]]))
+    images = [make_image(frame, np.array([0.7, 0.4, 0.2]), shift) for shift in (-0.2, 0.0, 0.2)]
+    torch.manual_seed(0)
+    avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec(True, True, 4, 2, 0.1))
+    with torch.no_grad():
+        for parameter in avatar.parameters():  # where the terms that look at no image have gradients as well
+            parameter += 1e-3 * torch.randn_like(parameter)
+    return avatar, FrameInputs(atlas, frame), images
+
+
+def gradients_of(avatar, inputs, images, processes):
+    gradients = FlatGradients(avatar)
+    terms = compute_loss(avatar, inputs, processes.share(images), SETTINGS, len(images), processes=processes)
+    sum(terms.values()).backward()
+    return gradients, sum(terms.values()).item()
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_parts_sum_to_what_one_process_computes(scene, count):
+    """Loss and gradients, also with more processes than images; no part is the whole."""
+    avatar, inputs, images = scene
+    whole, loss = gradients_of(avatar, inputs, images, Processes())
+    parts = [gradients_of(avatar, inputs, images, Processes(rank, count)) for rank in range(count)]
+    assert sum(part_loss for _, part_loss in parts) == pytest.approx(loss, rel=PARTS_RTOL)
+    for name, expected in whole.views.items():
+        found = sum(part.views[name] for part, _ in parts)
+        assert (found - expected).abs().max() <= PARTS_RTOL * expected.abs().max(), name
+        assert expected.abs().max() > 0, name
+        for part, _ in parts:
+            assert (part.views[name] - expected).abs().max() > 0.01 * expected.abs().max(), name
+
+
+def test_every_image_falls_to_one_process():
+    for count in (1, 2, 3, 7):
+        shares = [Processes(rank, count).share(range(5)) for rank in range(count)]
+        assert sorted(image for share in shares for image in share) == list(range(5))
+        assert max(map(len, shares)) - min(map(len, shares)) <= 1
+
+
+def test_a_parameter_that_is_not_used_stays_and_has_a_state(scene):
+    avatar, inputs, images = scene
+    avatar.unused = torch.nn.Parameter(torch.ones(3))
+    training = Training(avatar, SETTINGS)
+    training.take_step(0, inputs, images)
+    assert avatar.unused.tolist() == [1, 1, 1]
+    assert training.optimizer.state[avatar.unused]["exp_avg"].tolist() == [0, 0, 0]
+
+
+def test_no_gpu_is_said(monkeypatch):
+    assert choose_device("cpu") == torch.device("cpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    assert choose_device("auto", 0, 2) == torch.device("cpu")
+    with pytest.raises(InputError, match=r"device: cuda: expected a GPU for each process .* found 1 for 2"):
+        choose_device("cuda", 0, 2)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert choose_device("auto") == torch.device("cpu")
+    with pytest.raises(InputError, match="found 0 for 1"):
+        choose_device("cuda")

@@ -1,0 +1,129 @@
+"""Every term of the loss: its value where it can be said on paper, and a finite gradient where it could break."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.pose import FrameInputs, texel_spacing
+from pipeline.avatar.spec import spec_of
+from pipeline.avatar.training import losses
+from pipeline.base.errors import InputError
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.metrics.lpips import Lpips, build_features, linear_weights
+from tests.support.sheet import make_frame, make_sheet
+
+K = torch.tensor([[10.0, 0, 4], [0, 10.0, 4], [0, 0, 1]])
+
+
+def gradient(term, value):
+    (found,) = torch.autograd.grad(term, value)
+    assert torch.isfinite(found).all()
+    return found
+
+
+def test_alpha_sparsity_is_the_distance_to_0_or_1_away_from_the_edge():
+    mask = torch.zeros(8, 8)
+    mask[1:7, 1:7] = 1
+    alpha = mask.clone()
+    alpha[0, :] = 0.5  # touches the edge
+    alpha[3, 3], alpha[4, 4] = 0.7, 0.1
+    alpha.requires_grad_()
+    term = losses.alpha_sparsity(alpha, mask)
+    assert term.item() == pytest.approx((0.3 + 0.1) / 36)
+    slope = gradient(term, alpha)
+    assert slope[3, 3] == pytest.approx(-1 / 36) and slope[4, 4] == pytest.approx(1 / 36)
+    assert (slope[0] == 0).all()
+    assert losses.alpha_sparsity(torch.full((8, 8), 0.5), torch.zeros(8, 8)).isfinite()
+
+
+@pytest.mark.parametrize("degrees", [0.0, 60.0, 90.0, 120.0, 180.0])
+def test_normals_that_face_away_are_punished_and_visible_ones_are_not(degrees):
+    """One pixel on the axis of a turned camera, its normal so far from the direction to the camera: max(0, -cos)^2."""
+    R = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(0)))[0]
+    R = R * torch.linalg.det(R).sign()
+    pinhole = torch.tensor([[10.0, 0, 0.5], [0, 10.0, 0.5], [0, 0, 1]])
+    angle = math.radians(degrees)
+    in_camera = torch.tensor([math.sin(angle), 0.0, -math.cos(angle)])  # z points away from the camera
+    normal = (0.3 * in_camera @ R)[None, None].requires_grad_()
+    term = losses.normal_orient(normal, torch.ones(1, 1), R, pinhole)
+    assert term.item() == pytest.approx(max(0.0, -math.cos(angle)) ** 2, abs=1e-6)
+    slope = gradient(term, normal)
+    if degrees == 120:
+        assert (slope[0, 0] @ R.T)[2] > 0  # downhill is towards the camera
+
+
+def test_normal_orient_is_finite_for_no_normal_and_no_pixel():
+    normal = torch.zeros(4, 4, 3, requires_grad=True)
+    assert (gradient(losses.normal_orient(normal, torch.ones(4, 4), torch.eye(3), K), normal) == 0).all()
+    assert losses.normal_orient(normal, torch.zeros(4, 4), torch.eye(3), K).item() == 0
+
+
+def test_lpips_is_zero_for_the_capture_itself_and_its_gradient_finite_on_black():
+    """With a random backbone: the published one is not shipped. The picture is smaller than LPIPS can take."""
+    torch.manual_seed(0)
+    lpips = Lpips("alex", build_features("alex"), linear_weights("alex"))
+    captured, mask = torch.rand(20, 40, 3), torch.ones(20, 40)
+    mask[:, 30:] = 0
+    assert losses.lpips_loss(lpips, captured * mask[..., None], captured, mask).item() == 0
+    black = torch.zeros(20, 40, 3, requires_grad=True)
+    term = losses.lpips_loss(lpips, black, captured, mask)
+    assert term.item() > 0
+    assert gradient(term, black).abs().sum() > 0
+
+
+def test_lpips_without_its_weights_is_told(tmp_path):
+    with pytest.raises(InputError, match="expected the LPIPS backbone"):
+        losses.open_lpips_loss("alex", str(tmp_path / "none.pth"))
+
+
+def test_negative_values_count_squared():
+    values = torch.tensor([-2.0, 0.0, 3.0], requires_grad=True)
+    term = losses.negative(values)
+    assert term.item() == pytest.approx(4 / 3)
+    assert gradient(term, values).tolist() == pytest.approx([-4 / 3, 0, 0])
+
+
+def test_weight_of_normals_falls_in_a_straight_line():
+    papers = TrainAvatar(weight_normal=1.0, normal_steps=20000)
+    found = [losses.normal_weight(papers, step) for step in (0, 5000, 20000, 300000)]
+    assert found == pytest.approx([1, 0.75, 0, 0])
+    assert losses.normal_weight(TrainAvatar(weight_normal=0.3), 10**6) == 0.3
+
+
+def test_terms_of_the_parameters_have_their_papers_values():
+    atlas = make_sheet(4)
+    settings = TrainAvatar(
+        shadow="off", weight_size=1.0, weight_albedo=0.01, weight_offset=0.05, weight_negative=0.01, weight_normal=1.0,
+        normal_steps=10,
+    )  # fmt: skip
+    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"near_field", "articulation", "specular"}))
+    with torch.no_grad():
+        avatar.albedo.copy_(torch.tensor([0.5, -0.25, 0.0]))
+        avatar.log_scale.fill_(math.log(2e-3))
+        avatar.offset.copy_(avatar.spacing.mean(-1, keepdim=True) * torch.tensor([1.0, 2.0, 0.0]))
+        avatar.normal_offset.fill_(0.5)
+    frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, np.array([[0.0, 0, 1]]), np.ones((1, 3)))))
+    terms = losses.regularization(avatar, frame, settings, step=4)
+    assert terms["size"].item() == pytest.approx(2e-3, rel=1e-5)
+    assert terms["albedo"].item() == pytest.approx(0.01 * 0.25, rel=1e-5)
+    assert terms["offset"].item() == pytest.approx(0.05 * 5 / 3, rel=1e-5)
+    assert terms["normal"].item() == pytest.approx(0.6 * 0.25, rel=1e-5)
+    negative = 0.01 * (0.25**2 / 3 + frame["diffuse"].detach().clamp_max(0).square().mean().item())
+    assert terms["negative"].item() == pytest.approx(negative, rel=1e-5)
+    for name, parameter in (("size", avatar.log_scale), ("albedo", avatar.albedo), ("offset", avatar.offset)):
+        assert gradient(terms[name], parameter).abs().sum() > 0
+
+
+def test_terms_of_weight_zero_are_not_computed():
+    picture = {"rgb": torch.zeros(4, 4, 3), "alpha": torch.ones(4, 4), "normal": torch.ones(4, 4, 3)}
+    shown = (torch.zeros(4, 4, 3), torch.ones(4, 4), torch.eye(3), K)
+    assert set(losses.reconstruction(picture, *shown, TrainAvatar())) == {"photometric", "silhouette"}
+    papers = TrainAvatar(weight_normal_orient=0.1, weight_alpha_sparsity=0.1)
+    assert set(losses.reconstruction(picture, *shown, papers)) == {
+        "photometric", "silhouette", "normal_orient", "alpha_sparsity"
+    }  # fmt: skip
+    del picture["normal"]  # a lobe that is not deferred
+    assert "normal_orient" not in losses.reconstruction(picture, *shown, papers)

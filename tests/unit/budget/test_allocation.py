@@ -1,0 +1,189 @@
+"""What a budget chooses, what it leaves alone, and what it refuses, on curves made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from pipeline.base.errors import InputError
+from pipeline.budget.allocation import within_budget
+from pipeline.budget.capture_size import CaptureSize, capture_size
+from pipeline.budget.curves import read_curves, read_measured
+from pipeline.budget.resolved_project import with_budgets
+from pipeline.config.loading import load_project, merge
+from pipeline.config.project import ProjectSettings, SubjectSettings
+from tests.support.curve_files import CURVES, write_curves
+
+SAME_SIZE = CaptureSize(4, 10, 1000, 1)
+
+
+def choose(tmp_path, minutes, said=None, size=SAME_SIZE, curves=CURVES, subject="someone"):
+    path = write_curves(tmp_path / "curves", curves)
+    settings = SubjectSettings(**merge({"budget_minutes": minutes}, said or {}))
+    read = read_curves(path), read_measured(path.parent / "subject.yaml")
+    return within_budget(subject, settings, said or {}, size, *read)
+
+
+def test_plenty_of_time_buys_the_smallest_error(tmp_path) -> None:
+    settings, promise = choose(tmp_path, 1000)
+    assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (400, 2)
+    assert settings.trace_irradiance.samples == "full"
+    # 2 s of imports each; 20 s of work of training at 200 steps are 40 at 400.
+    expected = {"track_mesh": 30.0, "trace_irradiance": 6.0, "train_avatar": 42.0, "evaluate_avatar": 8.0}
+    assert dict(promise.seconds) == pytest.approx(expected)
+    assert promise.total == pytest.approx(86)
+
+
+def test_little_time_is_spent_where_it_saves_most(tmp_path) -> None:
+    # 66 s: 20 less. 200 steps lose 2.9 tolerances for 20 s; one sample per texel would lose 50 for 3 s.
+    settings, promise = choose(tmp_path, 66.001 / 60)
+    assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (200, 2)
+    assert settings.trace_irradiance.samples == "full"
+    assert promise.total == pytest.approx(66)
+    assert promise.total <= promise.budget_s
+
+
+def test_what_takes_no_part_in_metrics_is_not_chosen(tmp_path) -> None:
+    settings, promise = choose(tmp_path, 2)
+    assert settings.relight_avatar == SubjectSettings().relight_avatar
+    assert "environment_shadows" not in {choice.dial for choice in promise.choices}
+
+
+def test_what_the_user_says_stays_and_is_counted(tmp_path) -> None:
+    settings, promise = choose(tmp_path, 1000, {"train_avatar": {"steps": 300, "supersample": 1}})
+    assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (300, 1)
+    by = {choice.dial: (choice.by, choice.setting) for choice in promise.choices}
+    assert by == {
+        "training_steps": ("user", "300"),
+        "supersampling": ("user", "1"),
+        "irradiance_power": ("budget", "full"),
+    }
+    # 300 steps lie between 200 and 400, and supersampling of 1 takes half the work: 2 + 20 * 1.5 / 2.
+    assert promise.seconds["train_avatar"] == pytest.approx(17)
+    error = {choice.dial: choice.error for choice in promise.choices}
+    assert error["training_steps"] == pytest.approx((0.3 + 0.01) / 2)
+
+
+def test_setting_far_from_what_was_measured_has_a_time_and_no_error(tmp_path) -> None:
+    _, promise = choose(tmp_path, 1000, {"train_avatar": {"steps": 4000}})
+    assert promise.seconds["train_avatar"] == pytest.approx(2 + 400)
+    (error,) = [choice.error for choice in promise.choices if choice.dial == "training_steps"]
+    assert math.isnan(error)
+    assert "unknown" in "\n".join(promise.lines())
+
+
+def test_a_larger_capture_takes_longer(tmp_path) -> None:
+    _, small = choose(tmp_path, 1000)
+    _, large = choose(tmp_path, 1000, size=CaptureSize(cameras=8, frames=30, pixels=1000, variants=2))
+    assert large.seconds["track_mesh"] == pytest.approx(6 * 30)  # no curve of it: its import is not known
+    assert large.seconds["trace_irradiance"] == pytest.approx(2 + 3 * 4)
+    assert large.seconds["train_avatar"] == pytest.approx(2 + 2 * 40)
+    assert large.seconds["evaluate_avatar"] == pytest.approx(8 * 6 * 2)
+    assert large.total > small.total
+
+
+def test_budget_that_cannot_be_met_says_how_much_is_needed_and_what_is_held(tmp_path) -> None:
+    with pytest.raises(InputError) as caught:
+        choose(tmp_path, 0.5, {"train_avatar": {"steps": 400}})
+    text = str(caught.value)
+    # 30 + 3 + (2 + 40 / 2) + 8
+    assert "expected at least 1.05 minutes of one processor, found 0.5" in text
+    assert "train_avatar.steps 400" in text and "track_mesh 0.5" in text
+
+
+@pytest.mark.parametrize("minutes", [0, -3, "soon"])
+def test_budget_that_is_no_time_is_refused(minutes) -> None:
+    with pytest.raises(ValidationError, match="budget_minutes"):
+        SubjectSettings(budget_minutes=minutes)
+
+
+def test_dial_without_a_curve_stays_as_it_is(tmp_path) -> None:
+    some = {key: value for key, value in CURVES.items() if key[0] == "irradiance_power"}
+    settings, promise = choose(tmp_path, 2, curves=some)
+    assert settings.train_avatar == SubjectSettings().train_avatar
+    assert [choice.dial for choice in promise.choices] == ["irradiance_power"]
+
+
+def test_quality_of_pictures_is_promised_of_the_measured_subject_alone(tmp_path) -> None:
+    assert math.isnan(choose(tmp_path, 1000)[1].psnr_db)
+    # 200 steps lost 0.3 dB, 400 lose 0.01.
+    assert choose(tmp_path, 1000, subject="measured")[1].psnr_db == pytest.approx(30.29)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("seconds", "minutes", "expected the column seconds, found"),
+        (",steps,", ",setps,", "training_steps: expected a setting of a stage, found train_avatar.setps"),
+        ("imports only", "imports", "expected settings with errors and seconds, and imports only"),
+    ],
+)
+def test_curves_that_make_no_sense(tmp_path, old, new, complaint) -> None:
+    path = write_curves(tmp_path / "curves")
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=complaint):
+        read_curves(path)
+
+
+def test_no_curves_at_all(tmp_path) -> None:
+    with pytest.raises(InputError, match="run `make curves`"):
+        read_curves(tmp_path / "accuracy_cost.csv")
+    with pytest.raises(InputError, match="run `make curves`"):
+        read_measured(tmp_path / "subject.yaml")
+
+
+class TestProject:
+    @pytest.fixture
+    def project(self, tmp_path, monkeypatch):
+        """A project in tmp_path with a subject's file; a function of the command line."""
+        monkeypatch.chdir(tmp_path)
+        write_curves(tmp_path / "config/curves")
+        (tmp_path / "subjects").mkdir()
+        own = {"train_avatar": {"steps": 100}}
+        (tmp_path / "subjects/someone.yaml").write_text(yaml.safe_dump(own))
+
+        said = []
+
+        def load(command_line):
+            defaults = merge(ProjectSettings().model_dump(mode="json"), command_line)
+            return with_budgets(load_project(defaults, command_line, tmp_path / "subjects"), said.append)
+
+        load.said = said
+        return load
+
+    def test_without_a_budget_nothing_changes(self, project) -> None:
+        assert project({}).subject("other").train_avatar == SubjectSettings().train_avatar
+        assert project({}).promise("other") is None
+
+    def test_defaults_give_way_and_files_and_command_line_do_not(self, project) -> None:
+        loaded = project({"budget_minutes": 1000, "trace_irradiance": {"samples": "2"}})
+        assert loaded.subject("someone").train_avatar.steps == 100
+        assert loaded.subject("someone").trace_irradiance.samples == "2"
+        assert loaded.subject("other").train_avatar.steps == 400
+        assert sum("budget 1e+03 minutes" in line for line in project.said) == 2  # once for each subject
+        assert {choice.dial for choice in loaded.promise("other").choices if choice.by == "user"} == {
+            "irradiance_power"
+        }
+
+    def test_budget_of_one_subject_is_not_asked_of_others(self, project) -> None:
+        loaded = project({"budget_minutes": 0.001})
+        assert loaded.settings.budget_minutes == 0.001
+        with pytest.raises(InputError, match="someone: budget_minutes"):
+            loaded.subject("someone")
+
+
+def test_size_of_captures(tmp_path) -> None:
+    made = SubjectSettings(
+        source="synthetic", synthesize_capture={"cameras": 5, "frames": 7, "width": 20, "height": 30}
+    )
+    assert capture_size(made, tmp_path, SAME_SIZE) == CaptureSize(5, 7, 600, 1)
+    (tmp_path / "capture.yaml").write_text("cameras: cameras.csv\nframes: frames.csv\n")
+    pd.DataFrame({"camera": ["a", "b"], "width": [10, 30], "height": [10, 10]}).to_csv(tmp_path / "cameras.csv")
+    pd.DataFrame({"frame": range(3)}).to_csv(tmp_path / "frames.csv", index=False)
+    recorded = SubjectSettings(variants={"full": {}, "matte": {}})
+    assert capture_size(recorded, tmp_path, SAME_SIZE) == CaptureSize(2, 3, 200, 2)
+    assert capture_size(recorded, tmp_path / "nowhere", SAME_SIZE) == CaptureSize(4, 10, 1000, 2)

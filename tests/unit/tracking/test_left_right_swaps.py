@@ -1,0 +1,48 @@
+"""Exchanged keypoints: planted ones are found, and only these."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.geometry.triangulation import triangulate
+from pipeline.tracking.left_right_swaps import exchanged, find_swaps
+from tests.support.walking_figure import ring_of_cameras, walk
+
+INLIER_PX = 12.0
+"""At sensor resolution, where the noise below is 1.4 px."""
+
+
+@pytest.fixture
+def cameras() -> list:
+    return list(ring_of_cameras(6).values())
+
+
+def observe(cameras: list, points: np.ndarray) -> np.ndarray:
+    random = np.random.default_rng(1)
+    seen = []
+    for camera in cameras:
+        pixels, _ = camera.project(points.reshape(-1, 3))
+        seen.append(camera.undistort(pixels + 1.4 * random.normal(size=pixels.shape)).reshape(*points.shape[:2], 2))
+    return np.stack(seen)
+
+
+def test_planted_swaps_are_found_and_only_these(cameras: list) -> None:
+    points = walk(8).joints
+    clean = observe(cameras, points)
+    planted = np.array([(2, 0, 3, 5), (2, 0, 4, 6), (2, 3, 7, 9), (4, 5, 4, 6)])
+    observed = exchanged(clean, planted)
+    found = triangulate(cameras, observed.reshape(6, -1, 2), np.ones((6, 88)), INLIER_PX)
+    swaps = find_swaps(cameras, observed, found.points.reshape(points.shape), INLIER_PX)
+    assert swaps.tolist() == planted.tolist()
+    assert np.array_equal(exchanged(observed, swaps), clean)
+
+
+def test_missing_and_wild_observations_are_no_swaps(cameras: list) -> None:
+    points = walk(4).joints
+    observed = observe(cameras, points)
+    observed[1, 2, 3] = np.nan
+    observed[3, :, 5] += 0.2
+    missing = points.copy()
+    missing[1, 7] = np.nan
+    assert find_swaps(cameras, observed, missing, INLIER_PX).shape == (0, 4)
