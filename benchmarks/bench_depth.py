@@ -19,8 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.shading import points_of_pixels
+from pipeline.avatar.geometry.pixel_depth import depth_of_pixels, points_of_pixels
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar
 from pipeline.base.files import read_arrays
 from pipeline.capture.records import FrameRecord, ImageRecord

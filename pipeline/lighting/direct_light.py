@@ -38,4 +38,4 @@ def direct_light(
     to_light = lights.positions - points[:, None]
     squared = np.maximum((to_light**2).sum(-1), (MIN_DISTANCE * occluders.half_extent) ** 2)
     cosines = np.maximum((to_light * normals[:, None]).sum(-1), 0.0) / np.sqrt(squared)
-    return (luminances / squared * cosines).sum(1) * traced.falling
+    return (luminances / squared * cosines).sum(1) * traced.cosine_visibility

@@ -20,8 +20,15 @@ from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, light_scene, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, face_rows
-from pipeline.lighting.visibility_bits import VisibilityBits, bits_are_cheaper, irradiance_from_bits, trace_bits
-from pipeline.lighting.visibility_cache import keep_bits, load_bits, visibility_key
+from pipeline.lighting.visibility_bits import (
+    VisibilityBits,
+    bits_are_cheaper,
+    irradiance_from_bits,
+    keep_bits,
+    load_bits,
+    trace_bits,
+    visibility_key,
+)
 
 
 @dataclass(frozen=True)

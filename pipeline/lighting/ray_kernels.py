@@ -20,7 +20,7 @@ gives infinity where Python's raises: a loop that may raise is not vectorised (e
 
 @kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def share_of_arriving(points, normals, axes, luminances, distant, least2, arrived, fallen):
+def share_of_arriving(points, normals, axes, luminances, distant, least2, arrived, cosine_arrived):
     """Divide, in place, what arrived at each point by the sum of L_j over all lights, and what fell on it by the sum of
     L_j max(0, n . w_j). Where nothing arrived, nothing is summed; where nothing can fall, the share is 0.
 
@@ -55,7 +55,7 @@ def share_of_arriving(points, normals, axes, luminances, distant, least2, arrive
                 total += light
                 cosine_total += light * inverse * (along if along > nothing else nothing)
         arrived[i] /= total
-        fallen[i] = fallen[i] / cosine_total if cosine_total > nothing else 0.0
+        cosine_arrived[i] = cosine_arrived[i] / cosine_total if cosine_total > nothing else 0.0
 
 
 @kernel
@@ -197,7 +197,9 @@ def aim(
 
 @kernel
 @no_type_check
-def add_clear_rays(points, normals, lights, luminances, distant, least2, probability, rows, hits, arrived, falling):
+def add_clear_rays(
+    points, normals, lights, luminances, distant, least2, probability, rows, hits, arrived, cosine_arrived
+):
     """Add L_j of every ray that met nothing (-1), plain and cosine-weighted; over the probability, if that is given."""
     drawn = probability.shape[0] > 0
     for r in range(hits.shape[0]):
@@ -216,12 +218,12 @@ def add_clear_rays(points, normals, lights, luminances, distant, least2, probabi
         if drawn:
             light /= probability[i]
         arrived[i] += light
-        falling[i] += light * max(cosine, 0.0)
+        cosine_arrived[i] += light * max(cosine, 0.0)
 
 
 @kernel
 @no_type_check
-def add_seen_bits(points, normals, light, luminance, distant, least2, bits, arrived, falling):
+def add_seen_bits(points, normals, light, luminance, distant, least2, bits, arrived, cosine_arrived):
     """Add one light at the points whose bit is set (most significant bit of a byte first, as np.packbits has it)."""
     for i in range(points.shape[0]):
         if not bits[i >> 3] & (128 >> (i & 7)):
@@ -235,4 +237,4 @@ def add_seen_bits(points, normals, light, luminance, distant, least2, bits, arri
             dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
         cosine = dx * normals[i, 0] + dy * normals[i, 1] + dz * normals[i, 2]
         arrived[i] += strength
-        falling[i] += strength * max(cosine, 0.0)
+        cosine_arrived[i] += strength * max(cosine, 0.0)

@@ -17,10 +17,11 @@ from typing import no_type_check
 import numba
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
+from pipeline.lighting.point_lights import PointLights
 
 FAST_MATH = {"contract", "nsz", "arcp"}
 """Not "reassoc": numba optimises what it stores once more than what it has just compiled, and sums in another order
@@ -69,41 +70,31 @@ def gather_light_reference(
 def gather_light(
     points: Float[Tensor, "points 3"],
     axes: Float[Tensor, "points 3 3"],
-    light_positions: Float[Tensor, "lights 3"],
-    intensities: Float[Tensor, "lights channels"],
-    seen: UInt8[np.ndarray, "lights bytes"] | None = None,
+    lights: PointLights,
     degrees: int = DEGREES,
-) -> Float[Tensor, "points 3 {degrees} channels"]:
-    """Incident light per axis and degree, differentiable in `points` and `axes`; by a kernel on the CPU.
+) -> Float[Tensor, "points 3 {degrees} _"]:
+    """Gather incident light per axis and degree, differentiable in `points` and `axes`; by a kernel on the CPU.
 
     Args:
         points: positions in the world, metres.
         axes: rotation matrices; column a is the axis of lobe a.
-        light_positions: metres.
-        intensities: radiant intensity, linear; one channel for white lights, three for coloured ones.
-        seen: row j has the points that see light j, packed as np.packbits does; not given: all of them do.
+        lights: with as many channels as the result.
         degrees: 0, 1 and so on to one less than this, at least 2.
     """
-    if seen is None:
-        seen = np.full((len(light_positions), (len(points) + 7) // 8), 255, np.uint8)
     if points.device.type != "cpu":
-        return gather_light_in_torch(points, axes, light_positions, intensities, seen, degrees)
-    return _GatherLight.apply(points, axes, light_positions, intensities, seen, degrees)
+        return gather_light_in_torch(points, axes, lights, degrees)
+    seen = lights.bits_for(len(points))
+    return _GatherLight.apply(points, axes, lights.positions_m, lights.intensities, seen, degrees)
 
 
-def gather_light_in_torch(
-    points: Tensor,
-    axes: Tensor,
-    light_positions: Tensor,
-    intensities: Tensor,
-    seen: np.ndarray,
-    degrees: int = DEGREES,
-) -> Tensor:
+def gather_light_in_torch(points: Tensor, axes: Tensor, lights: PointLights, degrees: int = DEGREES) -> Tensor:
     """`gather_light` on any device, without the kernel."""
+    sources = lights.positions_m, lights.intensities
+    mask = unpacked(lights.bits_for(len(points)), len(points), points.device)
     return sum_in_pieces(
-        lambda *piece: gather_light_reference(*piece[:2], light_positions, intensities, piece[2], degrees),
-        (points, axes, unpacked(seen, len(points), points.device)),
-        len(light_positions),
+        lambda *piece: gather_light_reference(*piece[:2], *sources, piece[2], degrees),
+        (points, axes, mask),
+        len(lights),
     )
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.avatar.relighting.driving_sequence import Drives, read_poses
+from pipeline.avatar.relighting.driving_sequence import DrivingSequence, read_poses
 from pipeline.avatar.relighting.driving_tables import code_table
 from pipeline.avatar.relighting.film import Relighter, view_independent_color
 from pipeline.avatar.relighting.light_sources import ListedLights, TurningSky
@@ -71,7 +71,7 @@ def run(
     if (environment is None) == (lights is None):
         raise InputError("expected either --environment or --lights, found both or neither; name one light")
     relighter = Relighter(load_avatar(avatar, atlas), TraceIrradiance(samples=settings.shadow_samples))
-    drives = Drives(relighter, read_poses(relighter, tracking, textures, index, settings), settings)
+    drives = DrivingSequence(relighter, read_poses(relighter, tracking, textures, index, settings), settings)
     path, codes = camera_path(drives, cameras, keyframes, settings), []
     if environment is None:
         light = ListedLights(relighter, read_light_list(lights))
@@ -99,7 +99,9 @@ def run(
     log.info("%d pictures of %d tracked frames in %s", drives.pictures, len(drives.frames), out)
 
 
-def camera_path(drives: Drives, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar) -> list[Camera]:
+def camera_path(
+    drives: DrivingSequence, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar
+) -> list[Camera]:
     """One camera per picture: through keyframes, through calibrated cameras, or around the subject.
 
     Raises:
@@ -145,7 +147,7 @@ def splats_of(frame: dict, exposure: float) -> Splats:
     return Splats(frame["means"], frame["normals"], rgb, *(frame[name] for name in names))
 
 
-def picture_table(drives: Drives, path: list[Camera]) -> pd.DataFrame:
+def picture_table(drives: DrivingSequence, path: list[Camera]) -> pd.DataFrame:
     """Picture, its tracked frame if there are any, and the camera's centre in metres."""
     shown = [drives.pose_of(picture) for picture in range(drives.pictures)]
     frames = {"frame": drives.frames[shown]} if len(drives.frames) else {}

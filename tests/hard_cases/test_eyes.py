@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from benchmarks.mirror_glints import project
-from pipeline.avatar.eyes.eye_glints import GRAZING, PIXEL_STD, mirror_pixels, trace_spheres
-from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.shading import shade_specular
-from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS
+from pipeline.avatar.appearance.glossy import shade_specular
+from pipeline.avatar.appearance.penalties import ROUGHNESS_BOUNDS
+from pipeline.avatar.eyes.corneal_reflections import GRAZING, PIXEL_STD, mirror_pixels, trace_spheres
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.eyes.eye_shape import EyeShape, eye_surface, turn_to
 from pipeline.lighting.lobes import LOBE_CONSTANT
 from tests.support.eyeballs import (

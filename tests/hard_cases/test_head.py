@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.expression_vae import LARGEST_LOG_VARIANCE, Latent, standard_divergence
-from pipeline.avatar.head_networks import LARGEST_FACTOR
+from pipeline.avatar.appearance.glossy import shade_specular
+from pipeline.avatar.appearance.penalties import ROUGHNESS_BOUNDS, negative
+from pipeline.avatar.appearance.transfer import UNTURNED_SCALE, shade_harmonics, start_harmonics
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import LARGEST_LOG_VARIANCE, Latent
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.shading import UNTURNED_SCALE, shade_harmonics, shade_specular, start_harmonics
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.networks.expression_vae import standard_divergence
+from pipeline.avatar.networks.head_networks import LARGEST_FACTOR
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_tensors
-from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS, negative
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.lobes import LOBE_CONSTANT, angle_between, cosine_gaussian, unit
@@ -85,7 +88,7 @@ def test_latent_far_outside_the_training_set(case: HardCase, anchors: str, dista
     atlas = make_sheet(8)
     torch.manual_seed(0)
     settings = SETTINGS.model_copy(update={"anchors": anchors})
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"near_field", "specular"}))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, {"near_field", "specular"}))
     for name, parameter in avatar.networks.named_parameters():
         if name.endswith("original0"):
             torch.nn.init.ones_(parameter)  # output layers start at zero

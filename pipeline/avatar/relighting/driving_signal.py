@@ -22,7 +22,7 @@ AT_REST = np.eye(3, 4, dtype=np.float32)
 
 
 @dataclass(frozen=True)
-class Driver:
+class DrivingSignal:
     """One picture's pose.
 
     Attributes:
@@ -40,15 +40,15 @@ class Driver:
     gaze: Float32[np.ndarray, "eyes 3"] | None = None
 
 
-def driver_of(pose: Float[np.ndarray, "vertices 3"] | Driver) -> Driver:
+def as_signal(pose: Float[np.ndarray, "vertices 3"] | DrivingSignal) -> DrivingSignal:
     """Vertices alone, or what drives an avatar already."""
-    return pose if isinstance(pose, Driver) else Driver(pose)
+    return pose if isinstance(pose, DrivingSignal) else DrivingSignal(pose)
 
 
 @torch.no_grad()
 def from_code(
     avatar: Avatar, code: Float[np.ndarray, " code"], head_from_world: Float[np.ndarray, "3 4"] = AT_REST
-) -> Driver:
+) -> DrivingSignal:
     """A head with the expression of a latent code.
 
     Raises:
@@ -62,16 +62,16 @@ def from_code(
         )
     code = code.astype(np.float32)
     local = avatar.networks.expression.vertices(torch.tensor(code, device=avatar.albedo.device)).cpu().numpy()
-    return Driver(moved(local, head_from_world), head_from_world.astype(np.float32), code=code)
+    return DrivingSignal(moved(local, head_from_world), head_from_world.astype(np.float32), code=code)
 
 
-def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] | None = None) -> Driver:
+def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] | None = None) -> DrivingSignal:
     """The pose of a frame; a head with the frame's expression may move in another way.
 
     Raises:
         InputError: if it shall, but the frame does not say how its head moved.
     """
-    driver = Driver(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
+    driver = DrivingSignal(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
     if head_from_world is None:
         return driver
     if driver.head_from_world is None:
@@ -79,7 +79,7 @@ def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] |
     return moved_as(driver, head_from_world)
 
 
-def moved_as(driver: Driver, head_from_world: Float[np.ndarray, "3 4"]) -> Driver:
+def moved_as(driver: DrivingSignal, head_from_world: Float[np.ndarray, "3 4"]) -> DrivingSignal:
     """The same head, its own motion known, moved in another way."""
     tracked = driver.head_from_world.astype(np.float64)
     local = driver.vertices @ tracked[:, :3].T + tracked[:, 3]

@@ -41,7 +41,7 @@ class Processes:
     """This process among all that train one avatar.
 
     Attributes:
-        rank: number of this process; 0 leads, and alone writes files.
+        rank: number of this process; 0, the main one, alone writes files.
         count: number of processes.
         device: where this process computes.
     """
@@ -51,8 +51,8 @@ class Processes:
     device: torch.device = CPU
 
     @property
-    def leads(self) -> bool:
-        """Whether this process writes."""
+    def is_main(self) -> bool:
+        """This process writes files."""
         return self.rank == 0
 
     def share(self, items: Sequence[Item]) -> Sequence[Item]:
@@ -101,7 +101,7 @@ def joined_processes(device: Device) -> Iterator[Processes]:
     if count == 1:
         yield processes
         return
-    if not processes.leads:
+    if not processes.is_main:
         logging.getLogger().setLevel(logging.WARNING)  # All of them would say the same.
     torch.set_num_threads(max(1, torch.get_num_threads() // neighbours))
     numba.set_num_threads(max(1, numba.get_num_threads() // neighbours))

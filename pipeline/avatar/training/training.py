@@ -18,9 +18,9 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.training.checkpoint import camera_tensors, load_tensors
+from pipeline.avatar.training.checkpoint import camera_view, load_tensors
 from pipeline.avatar.training.distributed import FlatGradients, Processes
 from pipeline.avatar.training.head_losses import expression_terms
 from pipeline.avatar.training.losses import reconstruction, regularization
@@ -76,10 +76,10 @@ def compute_loss(
     terms = {name: term / processes.count for name, term in shared.items()}
     device = avatar.albedo.device
     for image in images:
-        R, t, K = camera_tensors(image, device)
-        picture = avatar.view(frame, R, t, K, image.width, image.height)
+        camera = camera_view(image, device)
+        picture = avatar.view(frame, camera)
         captured, mask = (torch.tensor(array, device=device) for array in (image.image, image.mask))
-        for name, term in reconstruction(picture, captured, mask, R, K, settings).items():
+        for name, term in reconstruction(picture, captured, mask, camera, settings).items():
             terms[name] = terms.get(name, 0) + term / batch
     return terms
 

@@ -7,12 +7,14 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.decoders import AtlasDecoder, PoseDecoder, bilinear
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.pose_encoder import PoseCode
-from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
-from pipeline.avatar.spec import AvatarSpec, spec_of
+from pipeline.avatar.networks.decoders import AtlasDecoder, PoseDecoder, bilinear
+from pipeline.avatar.networks.pose_encoder import PoseCode
+from pipeline.avatar.networks.pose_points import body_points, face_points, pose_offsets
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
 from pipeline.avatar.training.training import Training
 from pipeline.base.errors import InputError
@@ -38,7 +40,7 @@ def folded(atlas, fold, number=0):
 
 def make_avatar(atlas, settings, planned=PLANNED):
     torch.manual_seed(0)
-    return Avatar(atlas, texel_spacing(atlas), spec_of(settings, planned))
+    return Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, planned))
 
 
 def trained(atlas, frames, steps=3):

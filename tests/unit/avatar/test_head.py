@@ -7,12 +7,14 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.expression_vae import Expression, Latent, standard_divergence
-from pipeline.avatar.head_networks import view_outputs
-from pipeline.avatar.light_linear import LightLinearDecoder
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import Latent
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.networks.expression_vae import Expression, standard_divergence
+from pipeline.avatar.networks.head_networks import view_outputs
+from pipeline.avatar.networks.light_linear import LightLinearDecoder
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
 from pipeline.avatar.training.training import Position, Training, drawn_expression
 from pipeline.base.errors import InputError
@@ -56,7 +58,7 @@ def folded(atlas, fold, number=0, lights=2):
 
 def make_head(atlas, frames=(), settings=SETTINGS, **row):
     torch.manual_seed(0)
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings.model_copy(update=row), PLANNED))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings.model_copy(update=row), PLANNED))
     inputs = [FrameInputs(atlas, frame) for frame in frames]
     if inputs and avatar.spec.head:
         known = [avatar.networks.tracked(one) for one in inputs]
@@ -113,18 +115,18 @@ def test_rows_build_what_they_say_and_nothing_else():
 
 def test_the_kind_of_the_capture_decides_and_bodies_stay_as_they_were():
     for settings in (TrainAvatar(), TrainAvatar(avatar="body")):
-        assert spec_of(settings, PLANNED).shading == "transfer"
-        assert spec_of(settings, PLANNED).normals == "learned"
-    auto = spec_of(TrainAvatar(), PLANNED, "head")
+        assert resolve_spec(settings, PLANNED).shading == "transfer"
+        assert resolve_spec(settings, PLANNED).normals == "learned"
+    auto = resolve_spec(TrainAvatar(), PLANNED, "head")
     assert (auto.head, auto.shading, auto.shadow, auto.normals) == (True, "harmonics", False, "viewed")
-    assert not spec_of(TrainAvatar(avatar="body"), PLANNED, "head").head
+    assert not resolve_spec(TrainAvatar(avatar="body"), PLANNED, "head").head
     assert TrainAvatar().reads_textures("head") and not TrainAvatar().reads_textures("body")
     assert not TrainAvatar().reads_irradiance(PLANNED, "head") and TrainAvatar().reads_irradiance(PLANNED)
     for wrong in ({"shading": "linear"}, {"highlight": "harmonics"}, {"normals": "viewed"}):
         with pytest.raises(InputError, match="which only heads have"):
-            spec_of(TrainAvatar(**wrong), PLANNED)
+            resolve_spec(TrainAvatar(**wrong), PLANNED)
     with pytest.raises(InputError, match="expected harmonics or linear for a head, found microfacet"):
-        spec_of(TrainAvatar(avatar="head", shading="microfacet"), PLANNED)
+        resolve_spec(TrainAvatar(avatar="head", shading="microfacet"), PLANNED)
 
 
 def test_a_new_head_on_its_tracked_vertices_is_the_body_with_unturned_harmonics():

@@ -8,15 +8,16 @@ import torch
 import trimesh
 from scipy.optimize import brentq
 
+from pipeline.avatar.appearance.glossy import shade_specular
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.geometry.pixel_depth import depth_of_pixels, points_of_pixels
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.shading import points_of_pixels, shade_specular
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.geometry.camera_paths import look_at
 from pipeline.geometry.rotations import quaternion_from_matrix
-from pipeline.rendering.supersample import splat_supersampled
 from tests.support.sheet import make_frame, make_sheet
+from tests.support.splat_by_names import splat_supersampled
 
 SOURCES = ("expected", "normalised", "median", "traced")
 SIDE = 64

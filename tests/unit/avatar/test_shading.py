@@ -8,17 +8,12 @@ import torch
 from scipy.optimize import least_squares
 from scipy.special import eval_legendre, factorial, lpmv
 
-from pipeline.avatar.shading import (
-    COLOR_DEGREES,
-    UNTURNED_SCALE,
-    grazing_gain,
-    shade_diffuse,
-    shade_halfway,
-    shade_specular,
-)
-from pipeline.avatar.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
+from pipeline.avatar.appearance.glossy import grazing_gain, shade_halfway, shade_specular
+from pipeline.avatar.appearance.transfer import COLOR_DEGREES, UNTURNED_SCALE, shade_diffuse
+from pipeline.avatar.networks.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.lighting.lobes import angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import gather_reflections_reference
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light
 from tests.support.sheet import make_sheet
 
@@ -30,7 +25,7 @@ TRUNCATION = 0.06
 def test_lambertian_transfer_gives_albedo_over_pi_cosine_over_distance2(angle):
     distance = 2.0
     light = distance * torch.tensor([[math.sin(angle), 0.0, math.cos(angle)]])
-    gathered = gather_light(torch.zeros(1, 3), torch.eye(3)[None], light, torch.tensor([[5.0, 3.0, 1.0]]))
+    gathered = gather_light(torch.zeros(1, 3), torch.eye(3)[None], PointLights(light, torch.tensor([[5.0, 3.0, 1.0]])))
     transfer = torch.zeros(1, 3, 9)
     transfer[:, 2] = torch.as_tensor(clamped_cosine_coefficients(), dtype=torch.float32)
     albedo = torch.tensor([[0.8, 0.5, 0.1]])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.geometry.camera_paths import look_at
 from tests.support.sheet import make_frame, make_sheet
 

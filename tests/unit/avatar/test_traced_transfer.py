@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-
-from pipeline.avatar.pose import rest_normals, texel_spacing
-from pipeline.avatar.shading import UNTURNED_SCALE, shade_harmonics, start_harmonics
-from pipeline.avatar.spec import AvatarSpec
 from pipeline.avatar.texel_parameters import TexelParameters
-from pipeline.avatar.traced_transfer import even_directions, hidden_harmonics
+
+from pipeline.avatar.appearance.traced_transfer import even_directions, hidden_harmonics
+from pipeline.avatar.appearance.transfer import UNTURNED_SCALE, shade_harmonics, start_harmonics
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import rest_normals, texel_spacing
 from pipeline.lighting.environment_sh import spherical_harmonics
 from tests.support.sheet import SIDE_M, make_sheet
 

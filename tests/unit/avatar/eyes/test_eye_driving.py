@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.relighting.driving_signal import from_record
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.avatar.training.checkpoint import LoadedAvatar

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pipeline.avatar.eyes.explicit_eyes import MOST_GROWTH, MOST_SHIFT_M, Eyes
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.training.losses import regularization
 from pipeline.avatar.training.training import Training
 from pipeline.config.train_avatar import TrainAvatar

@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from benchmarks.mirror_glints import glint_points
+from pipeline.avatar.build import START_ALBEDO
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.texel_parameters import START_ALBEDO
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from tests.support.eyeballs import (
     AHEAD,
     CENTERS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
 from pipeline.base.errors import InputError
 from pipeline.eyes.eye_shape import usual_shape

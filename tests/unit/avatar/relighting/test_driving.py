@@ -7,8 +7,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.relighting.driving_signal import AT_REST, Driver, from_code, from_record
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.relighting.driving_signal import AT_REST, DrivingSignal, from_code, from_record
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
@@ -95,7 +95,7 @@ def test_a_driven_head_is_seen_under_lamps_and_a_sky(head):
     K = np.array([[40.0, 0, 12], [0, 40.0, 12], [0, 0, 1]])
     camera = Camera(R, -R @ np.array([0.0, 0.0, 1.0]), K, np.zeros(5), 24, 24)
     driver = dataclasses.replace(from_record(frames[1]), code=np.full(4, 0.5, np.float32))
-    assert isinstance(driver, Driver)
+    assert isinstance(driver, DrivingSignal)
     sky = Environment(np.full((2, 4, 3), 0.5, np.float32))
     for lit in (relighter.under_lights(driver, LAMP), relighter.under_pixels(driver, sky, np.eye(3))):
         rgb, alpha = relighter.view(lit, camera)

@@ -10,15 +10,16 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import texel_spacing
 from pipeline.avatar.relighting.film import Relighter, view_independent_color
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.camera_paths import look_at
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.rendering.splat_ply import Splats, read_splats, write_splats
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, Supersampling
 from pipeline.rendering.supersample import splat_supersampled
 from tests.support.sheet import make_sheet
 
@@ -184,10 +185,9 @@ def test_only_learned_transfer_without_traced_light_goes_by_lobes() -> None:
 def splat(splats: Splats, spec: AvatarSpec) -> torch.Tensor:
     R, t, K = (torch.tensor(array, dtype=torch.float32) for array in (CAMERA.R, CAMERA.t, CAMERA.K))
     facing = (splats.normals * (torch.tensor(CAMERA.center).float() - splats.means)).sum(1) > 0
-    return splat_supersampled(
-        splats.means, splats.quaternions, splats.scales, splats.opacities * facing, splats.rgb_linear, R, t, K,
-        CAMERA.width, CAMERA.height, factor=spec.supersample, dilation_px2=spec.dilation_px2,
-    ).features  # fmt: skip
+    gaussians = Gaussians(splats.means, splats.quaternions, splats.scales, splats.opacities * facing)
+    view, options = CameraView(R, t, K, CAMERA.width, CAMERA.height), SplatOptions(spec.dilation_px2)
+    return splat_supersampled(gaussians, splats.rgb_linear, view, options, Supersampling(spec.supersample)).features
 
 
 @pytest.mark.parametrize("shadow", [False, True])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training import losses
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
@@ -99,7 +100,7 @@ def test_terms_of_the_parameters_have_their_papers_values():
         shadow="off", weight_size=1.0, weight_albedo=0.01, weight_offset=0.05, weight_negative=0.01, weight_normal=1.0,
         normal_steps=10,
     )  # fmt: skip
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"near_field", "articulation", "specular"}))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, {"near_field", "articulation", "specular"}))
     with torch.no_grad():
         avatar.albedo.copy_(torch.tensor([0.5, -0.25, 0.0]))
         avatar.log_scale.fill_(math.log(2e-3))
