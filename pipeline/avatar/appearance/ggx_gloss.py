@@ -30,11 +30,13 @@ class GgxGloss(SpecularModel):
     def texel_light(
         self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
     ) -> Float[Tensor, "texels channels"]:
+        """Reflection towards the camera."""
         width, points = self.store.log_ggx_width.exp(), frame.gaussians.means.detach()
         toward, lights = unit(center - points), frame.incident.lights
         reflected = gather_reflections(points, frame.surface.bent_normals, toward, width, lights)
         return self.store.log_gloss.exp()[:, None] * reflected
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
+        """Widths outside of their bounds, and squared logarithms of the scale."""
         width = outside(self.store.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS)
         return {"roughness": width, "gloss": self.store.log_gloss.square().mean()}

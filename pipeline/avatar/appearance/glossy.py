@@ -1,4 +1,4 @@
-"""Specular light of points that mirror: lobes about the mirror direction and about half vectors (RFGCA 11-13, RGCA 6)."""
+"""Specular lobes about the mirror direction and about half vectors (RFGCA 11-13, RGCA 6)."""
 
 from __future__ import annotations
 

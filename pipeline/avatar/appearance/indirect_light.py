@@ -29,6 +29,7 @@ class AmbientLight(IndirectModel):
     def shade(
         self, surface: Surface, incident: IncidentLight, diffuse: Tensor, shadow: Tensor | None
     ) -> Float[Tensor, "texels 3"]:
+        """Share of the sum of I / d^2."""
         sent = arriving_light(surface.gaussians.means.detach(), incident.lights)
         return self.store.albedo * self.store.ambient / torch.pi * sent
 
@@ -39,6 +40,7 @@ class OneBounce(IndirectModel):
     def shade(
         self, surface: Surface, incident: IncidentLight, diffuse: Tensor, shadow: Tensor | None
     ) -> Float[Tensor, "texels 3"]:
+        """Sum over the texels that rays hit."""
         source = diffuse.detach().clamp_min(0)
         if shadow is not None:
             source = source * shadow.detach()[:, None]

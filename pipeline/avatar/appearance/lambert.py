@@ -24,6 +24,7 @@ class Lambert(DiffuseModel):
     def shade(
         self, parameters: TexelParameters, surface: Surface, incident: IncidentLight
     ) -> Float[Tensor, "texels 3"]:
+        """Irradiance over pi, times albedo."""
         normals = surface.bent_normals
         vectors = arriving_vectors(surface.gaussians.means.detach(), normals, incident.lights)
         return self.store.albedo / torch.pi * (vectors * normals[:, None]).sum(-1)

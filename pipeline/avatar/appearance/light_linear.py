@@ -17,5 +17,6 @@ class LightLinear(SpecularModel):
     def texel_light(
         self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
     ) -> Float[Tensor, "texels 3"]:
+        """Colour that the network gives this camera."""
         light = frame.incident.inputs.body_light
         return self.store.albedo * self.store.networks.linear_color(frame.decoded.head, center, light)

@@ -56,6 +56,7 @@ class SpecularLobe(SpecularModel):
         """Linear radiance of texels or pixels towards a camera at `center`."""
 
     def samples(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples:
+        """Texels with roughness and visibility as one camera sees them."""
         roughness = frame.parameters.log_roughness.exp()
         visibility = self.visibility(viewed)
         return GlossySamples(frame.gaussians.means.detach(), frame.surface.bent_normals, roughness, visibility)
@@ -85,6 +86,7 @@ class SpecularLobe(SpecularModel):
         return shade_near_mirrors(mirrors, center, frame.incident.lights, self.mirror_lobe)
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
+        """Roughness outside of its bounds."""
         return {"roughness": outside(parameters.log_roughness.exp(), *self.bounds)}
 
 
@@ -92,6 +94,7 @@ class AngularLobe(SpecularLobe):
     """A spherical Gaussian of the angle to the mirror direction (RGCA 6, RFGCA 13)."""
 
     def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
+        """Lobe about the mirror direction."""
         return shade_specular(samples, center, frame.incident.lights, self.mirror_lobe)
 
 
@@ -108,4 +111,5 @@ class HalfVectorLobe(SpecularLobe):
     works_under_sky = False
 
     def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
+        """Lobe about half vectors."""
         return shade_halfway(samples, center, frame.incident.lights)

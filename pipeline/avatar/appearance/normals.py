@@ -21,6 +21,7 @@ class MeshNormals(NormalModel):
     def bend(
         self, parameters: TexelParameters, axes: Tensor, posed: PosedTexels, added: Tensor | None = None
     ) -> Float[Tensor, "texels 3"]:
+        """Normals as they are."""
         return posed.normals
 
 
@@ -34,6 +35,7 @@ class BentNormals(NormalModel):
     def bend(
         self, parameters: TexelParameters, axes: Tensor, posed: PosedTexels, added: Tensor | None = None
     ) -> Float[Tensor, "texels 3"]:
+        """Normals with the offset."""
         around = self.around(axes, posed)
         offset = parameters.normal_offset if added is None else parameters.normal_offset + added
         return unit((around @ (offset + offset.new_tensor([0.0, 0.0, 1.0]))[..., None])[..., 0])
@@ -43,6 +45,7 @@ class BentNormals(NormalModel):
         """The frame that dn is kept in."""
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
+        """Mean squared offset."""
         return {"normal": parameters.normal_offset.square().mean()}
 
 
@@ -50,6 +53,7 @@ class GaussianNormals(BentNormals):
     """dn in the Gaussian's frame (RFGCA 10)."""
 
     def around(self, axes: Tensor, posed: PosedTexels) -> Float[Tensor, "texels 3 3"]:
+        """Axes of the Gaussians."""
         return axes
 
 
@@ -57,4 +61,5 @@ class TangentNormals(BentNormals):
     """dn in the tangent frame of the mesh (RGCA 9)."""
 
     def around(self, axes: Tensor, posed: PosedTexels) -> Float[Tensor, "texels 3 3"]:
+        """Tangent frames of the posed mesh."""
         return posed.tangent_frames

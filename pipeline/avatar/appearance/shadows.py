@@ -21,6 +21,7 @@ class LearnedShadow(ShadowModel):
         store.shadow_net = ShadowNet(store.atlas, spec.shadow_width)
 
     def factor(self, inputs: FrameInputs) -> Float[Tensor, " texels"]:
+        """Factors from the traced maps of the frame."""
         return self.store.shadow_net(*inputs.irradiance)
 
 
@@ -30,4 +31,5 @@ class TracedShadow(ShadowModel):
     works_under_sky = False
 
     def bits(self, inputs: FrameInputs) -> UInt8[np.ndarray, "lights bytes"]:
+        """Bits of the frame, traced once."""
         return inputs.visibility_bits

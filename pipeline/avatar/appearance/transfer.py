@@ -1,4 +1,4 @@
-"""Learned diffuse transfer: its coefficients, where they start, and their product with the light (RFGCA 7-9, RGCA 5)."""
+"""Learned diffuse transfer: coefficients, their start, their product with light (RFGCA 7-9, RGCA 5)."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ class UnturnedHarmonics(LearnedTransfer):
     reads_harmonics = True
 
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
+        """Lambertian lobe of each normal at rest, without what the template hides, if that is traced."""
         atlas = self.store.atlas
         color, mono = start_harmonics(rest_normals(atlas), spec.degrees)
         if spec.transfer_start == "traced":
@@ -31,5 +32,6 @@ class UnturnedHarmonics(LearnedTransfer):
     def shade(
         self, parameters: TexelParameters, surface: Surface, incident: IncidentLight
     ) -> Float[Tensor, "texels 3"]:
+        """Product of the coefficients with the light."""
         light = incident.harmonics[:, : self.degrees**2]
         return shade_harmonics(self.store.albedo, parameters.transfer_color, parameters.transfer_mono, light)

@@ -17,4 +17,5 @@ class ViewedHarmonics(SpecularModel):
     def texel_light(
         self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
     ) -> Float[Tensor, "texels channels"]:
+        """Product of the camera's harmonics with the light."""
         return (viewed.specular_harmonics[..., None] * frame.incident.harmonics).sum(1)

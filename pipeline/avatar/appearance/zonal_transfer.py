@@ -18,10 +18,12 @@ class ZonalTransfer(LearnedTransfer):
     starts_alike = works_under_sky = True
 
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
+        """Lambertian lobe along the normal."""
         return start_transfer(spec.degrees)
 
     def shade(
         self, parameters: TexelParameters, surface: Surface, incident: IncidentLight
     ) -> Float[Tensor, "texels 3"]:
+        """Product of the lobes with the light along the Gaussians' axes."""
         light = incident.along_axes(surface.gaussians.means, surface.axes, self.degrees)
         return shade_diffuse(self.store.albedo, parameters.transfer_color, parameters.transfer_mono, light)

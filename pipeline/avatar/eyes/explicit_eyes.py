@@ -2,7 +2,8 @@
 
 Position and normal of an eye's Gaussians follow from nine numbers per eye, which training refines, and from where the
 eye looks; their albedo depends on the direction they are seen from, since the iris is seen through a cornea that
-refracts. What eyes mirror is traced per pixel (`corneal_reflections`), and so is what of the outside they see past the lids.
+refracts. What eyes mirror is traced per pixel (`corneal_reflections`), and so is what of the outside they see past the
+lids.
 """
 
 from __future__ import annotations

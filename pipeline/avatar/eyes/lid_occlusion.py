@@ -52,7 +52,8 @@ def light_past_lids(
 ) -> Float[Tensor, "n 81 channels"]:  # fmt: skip
     """Project lights on harmonics at eye texels, in the frames of their eyes, but for what skin hides.
 
-    sum_j I_j / d_j^2 V_j Y_lm(w_j), V_j = 0 where skin hides a light. As `gather_harmonics`, but an eye's transfer turns with it. A light below a texel's horizon is left to the transfer.
+    sum_j I_j / d_j^2 V_j Y_lm(w_j), V_j = 0 where skin hides a light. As `gather_harmonics`, but an eye's transfer
+    turns with it. A light below a texel's horizon is left to the transfer.
 
     Args:
         points, normals: of the eye texels, metres.

@@ -37,14 +37,17 @@ class NearField(LightField):
     """Lights at their distance."""
 
     def lights(self, inputs: FrameInputs) -> PointLights:
+        """The lights as they are."""
         return inputs.lights
 
     def harmonics(self, inputs: FrameInputs) -> Float[Tensor, "texels 81 channels"]:
+        """Light of each texel's own place."""
         return inputs.harmonics
 
     def along_axes(
         self, inputs: FrameInputs, lights: PointLights, points: Tensor, axes: Tensor, degrees: int
     ) -> Float[Tensor, "texels 3 {degrees} channels"]:
+        """Sum over the lights."""
         return gather_light(points, axes, lights, degrees)
 
 
@@ -52,14 +55,17 @@ class FarField(LightField):
     """One direction and strength of each light for all texels."""
 
     def lights(self, inputs: FrameInputs) -> PointLights:
+        """The lights moved far away."""
         return inputs.far_lights
 
     def harmonics(self, inputs: FrameInputs) -> Float[Tensor, "1 81 channels"]:
+        """Light at the subject's centre."""
         return inputs.body_light[None]
 
     def along_axes(
         self, inputs: FrameInputs, lights: PointLights, points: Tensor, axes: Tensor, degrees: int
     ) -> Float[Tensor, "texels 3 {degrees} channels"]:
+        """Light by harmonics where lights are many and none is shadowed; else the sum over them."""
         if lights.visibility_bits is None and len(lights) >= LIGHTS_THAT_PAY:
             return gather_distant(axes, inputs.world_light[: degrees**2])
         return gather_light(points, axes, lights, degrees)
@@ -71,6 +77,7 @@ class SkyField(NearField):
     def along_axes(
         self, inputs: FrameInputs, lights: PointLights, points: Tensor, axes: Tensor, degrees: int
     ) -> Float[Tensor, "texels 3 {degrees} channels"]:
+        """Harmonics of the map, turned with it."""
         return gather_environment(inputs.sky.world_from_map.T @ axes, inputs.sky.harmonics[: degrees**2])
 
 

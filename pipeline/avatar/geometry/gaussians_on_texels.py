@@ -48,4 +48,5 @@ class GaussiansOnTexels(Primitives):
         return Gaussians(means, quaternions, parameters.log_scale.exp(), torch.sigmoid(parameters.opacity)), axes
 
     def draw(self, gaussians: Gaussians, features: Float[Tensor, "texels d"], camera: CameraView) -> Splatted:
+        """Splat, supersampled."""
         return splat_supersampled(gaussians, features, camera, self.options, self.sampling)

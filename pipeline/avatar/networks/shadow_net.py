@@ -1,7 +1,8 @@
 """The shadow network: from normalised irradiance to a factor in [0, 1] (RFGCA 15-16).
 
-A small convolutional network on the atlas. It is given the papers' map and, from the same rays, the share of the light falling on a matte surface that
-is not shadowed. The latter is where it starts: it learns the rest, blur and bounced light.
+A small convolutional network on the atlas. It is given the papers' map and, from the same rays, the cosine visibility:
+the share of the light on a matte surface that is not shadowed. The latter is where it starts: it learns the rest, blur
+and bounced light.
 """
 
 from __future__ import annotations

@@ -86,7 +86,11 @@ class Relighter:
         environment: Environment,
         turn: Float64[np.ndarray, "3 3"],
     ) -> PreparedFrame:
-        """Prepare a frame as `under_pixels` does, shaded by the harmonics and panoramas in `sky`; `environment` only casts shadows."""
+        """Prepare a frame as `under_pixels` does, shaded by the harmonics and panoramas in `sky`.
+
+        Args:
+            environment: only casts shadows.
+        """
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
         driver = as_signal(pose)
         maps = self._irradiance(driver.vertices, directions, irradiances, distant=True)

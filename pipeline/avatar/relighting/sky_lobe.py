@@ -25,6 +25,7 @@ class SkyLobe(SpecularLobe):
         self.store, self.deferred, self.depth = lobe.store, lobe.deferred, lobe.depth
 
     def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n 3"]:
+        """Look the sky up in mirror directions."""
         normals, to_camera = unit(samples.normals), unit(center - samples.points)
         gained = samples.visibility[:, None] * grazing_gain(normals, to_camera)[:, None]
         return gained * _mirrored_sky(frame, normals, to_camera, samples.roughness)
@@ -32,6 +33,7 @@ class SkyLobe(SpecularLobe):
     def shade_pixels(
         self, images: Layers, picture: Splatted, frame: PreparedFrame, camera: CameraView
     ) -> tuple[Int[Tensor, " n"], Int[Tensor, " n"], Float[Tensor, "n 3"]]:
+        """Row and column of covered pixels, and what they mirror of the sky."""
         row, column = torch.nonzero(picture.alpha > SMALLEST_ALPHA, as_tuple=True)
         normal, roughness, visibility = (
             layer[row, column] for layer in (images.normal, images.roughness, images.visibility)

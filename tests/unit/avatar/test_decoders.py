@@ -131,13 +131,15 @@ def test_networks_know_no_place_in_the_world():
     center = np.array([0.1, 0.2, 1.0])
     here, there = (avatar.prepare(FrameInputs(atlas, record)) for record in (frame, moved))
     seen = [
-        avatar.specular_visibility(avatar.viewed(prepared, torch.tensor(place, dtype=torch.float32)))
+        avatar.built.specular.visibility(avatar.viewed(prepared, torch.tensor(place, dtype=torch.float32)))
         for prepared, place in ((here, center), (there, turn.apply(center) + shift))
     ]
     assert (seen[0] - seen[1]).abs().max() < FLOAT32_ROUNDING
-    for name in ("log_scale", "transfer_color", "offset", "diffuse"):
-        assert (here[name] - there[name]).abs().max() < FLOAT32_ROUNDING, name
-    elsewhere = avatar.specular_visibility(avatar.viewed(here, torch.tensor([-1.0, 0.0, 0.3])))
+    for name in ("log_scale", "transfer_color", "offset"):
+        difference = getattr(here.parameters, name) - getattr(there.parameters, name)
+        assert difference.abs().max() < FLOAT32_ROUNDING, name
+    assert (here.shading.diffuse - there.shading.diffuse).abs().max() < FLOAT32_ROUNDING
+    elsewhere = avatar.built.specular.visibility(avatar.viewed(here, torch.tensor([-1.0, 0.0, 0.3])))
     assert (seen[0] - elsewhere).abs().max() > 0  # and yet it depends on the view
 
 

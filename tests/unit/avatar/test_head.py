@@ -219,10 +219,10 @@ def test_pictures_are_of_the_mean_code_and_come_back_from_files(tmp_path):
     assert loaded.avatar.spec == avatar.spec and torch.equal(*pictures)
     inputs = FrameInputs(atlas, frames[1])
     frame, mean = avatar.prepare(inputs), avatar.networks.encode(inputs).mean
-    assert torch.equal(frame["code"], mean)
-    assert torch.equal(avatar.prepare(inputs, code=mean)["means"], frame["means"])
+    assert torch.equal(frame.decoded.head.code, mean)
+    assert torch.equal(avatar.prepare(inputs, code=mean).gaussians.means, frame.gaussians.means)
     noise = torch.ones(4)
-    assert not torch.equal(avatar.prepare(inputs, noise=noise)["means"], frame["means"])
+    assert not torch.equal(avatar.prepare(inputs, noise=noise).gaussians.means, frame.gaussians.means)
 
 
 def test_a_head_knows_no_place_in_the_world():
@@ -245,11 +245,14 @@ def test_a_head_knows_no_place_in_the_world():
         for prepared, place in ((here, center), (there, turn.apply(center) + shift))
     ]
     for name in ("visibility", "normal_offset"):
-        assert (seen[0][name] - seen[1][name]).abs().max() < FLOAT32_ROUNDING, name
-    for name in ("log_scale", "transfer_color", "offset", "diffuse", "code"):
-        assert (here[name] - there[name]).abs().max() < FLOAT32_ROUNDING, name
+        assert (getattr(seen[0], name) - getattr(seen[1], name)).abs().max() < FLOAT32_ROUNDING, name
+    for name in ("log_scale", "transfer_color", "offset"):
+        difference = getattr(here.parameters, name) - getattr(there.parameters, name)
+        assert difference.abs().max() < FLOAT32_ROUNDING, name
+    assert (here.shading.diffuse - there.shading.diffuse).abs().max() < FLOAT32_ROUNDING
+    assert (here.decoded.head.code - there.decoded.head.code).abs().max() < FLOAT32_ROUNDING
     elsewhere = avatar.viewed(here, torch.tensor([-1.0, 0.0, 0.3]))
-    assert (seen[0]["normal_offset"] - elsewhere["normal_offset"]).abs().max() > 0  # and yet it depends on the view
+    assert (seen[0].normal_offset - elsewhere.normal_offset).abs().max() > 0  # and yet it depends on the view
 
 
 def test_without_a_motion_the_rigid_one_is_found():

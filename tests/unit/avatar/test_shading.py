@@ -8,7 +8,7 @@ import torch
 from scipy.optimize import least_squares
 from scipy.special import eval_legendre, factorial, lpmv
 
-from pipeline.avatar.appearance.glossy import grazing_gain, shade_halfway, shade_specular
+from pipeline.avatar.appearance.glossy import GlossySamples, grazing_gain, shade_halfway, shade_specular
 from pipeline.avatar.appearance.transfer import COLOR_DEGREES, UNTURNED_SCALE, shade_diffuse
 from pipeline.avatar.networks.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.lighting.lobes import angular_gaussian, mirror_direction, unit
@@ -43,7 +43,8 @@ def test_glint_sits_where_the_mirror_law_puts_it(shade):
     normals = torch.tensor([0.0, 0, 1.0]).expand(401, 3)
     camera, light = torch.tensor([-0.7, 0, 1.0]), torch.tensor([[0.3, 0, 1.0]])
     ones = torch.ones(401)
-    radiance = shade(points, normals, 0.02 * ones, ones, camera, light, torch.ones(1, 1))
+    samples = GlossySamples(points, normals, 0.02 * ones, ones)
+    radiance = shade(samples, camera, PointLights(light, torch.ones(1, 1)))
     assert x[radiance[:, 0].argmax()].item() == pytest.approx(-0.2, abs=0.011)
 
 
@@ -105,7 +106,8 @@ def test_specular_is_finite_in_the_mirror_direction_at_the_smallest_roughness(sh
     normal = torch.tensor([[0.0, 0, 1.0]], requires_grad=True)
     sigma = torch.full((1,), 0.01, requires_grad=True)
     above = torch.tensor([0.0, 0, 2.0])
-    shade(point, normal, sigma, torch.ones(1), above, above[None], torch.ones(1, 1)).sum().backward()
+    samples = GlossySamples(point, normal, sigma, torch.ones(1))
+    shade(samples, above, PointLights(above[None], torch.ones(1, 1))).sum().backward()
     assert all(torch.isfinite(tensor.grad).all() for tensor in (normal, sigma))
 
 

@@ -59,7 +59,7 @@ def test_few_or_many_lights_give_one_picture_of_an_avatar_far_from_them():
         lights = np.random.default_rng(count).normal((0, 0, 3), 1, (count, 3))
         inputs = FrameInputs(atlas, make_frame(atlas, 1e4 * lights, np.full((count, 3), 1e8)))
         shown = [
-            Avatar(atlas, texel_spacing(atlas), spec).prepare(inputs)["diffuse"]
+            Avatar(atlas, texel_spacing(atlas), spec).prepare(inputs).shading.diffuse
             for spec in (near, replace(near, near_field=False), replace(near, near_field=False, shading="harmonics"))
         ]
         # The sheet is 0.4 m wide, the lights are further than 1e4 m away: directions differ by 3e-5.

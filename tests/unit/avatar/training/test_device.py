@@ -10,10 +10,12 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from pipeline.avatar import model, pose
-from pipeline.avatar import shaded_texels as lit_texels
+from pipeline.avatar import model
+from pipeline.avatar.appearance import lobes
+from pipeline.avatar.frames import inputs
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.sky import PreparedSky
+from pipeline.avatar.geometry import gaussians_on_texels
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.avatar.spec.planned import resolve_spec
@@ -71,12 +73,12 @@ def covered_pixels(mask, as_tuple=False):
 @pytest.fixture
 def no_numbers(monkeypatch):
     """Stand-ins for what has to know numbers."""
-    monkeypatch.setattr(model, "splat_supersampled", empty_picture)
+    monkeypatch.setattr(gaussians_on_texels, "splat_supersampled", empty_picture)
     monkeypatch.setattr(torch, "nonzero", covered_pixels)
     # The mesh is drawn on the CPU, from numbers; its depth comes back to the picture's device.
-    monkeypatch.setattr(model, "depth_of_pixels", lambda source, picture, *rest: picture.depth.detach())
-    for module in (lit_texels, pose):
-        monkeypatch.setattr(module, "white_once", lambda intensities: intensities)
+    monkeypatch.setattr(lobes, "depth_of_pixels", lambda source, picture, *rest: picture.depth.detach())
+    for module in (model, inputs):
+        monkeypatch.setattr(module, "white_once", lambda lights: lights)
 
 
 @pytest.mark.parametrize("name", ["full", *VARIANTS, *HEADS])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.avatar.appearance.models import ShadowModel
 from pipeline.avatar.appearance.penalties import outside
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
@@ -158,7 +159,8 @@ def test_rendering_is_linear_in_the_light(scene):
     """Superposition: the picture under two lights is the sum of the pictures under each."""
     atlas, _, images = scene
     avatar = train(scene, TrainAvatar(steps=20), 20)
-    avatar.spec = dataclasses.replace(SPEC, shadow=False)  # normalised irradiance is a ratio: not linear, by design
+    # Normalised irradiance is a ratio: not linear, by design.
+    avatar = avatar.variant(shadow=ShadowModel(avatar, SPEC))
     positions, power = np.array([[0.5, 0.3, 1.5], [-0.4, 0.2, 1.0]]), np.array([[3.0, 2.0, 1.0], [1.0, 2.0, 4.0]])
     pictures = [
         LoadedAvatar(avatar, atlas).render(make_frame(atlas, positions[chosen], power[chosen]), images[0])[0]
