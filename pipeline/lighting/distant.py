@@ -19,7 +19,7 @@ from torch import Tensor
 from pipeline.lighting.environment_sh import COEFFICIENTS, gather_environment, spherical_harmonics
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.point_lights import PointLights
-from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2
+from pipeline.lighting.zonal_kernels import DEGREES, SMALLEST_DISTANCE2_M2
 
 LIGHTS_THAT_PAY = 7
 """From so many lights on, harmonics cost less than a sum over the lights: 29 ms forward and back for 16,000 points

@@ -21,7 +21,7 @@ from torch import Tensor
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
 from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, angle_between
 from pipeline.lighting.point_lights import PointLights
-from pipeline.lighting.zonal import FAST_MATH, SMALLEST_DISTANCE2_M2
+from pipeline.lighting.zonal_kernels import FAST_MATH, SMALLEST_DISTANCE2_M2
 
 DIELECTRIC_F0 = 0.04
 """Reflectance of skin, cloth and plastic at normal incidence (refractive index 1.5). A factor per point scales it."""

@@ -18,7 +18,7 @@ from torch import Tensor
 from pipeline.lighting.device_sums import sum_in_pieces
 from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, Lobe, angular_gaussian, unit
 from pipeline.lighting.point_lights import PointLights
-from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
+from pipeline.lighting.zonal_kernels import SMALLEST_DISTANCE2_M2
 
 REACH_SIGMAS = 6.0
 """Light further than this from the lobe's centre is skipped: exp(-6^2 / 2) = 1.5e-8 is below float32's resolution of

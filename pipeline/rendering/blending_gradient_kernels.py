@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from pipeline.base.kernel_cache import kernel, kernel_part
 from pipeline.rendering.blending_kernels import exp_nonpositive, reach, row_range
-from pipeline.rendering.kernel_cache import kernel, kernel_part
 from pipeline.rendering.projection_kernels import (
     MOMENT_COLUMNS,
     OPACITY,

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pipeline.rendering.kernel_cache import kernel, kernel_part
+from pipeline.base.kernel_cache import kernel, kernel_part
 from pipeline.rendering.projection_kernels import (
     CENTER_X,
     CENTER_Y,

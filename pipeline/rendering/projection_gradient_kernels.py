@@ -6,7 +6,7 @@ import math
 
 from numba import prange
 
-from pipeline.rendering.kernel_cache import kernel, kernel_part
+from pipeline.base.kernel_cache import kernel, kernel_part
 from pipeline.rendering.projection_kernels import (
     INV_STD_Y,
     OPACITY,

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pipeline.rendering.kernel_cache import kernel, kernel_part
+from pipeline.base.kernel_cache import kernel, kernel_part
 from pipeline.rendering.splat_conventions import FRUSTUM_MARGIN, MIN_ALPHA, MIN_QUATERNION_NORM
 
 TILE = 16

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.rendering.kernel_cache import kernel
+from pipeline.base.kernel_cache import kernel
 
 
 def depth_order(depth: np.ndarray, visible: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from pipeline.lighting.lobes import unit
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.visibility_bits import trace_bits
-from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
+from pipeline.lighting.zonal_kernels import SMALLEST_DISTANCE2_M2
 
 LID_RAYS = 32
 """Rays per texel: a lid's edge is then known to 3 % of what the texel sees."""

@@ -10,7 +10,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.rendering.kernel_cache import sources_digest
+from pipeline.base.kernel_cache import sources_digest
 from pipeline.rendering.splat_conventions import MIN_ALPHA, check_splat_inputs
 from tests.support.splat_by_names import compare_with_reference, splat, splat_reference
 

@@ -17,23 +17,23 @@ from numba import njit
 FAST_MATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
 """fastmath without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
 
-SOURCES = ("*_kernels.py", "kernel_cache.py", "splat_conventions.py", "vector_intrinsics.py")
+SOURCES = ("*_kernels.py", "kernel_cache.py", "float_lanes.py", "splat_conventions.py", "vector_intrinsics.py")
 
 
 @cache
-def sources_digest(folder: Path = Path(__file__).parent) -> str:
+def sources_digest(folder: Path = Path(__file__).parents[1]) -> str:
     """Hash of the names and contents of all files that kernels are made of."""
     digest = hashlib.sha256()
-    for path in sorted(path for pattern in SOURCES for path in folder.glob(pattern)):
+    for path in sorted(path for pattern in SOURCES for path in folder.rglob(pattern)):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 
-def kernel(*, parallel: bool = False, fastmath: bool = False) -> Callable:
+def kernel(*, parallel: bool = False, fastmath: bool | set[str] = False) -> Callable:
     """Compile a kernel on first use and keep the binary until any kernel source changes."""
 
     def compiled(function: Callable) -> Callable:
-        options = {"parallel": parallel, "fastmath": FAST_MATH if fastmath else False}
+        options = {"parallel": parallel, "fastmath": FAST_MATH if fastmath is True else fastmath}
         dispatcher = njit(cache=True, **options)(_plain(function))
         # numba has no public way to say this. Should a version rename it, the next line fails at import, aloud.
         dispatcher._cache._cache_file._source_stamp = sources_digest()
@@ -42,11 +42,11 @@ def kernel(*, parallel: bool = False, fastmath: bool = False) -> Callable:
     return compiled
 
 
-def kernel_part(*, inline: bool = False, fastmath: bool = False) -> Callable:
+def kernel_part(*, inline: bool = False, fastmath: bool | set[str] = False) -> Callable:
     """A function that kernels call; with `inline`, compiled as if its text stood in the caller."""
 
     def compiled(function: Callable) -> Callable:
-        options = {"inline": "always" if inline else "never", "fastmath": FAST_MATH if fastmath else False}
+        options = {"inline": "always" if inline else "never", "fastmath": FAST_MATH if fastmath is True else fastmath}
         return njit(**options)(_plain(function))
 
     return compiled
