@@ -1,9 +1,12 @@
 # `make results/<subject>/metrics.csv` makes that file; so with any other file or rule of the Snakefile.
-# The environment, .venv, is set up on first use and again when pyproject.toml changes.
+# The environment, .venv, is set up on first use and again when pyproject.toml or a lock of exact versions changes.
 CORES ?= 2
 PYTHON ?= python3
 # More options for snakemake, e.g. FLAGS='--config captures=/data/captures' or FLAGS='--configfile config/presets/draft.yaml'
 FLAGS ?=
+# The first of these that pip can install is the environment: with torch's CPU build where pip is told of one, otherwise
+# with the registry's torch and CUDA's libraries. For a GPU, without a .venv: make LOCKS=envs/lock-cuda.txt TARGET
+LOCKS ?= envs/lock.txt envs/lock-cuda.txt
 
 BIN := .venv/bin
 READY := .venv/.ready
@@ -16,7 +19,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases growth effects lint schema curves presets FORCE
+.PHONY: help test hard-cases growth effects lint schema curves presets lock FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -28,6 +31,7 @@ help:
 	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
 	@echo 'make curves                        measure what accuracy costs on subjectA, for presets and budgets'
 	@echo 'make presets                       write the presets draft, standard and reference from these curves'
+	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
 test: $(READY)
@@ -50,6 +54,8 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+# SWITCH ON, by taking the comment sign away, when every docstring keeps it; --summary shows how many do not.
+#	$(BIN)/python .ci/lint_docstrings.py
 
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema
@@ -64,13 +70,23 @@ curves: $(READY)
 presets: $(READY)
 	$(BIN)/python -m pipeline.budget.presets
 
-$(READY): pyproject.toml
+# New versions where the ranges ask for them; with UPGRADE=--upgrade the newest everywhere. uv has an environment of its
+# own: it only writes the locks, pip installs them.
+lock:
+	test -x .venv-lock/bin/python || $(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/python -m pip install --quiet 'uv>=0.13'
+	.venv-lock/bin/python .ci/lock_versions.py $(UPGRADE)
+
+INSTALL := $(BIN)/python -m pip install
+$(READY): pyproject.toml $(LOCKS)
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --editable '.[dev]'
+	$(foreach lock,$(LOCKS),$(INSTALL) --require-hashes -r $(lock) ||) \
+	    { echo 'pip can install none of $(LOCKS)' >&2; false; }
+	$(INSTALL) --no-deps --no-build-isolation --editable .
 	touch '$@'
 
 # Everything else is Snakemake's to make, and to decide whether it is up to date.
-Makefile pyproject.toml: ;
+Makefile pyproject.toml $(LOCKS): ;
 
 # A report's folder is its page.
 results/%/report: $(READY) FORCE

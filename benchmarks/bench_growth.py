@@ -27,7 +27,7 @@ import torch
 from benchmarks.growth_cases import CASES, COUNTED, Case
 from benchmarks.growth_projection import project
 from pipeline.base.files import write_table
-from pipeline.figures.growth_plot import draw_growth
+from pipeline.figures.scaling_plot import draw_scaling
 from pipeline.metrics.cost import interleaved
 from pipeline.metrics.scaling import fit_growth
 
@@ -65,7 +65,7 @@ def write_results(out: Path, runs: pd.DataFrame) -> None:
     write_table(out / "runs.csv", runs)
     write_table(out / "exponents.csv", exponents)
     write_table(out / "projection.csv", project(runs, exponents))
-    draw_growth(out / "growth.png", runs, exponents)
+    draw_scaling(out / "growth.png", runs, exponents)
     print(exponents.drop(columns=["reason", "factor", "held"]).round(3).to_string(index=False))
 
 

@@ -45,8 +45,10 @@ class Complaints:
         return bool(self.messages)
 
     def raise_if_any(self) -> None:
-        """Raises:
-        InputError: naming every complaint, if there is any.
+        """End with one error that names every complaint, or return if there is none.
+
+        Raises:
+            InputError: there is a complaint.
         """
         if self.messages:
             count = len(self.messages)

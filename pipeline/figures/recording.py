@@ -1,7 +1,7 @@
-"""The tracked capture as a recording for rerun's viewer: cameras, lights, images, keypoints and the moving mesh.
+"""The tracked capture as a recording for rerun's viewer.
 
-Images are undistorted, so that the viewer, whose cameras are pinholes, lays the mesh over them where it belongs. Its
-pixels count from the image's upper left corner, as ours do.
+It has cameras, lights, images, keypoints and the moving mesh. Images are undistorted, so that the viewer, whose cameras
+are pinholes, lays the mesh over them where it belongs. Its pixels count from the image's upper left corner, as ours do.
 
 Entities: stage/mesh, stage/lights, stage/keypoints/tracked and .../triangulated; stage/cameras/{camera} with image,
 image/detected and image/tracked below; errors/keypoints_px, errors/overlap. Timelines: frame, time.
@@ -36,7 +36,10 @@ UNLIT = 45
 """Grey of a light that is off."""
 
 WHITE_PERCENTILE, WHITE_LEVEL = 99.5, 0.8
-"""This part of a camera's fully lit image has this linear brightness; all its images keep that exposure."""
+"""Percentile of a camera's fully lit image, and the linear brightness that it is shown with.
+
+All images of the camera keep that exposure.
+"""
 
 FRUSTUM_M, LIGHT_M, KEYPOINT_M = 0.15, 0.03, 0.012
 KEYPOINT_PT = 2.5
@@ -72,7 +75,10 @@ class _Shown:
 
 
 def write_recording(path: Path, found: TrackedCapture, settings: ReviewTracking, pool: Executor) -> None:
-    """Write an .rrd file of about `settings.recording_mb` at most: of more frames, evenly chosen ones."""
+    """Write an .rrd file of about `settings.recording_mb` at most.
+
+    Of more frames than fit, evenly chosen ones.
+    """
     names = evenly(list(found.cameras), settings.recording_cameras)
     shown = list(pool.map(lambda name: _shown_camera(found, name, settings.recording_size_px), names))
     weld = weld_vertices(found.template.vertices_rest, found.template.faces)

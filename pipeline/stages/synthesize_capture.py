@@ -25,7 +25,7 @@ from pipeline.synthesis.capture_files import write_capture_yaml, write_gaze, wri
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.head import build_head
 from pipeline.synthesis.photography import FrameJob, Job, all_jobs, take
-from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_of
+from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_for
 from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.subject import Subject
 
@@ -49,7 +49,7 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
     intensities = intensities.reindex(columns=list(rig.light_positions), fill_value=0.0)
     moments = []
     for frame in range(settings.frames):
-        segment, time_s = segment_of(frame, settings)
+        segment, time_s = segment_for(frame, settings)
         moments.append(shown.at(time_s, segment))
     log.info("%d vertices, %d cameras, %d lights", len(shown.vertices), len(rig.cameras), len(rig.light_positions))
     with written_whole(out) as root:

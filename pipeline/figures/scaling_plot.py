@@ -1,4 +1,4 @@
-"""Cost against size, one panel per case: what was measured, the fitted laws, and their exponents."""
+"""Cost against size, one panel per case: measurements, fitted laws, and their exponents."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEGEND = [
 ]  # fmt: skip
 
 
-def draw_growth(path: Path, runs: pd.DataFrame, exponents: pd.DataFrame) -> None:
+def draw_scaling(path: Path, runs: pd.DataFrame, exponents: pd.DataFrame) -> None:
     """Write a PNG with one panel per stage and varied size.
 
     Args:
