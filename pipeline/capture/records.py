@@ -1,4 +1,4 @@
-"""The two records that training and evaluation work on: an image crop, and what all images of a frame share."""
+"""Records that training and evaluation work on: of an image crop, and of a frame."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class ImageRecord:
 
     @property
     def is_test(self) -> bool:
-        """Whether any split holds this image out."""
+        """True if any split holds this image out."""
         return self.test_camera or self.test_frame or self.test_segment or self.test_pattern
 
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """What all images of one frame share.
+    """Data that all images of one frame share.
 
     Attributes:
         vertices: posed template, glTF vertex order, metres.
@@ -57,7 +57,7 @@ class FrameRecord:
         head_from_world: of a head, the rigid motion [R | t] that brings points (R x + t, metres) and directions (R x)
             to the frame of the template at rest; None for a body.
         gaze: unit direction in which each eye looks, by name, in that frame; None if the capture declares none.
-        texture: mean colour of each texel in the nearest fully lit frames, linear RGB; None if none was unwrapped.
+        texture: mean colour of each texel in the nearest fully lit frames, linear RGB; None if none was baked.
     """
 
     frame: int

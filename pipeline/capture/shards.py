@@ -69,17 +69,17 @@ def write_frame_shard(path: Path, records: Iterable[FrameRecord]) -> int:
 
 
 def read_image_shards(paths: Iterable[Path]) -> ImageShards:
-    """The images of some shards (files, or folders of `*.arrow`) as one sequence, in sorted path order."""
+    """Images of some shards, files or folders of `*.arrow`, as one sequence by sorted path."""
     return ImageShards(tuple(paths))
 
 
 def read_frame_shards(paths: Iterable[Path]) -> FrameShards:
-    """The frames of some shards (files, or folders of `*.arrow`) as one mapping from frame number to record."""
+    """Records of some shards, files or folders of `*.arrow`, by frame number."""
     return FrameShards(tuple(paths))
 
 
 class _Rows:
-    """Random access to the rows of several memory-mapped shards; can be sent to a spawned process."""
+    """Random access to rows of several memory-mapped shards; can be sent to a spawned process."""
 
     def __init__(self, paths: Iterable[Path], schema: pa.Schema) -> None:
         self.paths = tuple(file for path in paths for file in _shard_files(Path(path)))

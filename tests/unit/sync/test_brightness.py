@@ -17,7 +17,7 @@ def test_a_log_is_a_matrix_in_which_unlisted_lights_are_off():
     log = read_log(table, pd.Series([3, 5]), ["A", "B", "C"])
     assert log.numbers.tolist() == [3, 5, 7]
     assert log.levels[:, :, 1].tolist() == [[4, 0, 0], [0, 0, 0], [0, 2, 0]]
-    assert log.rows_of(np.array([[5, 6], [7, 99]])).tolist() == [[1, -1], [2, -1]]
+    assert log.rows_for(np.array([[5, 6], [7, 99]])).tolist() == [[1, -1], [2, -1]]
 
 
 def test_a_missing_image_is_filled_as_bright_as_the_frame_was_for_the_others():
