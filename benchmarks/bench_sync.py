@@ -25,7 +25,15 @@ from pipeline.geometry.skin import read_template
 from pipeline.stages.book_patterns import build_model, fit_subject, measure_brightness
 from pipeline.sync.brightness import BrightnessModel, PatternLog
 from pipeline.sync.sync import SyncCheck, check_sync
-from tests.support.planted_stage import INTERLEAVINGS, Stage, build_stage, model_of, photograph, traced_transport, white
+from tests.support.rigs.light_stage import (
+    INTERLEAVINGS,
+    Stage,
+    build_stage,
+    model_of,
+    photograph,
+    traced_transport,
+    white,
+)
 
 SIGMAS, MAX_OFFSET = 5.0, 5
 

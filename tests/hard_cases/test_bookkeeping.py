@@ -12,8 +12,8 @@ import pytest
 from pipeline.sync.brightness import BrightnessModel
 from pipeline.sync.subject_proxy import Ellipsoid, shading_response
 from pipeline.sync.sync import IN_SYNC, UNDETERMINED, UNEXPLAINED, SyncCheck, check_sync
-from tests.support.hard_case import HardCase
-from tests.support.planted_stage import Stage, build_stage, model_of, one_at_a_time, photograph, random_groups, white
+from tests.support.results.hard_case import HardCase
+from tests.support.rigs.light_stage import Stage, build_stage, model_of, one_at_a_time, photograph, random_groups, white
 
 
 @pytest.fixture(scope="module")

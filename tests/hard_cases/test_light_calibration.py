@@ -14,7 +14,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.stages.calibrate_lights import run
-from tests.support.drawn_balls import edit_json, images_of, paths, planted_lights, variant, write_ball_capture
+from tests.support.drawings.balls import edit_json, images_of, paths, planted_lights, variant, write_ball_capture
 
 LENIENT = CalibrateLights(largest_sigma_m=0.06)
 """These balls are 37 px in radius: a light here is good to 5 mm, and one in five to 30 only."""

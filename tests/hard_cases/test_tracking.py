@@ -14,9 +14,9 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_table, write_json
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.stages.track_mesh import run
-from tests.support.hard_case import HardCase
-from tests.support.walking_capture import edited, mean_error_mm, write_capture
-from tests.support.walking_figure import Motion, walk
+from tests.support.captures.walking import edited, mean_error_mm, write_capture
+from tests.support.figures.walking import Motion, walk
+from tests.support.results.hard_case import HardCase
 
 FRAMES = 14
 

@@ -12,7 +12,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_json
 from pipeline.stages.calibrate_color import run
 from pipeline.stages.index_capture import run as index_capture
-from tests.support.drawn_chart import (
+from tests.support.drawings.chart import (
     camera_responses,
     draw_chart,
     errors_of_corrections,

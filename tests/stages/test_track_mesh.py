@@ -13,9 +13,9 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_table, write_json
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.stages.track_mesh import run
-from tests.support.painted_figure import add_images
-from tests.support.walking_capture import OUTLIERS, edited, mean_error_mm, write_capture
-from tests.support.walking_figure import BONES, Motion, walk
+from tests.support.captures.walking import OUTLIERS, edited, mean_error_mm, write_capture
+from tests.support.figures.painted import add_images
+from tests.support.figures.walking import BONES, Motion, walk
 
 
 @pytest.fixture(scope="module")

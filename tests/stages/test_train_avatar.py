@@ -26,7 +26,7 @@ from pipeline.base.stopping import Stopped
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
+from tests.support.avatars.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
 
 SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1)
 

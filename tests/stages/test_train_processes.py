@@ -15,7 +15,7 @@ import pytest
 from pipeline.base.files import read_arrays
 from pipeline.config.flags import flags
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
+from tests.support.avatars.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
 
 STEPS = 120
 SETTINGS = TrainAvatar(

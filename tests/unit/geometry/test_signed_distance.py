@@ -14,7 +14,7 @@ from pipeline.geometry.signed_distance import (
 )
 from pipeline.geometry.surface_points import spread_vertices
 from pipeline.tracking.silhouette_cue import silhouette_term
-from tests.support.walking_figure import draw_mask, mesh, ring_of_cameras
+from tests.support.figures.walking import draw_mask, mesh, ring_of_cameras
 
 
 @pytest.fixture

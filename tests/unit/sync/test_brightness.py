@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from pipeline.sync.brightness import DEGREES, log_likelihood, observed_table, read_log
-from tests.support.planted_stage import build_stage, model_of, photograph, random_groups, white
+from tests.support.rigs.light_stage import build_stage, model_of, photograph, random_groups, white
 
 
 def test_a_log_is_a_matrix_in_which_unlisted_lights_are_off():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.sync.sync import FAULTY, IN_SYNC, UNDETERMINED, UNEXPLAINED, SyncCheck, check_sync
-from tests.support.planted_stage import INTERLEAVINGS, Stage, build_stage, model_of, photograph, random_groups, white
+from tests.support.rigs.light_stage import INTERLEAVINGS, Stage, build_stage, model_of, photograph, random_groups, white
 
 FRAMES = 30
 SURE = 5.0

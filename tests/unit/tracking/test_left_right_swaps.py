@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.geometry.triangulation import triangulate
 from pipeline.tracking.left_right_swaps import exchanged, find_left_right_swaps
-from tests.support.walking_figure import ring_of_cameras, walk
+from tests.support.figures.walking import ring_of_cameras, walk
 
 INLIER_PX = 12.0
 """At sensor resolution, where the noise below is 1.4 px."""

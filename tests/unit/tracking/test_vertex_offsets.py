@@ -12,7 +12,7 @@ from pipeline.geometry.signed_distance import View, view_from_masks
 from pipeline.geometry.skin import Template, posed, read_template
 from pipeline.tracking.silhouette_cue import SilhouetteCue
 from pipeline.tracking.vertex_offsets import fit_offsets, membrane, skinning_jacobians
-from tests.support.walking_figure import draw_mask, mesh, ring_of_cameras, write_template
+from tests.support.figures.walking import draw_mask, mesh, ring_of_cameras, write_template
 
 SPINE = 1
 

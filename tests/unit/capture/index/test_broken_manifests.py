@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.broken_captures import Break, check_break, complaints_of, manifest
+from tests.support.captures.broken import Break, check_break, complaints_of, manifest
 
 MANIFEST_BREAKS: dict[str, tuple[Break, list[str]]] = {
     "unknown test pattern": (

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.capture.shards import write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.geometry.texels import write_atlas
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 
 def sheet_frames():

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pipeline.base.files import read_arrays, write_json, write_table
 from pipeline.geometry.cameras import write_cameras
-from tests.support.walking_figure import BONES, Motion, draw_mask, ring_of_cameras, write_template
+from tests.support.figures.walking import BONES, Motion, draw_mask, ring_of_cameras, write_template
 
 DOWNSAMPLE = 4.0
 NOISE_PX, OUTLIERS, OUTLIER_PX = 0.35, 0.03, 20.0

@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.capture.index.validation import index_folder
-from tests.support.capture_builder import (
+from tests.support.captures.builder import (
     edit_manifest,
     replace_text,
     write_lines,

@@ -12,8 +12,8 @@ import pandas as pd
 from pipeline.base.files import read_table, write_table
 from pipeline.capture.images import write_exr
 from pipeline.geometry.cameras import Camera
-from tests.support.walking_capture import DOWNSAMPLE
-from tests.support.walking_figure import Motion, ring_of_cameras
+from tests.support.captures.walking import DOWNSAMPLE
+from tests.support.figures.walking import Motion, ring_of_cameras
 
 FACTOR, BITS = 4, 4
 """Finer pixels per side while painting, and fixed-point bits of OpenCV's corners."""

@@ -17,7 +17,7 @@ import OpenEXR
 import pandas as pd
 import yaml
 
-from tests.support.glb_files import GlbFile
+from tests.support.meshes.glb_files import GlbFile
 
 CAMERAS = ("left", "right")
 FRAMES = (0, 1, 2)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.geometry.cameras import Camera
-from tests.support.glb_files import GlbFile
+from tests.support.meshes.glb_files import GlbFile
 
 BONES = [
     # name, parent, start in the parent's frame, direction and length of its tube, radii across

@@ -14,7 +14,7 @@ from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.texels import Atlas, write_atlas
 
 FRAMES = [10, 11, 12, 13]
-"""10 has two lights, 11 one, 12 none; 13 is tracked but not booked."""
+"""10 has two lights, 11 one, 12 none; 13 is tracked but not synced."""
 
 BALL_RADIUS, BALL_HEIGHT, FLOOR_HALF = 0.5, 2.0, 3.0
 

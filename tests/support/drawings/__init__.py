@@ -1,0 +1,1 @@
+"""Drawn calibration images with planted truth: mirror `balls`, ChArUco `boards`, a colour `chart`."""

@@ -1,0 +1,1 @@
+"""Rigs with planted truth: `cameras`, `camera_files` of other programs, a `light_stage` and its log of patterns."""
