@@ -103,7 +103,7 @@ def test_overlap_counts_pixels(camera: Camera) -> None:
     assert np.isnan(overlap[1])
 
 
-def test_outline_term_pulls_a_shifted_mesh_back_and_knows_its_slope() -> None:
+def test_silhouette_term_pulls_back_and_knows_its_slope() -> None:
     vertices, faces, _ = mesh()
     cameras = [c.downsampled(4.0) for c in ring_of_cameras(4).values()]
     views = [view_from_masks(c, [draw_mask(c, vertices, faces)]) for c in cameras]
