@@ -51,7 +51,7 @@ class FrameRecord:
     Attributes:
         vertices: posed template, glTF vertex order, metres.
         irradiance: visible share of the light at each texel, about 0..1 (single samples may exceed 1).
-        falling: the same share weighted by the cosine, i.e. of the light falling on a matte surface.
+        cosine_visibility: the same share weighted by the cosine, i.e. of the light that falls on a matte surface.
         light_positions: lit lights only, stage frame, metres.
         light_intensities: radiant intensity of each, linear RGB.
         head_from_world: of a head, the rigid motion [R | t] that brings points (R x + t, metres) and directions (R x)
@@ -65,7 +65,7 @@ class FrameRecord:
     fully_lit: bool
     vertices: Float32[np.ndarray, "vertices 3"]
     irradiance: Float32[np.ndarray, " texels"]
-    falling: Float32[np.ndarray, " texels"]
+    cosine_visibility: Float32[np.ndarray, " texels"]
     light_positions: Float32[np.ndarray, "lights 3"]
     light_intensities: Float32[np.ndarray, "lights 3"]
     head_from_world: Float32[np.ndarray, "3 4"] | None = None

@@ -63,7 +63,7 @@ def test_eyes_that_are_on_ask_for_their_fit(inputs, tmp_path):
 def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
     inputs["effects"].write_text(json.dumps({name: {"on": name != "eyes"} for name in EFFECTS}))
     dimmed = [
-        dataclasses.replace(frame, irradiance=0.5 * frame.irradiance, falling=0.3 * frame.falling)
+        dataclasses.replace(frame, irradiance=0.5 * frame.irradiance, cosine_visibility=0.3 * frame.cosine_visibility)
         for frame in read_frame_shards([tmp_path / "shards/frames"]).values()
     ]
     write_frame_shard(tmp_path / "dim/0000.arrow", dimmed)

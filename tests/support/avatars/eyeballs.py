@@ -68,7 +68,7 @@ def make_frame(atlas: Atlas, gaze: np.ndarray, lights: np.ndarray, head: np.ndar
     return FrameRecord(
         frame=0, segment="a", fully_lit=False,
         vertices=(atlas.rest_vertices @ world[:, :3].T + world[:, 3]).astype(np.float32),
-        irradiance=np.ones(atlas.texel_count, np.float32), falling=np.ones(atlas.texel_count, np.float32),
+        irradiance=np.ones(atlas.texel_count, np.float32), cosine_visibility=np.ones(atlas.texel_count, np.float32),
         light_positions=np.asarray(lights, np.float32), light_intensities=np.full((len(lights), 3), 2.0, np.float32),
         head_from_world=back.astype(np.float32), gaze=np.tile(gaze, (2, 1)).astype(np.float32),
     )  # fmt: skip

@@ -35,7 +35,7 @@ def make_frame(atlas: Atlas, lights: np.ndarray, intensities: np.ndarray, number
     return FrameRecord(
         frame=number, segment="a", fully_lit=True, vertices=atlas.rest_vertices,
         irradiance=np.ones(atlas.texel_count, np.float32),
-        falling=np.ones(atlas.texel_count, np.float32), light_positions=np.asarray(lights, np.float32),
+        cosine_visibility=np.ones(atlas.texel_count, np.float32), light_positions=np.asarray(lights, np.float32),
         light_intensities=np.asarray(intensities, np.float32),
     )  # fmt: skip
 
