@@ -21,7 +21,7 @@ def shared_folder() -> Path:
 
 
 def shared_data(name: str) -> tuple[Path, pytest.MarkDecorator]:
-    """A folder of shared data, and the mark of tests that need it: they are skipped where it is absent."""
+    """A folder of shared data, and the mark that skips tests where it is absent."""
     folder = shared_folder() / name
     reason = f"needs {name}, which is not in {shared_folder().name}/ beside the repository; see ${VARIABLE}"
     return folder, pytest.mark.skipif(not folder.is_dir(), reason=reason)

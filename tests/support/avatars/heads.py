@@ -19,7 +19,10 @@ ALBEDO = np.array([0.7, 0.4, 0.2])
 
 
 def folded(atlas, fold, number=0, lights=2):
-    """The sheet with one corner lifted by `fold` metres, under lamps; a head that stands where its template does."""
+    """The sheet with one corner lifted by `fold` metres, under lamps.
+
+    As a head it stands where its template does.
+    """
     places = np.array([[0.5, 0.3, 1.5], [-0.6, 0.0, 1.2]])[:lights]
     frame = make_frame(atlas, places, np.full((lights, 3), 3.0), number)
     vertices = frame.vertices.copy()

@@ -36,7 +36,7 @@ def write_subject(folder, images=None, shadow=False):
     (folder / "effects.json").write_text(json.dumps({name: {"on": name in on} for name in EFFECTS}))
 
 
-def arguments_of(folder):
+def stage_arguments(folder):
     """The stage's arguments for what `write_subject` wrote, but for `out` and the settings."""
     files = {"atlas": "atlas.safetensors", "shards": "shards", "effects": "effects.json"}
     return {"subject": "sheet", **{name: folder / file for name, file in files.items()}}

@@ -1,4 +1,4 @@
-"""Small captures as synthesize_capture makes them, and their truth at the resolution of the images."""
+"""Small captures as synthesize_capture makes them, and their truth at image resolution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The walking figure as a capture's index: what track_mesh reads, and how far its answer is from the truth."""
+"""The walking figure as a capture's index, for track_mesh, and the error of its answer."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A jointed figure made of tubes: `walking` is its motion and its masks, `painted` its images under lights."""
+"""A jointed figure made of tubes: its motion and masks (`walking`), its images (`painted`)."""

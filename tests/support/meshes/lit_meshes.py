@@ -1,4 +1,4 @@
-"""Plates and balls under lights, for tests of shadow rays and of the maps that are traced with them."""
+"""Plates and balls under lights, for tests of shadow rays and of maps traced with them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def random_points(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[
 
 
 def floor_under_a_ball(scale: float = 1.0) -> tuple[Occluders, np.ndarray, np.ndarray]:
-    """Occluders, points on the floor and their normals; the ball of radius 0.7 hangs at height 2."""
+    """Occluders, points on the floor and their normals; a ball of radius 0.7 hangs at height 2."""
     vertices, faces = together(sphere(0.7, (0, 2, 0), 3), plate(9, 0.0))
     points = np.random.default_rng(0).uniform(-3, 3, (300, 3)) * [1, 0, 1]
     return Occluders(vertices * scale, faces), points * scale, np.tile([0, 1.0, 0], (300, 1))
