@@ -63,7 +63,8 @@ def write_cameras_and_color(folder: Path, k1: float, gain: float) -> dict[str, P
     The sensor has twice the image's resolution, and the cameras one distortion coefficient.
     """
     paths = {"index": folder / "index", "cameras": folder / "cameras.json", "color": folder / "color.json"}
-    write_json(folder / "index/capture.json", {"subject": "ball", "images": {"downsample_from_sensor": 2}})
+    facts = {"downsample_from_sensor": 2, "transfer": "linear", "black_level": 0.0}
+    write_json(folder / "index/capture.json", {"subject": "ball", "images": facts})
     columns = ["camera", "frame", "path", "test_camera", "test_frame", "test_segment", "test_pattern"]
     write_table(paths["index"] / "images.parquet", pd.DataFrame(columns=columns))
     write_table(paths["index"] / "gaze.parquet", pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]))
