@@ -78,7 +78,7 @@ class FrameInputs:
     @cached_property
     def irradiance(self) -> tuple[Float[Tensor, " texels"], Float[Tensor, " texels"]]:
         """Normalised irradiance, plain and weighted by the cosine."""
-        return self._tensor(self.record.irradiance), self._tensor(self.record.falling)
+        return self._tensor(self.record.irradiance), self._tensor(self.record.cosine_visibility)
 
     @cached_property
     def seen(self) -> UInt8[np.ndarray, "lights bytes"]:

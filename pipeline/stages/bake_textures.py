@@ -21,6 +21,7 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json, read_table
 from pipeline.base.progress import progress
 from pipeline.capture.head_data import write_textures
+from pipeline.capture.images import ImageSource
 from pipeline.config.bake_textures import BakeTextures
 from pipeline.effects.mean_textures import SeenColors, between_lit_frames, fill_unseen, joined, seen_colors
 from pipeline.effects.scene_evidence import read_colors
@@ -55,6 +56,7 @@ def run(
     booked = booked_frames(chunk, frames, tracking)
     posed = dict(zip(chunk.frames.tolist(), chunk.vertices, strict=True))
     facts = read_json(index / "capture.json")["images"]
+    source = ImageSource.from_index(capture, facts)
     calibrated = {n: c.downsampled(float(facts["downsample_from_sensor"])) for n, c in read_cameras(cameras).items()}
     corrected = read_json(effects).get("color_correction", {}).get("on", False)
     colors = read_colors(color) if corrected else {}
@@ -63,8 +65,7 @@ def run(
     images = training_images(index, shown, calibrated, cameras)
     found = [
         seen_colors(
-            capture, images[images.frame == frame], facts, calibrated, colors, texels, posed[frame],
-            settings.cosine_power,
+            source, images[images.frame == frame], calibrated, colors, texels, posed[frame], settings.cosine_power
         )
         for frame in progress(shown, "frames")
     ]  # fmt: skip

@@ -24,7 +24,7 @@ from pipeline.capture.images import read_image, read_mask
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.sync.brightness import BrightnessModel, directions_from, observed_table, read_log
-from pipeline.sync.patterns import book_frames, book_patterns_rgb, find_leaks, mend_patterns
+from pipeline.sync.patterns import find_leaks, mend_patterns, synced_frames, synced_patterns
 from pipeline.sync.subject_proxy import Ellipsoid, fit_ellipsoid, shading_response
 from pipeline.sync.sync import FAULTY, UNEXPLAINED, SyncCheck, check_sync
 from pipeline.sync.timeline import draw_timeline
@@ -68,19 +68,19 @@ def run(
     if fixed:
         patterns, frames = mend_patterns(patterns, frames, check.frames, check.constants)
         names = [light for light in names if check.constants.get(light, np.ones(3)).any()]
-    booked = book_frames(frames, tables["images"], patterns, names)
-    found = check.frames.set_index("frame").reindex(booked.frame)
-    booked["predicted"] = found["predicted" if fixed else "logged"].to_numpy()
-    booked["observed"] = found.observed.to_numpy()
-    booked["suspicious"] = found.suspicious.eq(True).to_numpy()
-    table = book_patterns_rgb(patterns, booked)
-    report(booked, len(tables["frames"]))
+    synced = synced_frames(frames, tables["images"], patterns, names)
+    found = check.frames.set_index("frame").reindex(synced.frame)
+    synced["predicted"] = found["predicted" if fixed else "logged"].to_numpy()
+    synced["observed"] = found.observed.to_numpy()
+    synced["suspicious"] = found.suspicious.eq(True).to_numpy()
+    table = synced_patterns(patterns, synced)
+    report(synced, len(tables["frames"]))
     write_json(out / "sync.json", sync_facts(check, fixed, subject))
-    draw_timeline(out / "sync.png", check, booked, table, stage_lights.light.tolist())
+    draw_timeline(out / "sync.png", check, synced, table, stage_lights.light.tolist())
     complain_of_faults(check, settings, index / "patterns.parquet", out / "sync.png")
-    complain_of_leaks(find_leaks(booked, table), settings, index / "patterns.parquet")
+    complain_of_leaks(find_leaks(synced, table), settings, index / "patterns.parquet")
     write_table(out / "patterns.parquet", table)
-    write_table(out / "frames.parquet", booked)
+    write_table(out / "frames.parquet", synced)
 
 
 def choose_cameras(images: pd.DataFrame, at_most: int) -> list[str]:
@@ -166,12 +166,12 @@ def build_model(
     )  # fmt: skip
 
 
-def report(booked: pd.DataFrame, frames: int) -> None:
+def report(synced: pd.DataFrame, frames: int) -> None:
     """Log the splits."""
-    splits, lit, patterns = booked.split.value_counts().to_dict(), booked.fully_lit.sum(), booked.pattern.nunique()
-    log.info("%d frames: %s, %d fully lit, %d different patterns", len(booked), splits, lit, patterns)
-    if len(booked) < frames:
-        log.warning("%d frames dropped: it is not known what was on in them", frames - len(booked))
+    splits, lit, patterns = synced.split.value_counts().to_dict(), synced.fully_lit.sum(), synced.pattern.nunique()
+    log.info("%d frames: %s, %d fully lit, %d different patterns", len(synced), splits, lit, patterns)
+    if len(synced) < frames:
+        log.warning("%d frames dropped: it is not known what was on in them", frames - len(synced))
 
 
 def complain_of_faults(check: SyncCheck, settings: BookPatterns, file: Path, picture: Path) -> None:

@@ -205,10 +205,12 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
 def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
     """Geometry and light of a frame; its irradiance is 1 everywhere if no shadows were traced."""
     lit = inputs.patterns[inputs.patterns.frame == frame]
-    irradiance = falling = np.ones(inputs.atlas.texel_count, np.float32)
+    irradiance = cosine_visibility = np.ones(inputs.atlas.texel_count, np.float32)
     if inputs.irradiance is not None:
         path = irradiance_file(inputs.irradiance, frame)
-        irradiance, falling = (inputs.atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling"))
+        irradiance, cosine_visibility = (
+            inputs.atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling")
+        )
     row = inputs.booked.loc[frame]
     return FrameRecord(
         frame,
@@ -216,7 +218,7 @@ def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
         bool(row.fully_lit),
         vertices=inputs.vertices[frame].astype(np.float32),
         irradiance=irradiance.astype(np.float32),
-        falling=falling.astype(np.float32),
+        cosine_visibility=cosine_visibility.astype(np.float32),
         light_positions=lit[["x", "y", "z"]].to_numpy(np.float32),
         light_intensities=lit[["intensity_r", "intensity_g", "intensity_b"]].to_numpy(np.float32),
         head_from_world=inputs.heads.get(frame),

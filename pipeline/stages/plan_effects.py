@@ -19,6 +19,7 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_json
 from pipeline.base.seeds import generator_for
+from pipeline.capture.images import ImageSource
 from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.effects.appearance_evidence import (
@@ -132,7 +133,7 @@ def appearance_evidence(
 ) -> dict[str, Evidence]:  # fmt: skip
     """What training images say of gloss and transport; nothing, if no texel is seen well in any."""
     some = np.sort(random.permutation(atlas.texel_count)[: settings.texels])
-    seen = observe_texels(capture, images, facts, cameras, colors, atlas, some, posed)
+    seen = observe_texels(ImageSource.from_index(capture, facts), images, cameras, colors, atlas, some, posed)
     if not len(seen.point):
         nothing = Evidence(0.0, "no training image shows a texel well")
         return dict.fromkeys(("specular", "deferred", "learned_transport"), nothing)

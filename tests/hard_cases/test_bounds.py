@@ -10,7 +10,7 @@ import torch
 from pipeline.avatar.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.avatar.training.losses import GGX_WIDTH_BOUNDS, ROUGHNESS_BOUNDS, SCALE_BOUNDS_M, SMALLEST_VALUE, outside
 from pipeline.geometry.texels import Atlas
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 2e-6
 """A logarithm of float32 is good to 6e-8 of its value, up to 90."""

@@ -16,7 +16,7 @@ from pipeline.avatar.shading import shade_specular
 from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS
 from pipeline.eyes.eye_shape import EyeShape, eye_surface, turn_to
 from pipeline.lighting.lobes import LOBE_CONSTANT
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     AHEAD,
     CENTERS,
     make_atlas,
@@ -25,7 +25,7 @@ from tests.support.eyeballs import (
     make_frame,
     make_image,
 )
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 2e-6
 """Two dozen operations of float32 on numbers of about 1, three of them roots."""

@@ -21,8 +21,8 @@ from pipeline.config.train_avatar import TrainAvatar
 from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.lobes import LOBE_CONSTANT, angle_between, cosine_gaussian, unit
 from pipeline.lighting.zonal import DEGREES, clamped_cosine_coefficients
-from tests.support.hard_case import HardCase, worst
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 5e-7
 """A dozen operations of float32."""

@@ -13,7 +13,7 @@ from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS
 from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_NORM, angle_between, angular_gaussian, unit
 from pipeline.lighting.specular_lobes import gather_glints
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 5e-7
 """A dozen operations of float32 on the lobe's value over its peak, and on its slope over its steepest slope."""

@@ -21,7 +21,7 @@ from pipeline.config.project import SubjectSettings
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject
 from pipeline.stages.measure_cost import read_stage_settings, run
-from tests.support.posed_capture import write_posed_capture
+from tests.support.captures.posed import write_posed_capture
 
 PROGRAM = """
 import json, pathlib, sys

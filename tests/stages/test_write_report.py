@@ -17,7 +17,7 @@ from pipeline.config.project import SubjectSettings
 from pipeline.config.write_report import WriteReport, subject_changes
 from pipeline.report.provenance import without_paths
 from pipeline.stages.write_report import run
-from tests.support.reported_results import OF_THE_PROJECT, OPTIONAL, plot, write_results
+from tests.support.results.reported_results import OF_THE_PROJECT, OPTIONAL, plot, write_results
 
 EFFECTS_TITLE = "Effects, planned against all on"
 TITLES = (

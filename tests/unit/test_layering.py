@@ -79,6 +79,16 @@ def test_gsplat_is_imported_in_one_module(modules):
     assert users == ["pipeline.rendering.splat_gsplat"]
 
 
+def test_no_test_module_imports_another(repo_root):
+    """What two of them need stands in tests/support."""
+    found = []
+    for path in sorted((repo_root / "tests").rglob("*.py")):
+        name = ".".join(path.relative_to(repo_root).with_suffix("").parts)
+        targets = {target for target in direct_imports(name, path) if target.split(".")[0] == "tests"}
+        found += [f"{name} imports {target}" for target in targets if not target.startswith("tests.support")]
+    assert not found
+
+
 def test_no_call_unpickles(modules):
     """torch.load without weights_only=True and np.load with allow_pickle both unpickle."""
     found = []

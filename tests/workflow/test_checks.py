@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.support.curve_files import write_curves
+from tests.support.results.curve_files import write_curves
 
 ALWAYS = {
     "index_capture": 1,

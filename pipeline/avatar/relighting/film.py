@@ -147,7 +147,7 @@ class Relighter:
         lit = lights.intensities.any(1)
         return FrameRecord(
             frame=0, segment="", fully_lit=False, vertices=driver.vertices.astype(np.float32), irradiance=maps[0],
-            falling=maps[1], light_positions=lights.positions[lit].astype(np.float32),
+            cosine_visibility=maps[1], light_positions=lights.positions[lit].astype(np.float32),
             light_intensities=lights.intensities[lit].astype(np.float32), head_from_world=driver.head_from_world,
             texture=driver.texture, gaze=driver.gaze,
         )  # fmt: skip

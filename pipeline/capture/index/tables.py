@@ -1,4 +1,4 @@
-"""The tables of a capture: cameras, frames, lights, patterns, keypoints, chart patches, every row checked."""
+"""Tables of a capture, checked row by row: cameras, frames, lights, patterns, keypoints, ..."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def read_patterns_csv(
 
 
 def _pattern_columns(root: Path, path: str, complaints: Complaints) -> Mapping[str, Kind]:
-    """Which of the two spellings a file of patterns uses; complains about a file that uses both."""
+    """Columns of the spelling that a file of patterns uses; complains if it uses both."""
     names = column_names(root, path)
     colored = any(column in names for column in INTENSITIES)
     if colored and "intensity" in names:

@@ -19,7 +19,12 @@ from pipeline.geometry.gltf import GltfFile
 
 @dataclass(frozen=True)
 class Shape:
-    """What other files may name of a template: `vertices` is their number, `joints` are nodes."""
+    """Parts of a template that other files may name.
+
+    Attributes:
+        vertices: their number.
+        joints: glTF nodes.
+    """
 
     vertices: int
     faces: Int64[np.ndarray, "f 3"]
@@ -27,7 +32,7 @@ class Shape:
 
 
 def check_template(root: Path, template: Template, complaints: Complaints) -> tuple[list[str] | None, pd.DataFrame]:
-    """Check that the mesh loads, and that keypoints and eyes lie on joints or vertices that it has.
+    """Check that the mesh loads, and that keypoints and eyes lie on its joints or vertices.
 
     Returns:
         the keypoints' names, None if there is no table of them or it is in doubt; and the table of eyes.

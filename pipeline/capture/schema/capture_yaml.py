@@ -40,7 +40,7 @@ class Images(Section):
 
 
 class Masks(Section):
-    """Which pixels show the subject."""
+    """Masks of the pixels that show the subject."""
 
     path: MaskPattern = Field(description="pattern with {camera} and {frame:06d}; one channel, 8 bit, 255 = subject")
 
@@ -99,7 +99,7 @@ class NoColor(Section):
 
 
 class Calibration(Section):
-    """How the stage's cameras, lights and colours are calibrated."""
+    """Methods of calibrating the stage's cameras, lights and colours."""
 
     cameras: CharucoCameras | KnownCameras = Field(discriminator="method", description="poses and lenses")
     lights: MirrorBallLights | KnownLights = Field(discriminator="method", description="positions of the LEDs")
@@ -107,7 +107,7 @@ class Calibration(Section):
 
 
 class Splits(Section):
-    """What is held out for testing; everything else trains. Lists may be empty, `test_patterns` may be left out.
+    """Images held out for testing; everything else trains. Lists may be empty, `test_patterns` may be left out.
 
     A pattern, the lit lights with their intensities, is named by the number of any frame that shows it. Holding it out
     holds out every frame that shows it.

@@ -1,4 +1,4 @@
-"""Writes config/capture_format.md, the page about `capture.yaml`, from the models that check it.
+"""Write config/capture_format.md, the page about `capture.yaml`, from its models.
 
     python -m pipeline.capture.schema.format_page
 

@@ -42,7 +42,9 @@ class _UniqueKeyLoader(yaml.SafeLoader):
 
 
 def read_manifest(root: Path, complaints: Complaints) -> Capture:
-    """The capture's description; a section (`images`, `calibration.lights`, ...) with a complaint is None.
+    """Read a capture's description; a section with a complaint is None.
+
+    Sections are `images`, `calibration.lights`, ...
 
     Raises:
         InputError: if the folder or the file is missing or is not YAML: nothing more can be checked then.
@@ -116,7 +118,7 @@ def _complain(complaints: Complaints, problem: dict[str, Any]) -> None:
 
 
 def _model_at(place: tuple) -> type[BaseModel]:
-    """The model whose keys stand at a place of the description; a union's tag follows its key there."""
+    """Model whose keys stand at a place of the description; a union's tag follows its key."""
     model, rest = Capture, [part for part in place if not isinstance(part, int)]  # a list's entries are alike
     while rest and (field := model.model_fields.get(rest.pop(0))) is not None:
         kinds = _with_arguments(field.annotation)

@@ -18,7 +18,7 @@ from pipeline.avatar.training.training import Training
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 SMALL = {"code_size": 8, "decoder_channels": (8, 4), "pose_points": 4}
 DECODED = TrainAvatar(steps=4, parameters="decoded", shadow_width=4, **SMALL)

@@ -16,7 +16,7 @@ from pipeline.avatar.spec import AvatarSpec
 from pipeline.geometry.camera_paths import look_at
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.rendering.supersample import splat_supersampled
-from tests.support.sheet import make_frame, make_sheet
+from tests.support.avatars.sheet import make_frame, make_sheet
 
 SOURCES = ("expected", "normalised", "median", "traced")
 SIDE = 64

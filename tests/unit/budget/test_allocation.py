@@ -16,7 +16,7 @@ from pipeline.budget.curves import read_curves, read_measured
 from pipeline.budget.resolved_project import with_budgets
 from pipeline.config.loading import load_project, merge
 from pipeline.config.project import ProjectSettings, SubjectSettings
-from tests.support.curve_files import CURVES, write_curves
+from tests.support.results.curve_files import CURVES, write_curves
 
 SAME_SIZE = CaptureSize(4, 10, 1000, 1)
 

@@ -8,7 +8,7 @@ import yaml
 from pipeline.base.code_digest import ROOT
 from pipeline.budget.curves import FOLDER, read_curves, read_measured
 from pipeline.budget.presets import DRAFT_TIMES, RULES, preset_yaml
-from tests.support.curve_files import write_curves
+from tests.support.results.curve_files import write_curves
 
 COMMITTED = ROOT / FOLDER
 

@@ -23,7 +23,7 @@ from pipeline.dials.tolerances import small_focal_percent, small_length_mm, smal
 from pipeline.dials.tracking import TRACKING
 from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
 from pipeline.geometry.cameras import write_cameras
-from tests.support.walking_figure import ring_of_cameras
+from tests.support.figures.walking import ring_of_cameras
 
 STAGE = CostedStage(
     name="track_mesh",

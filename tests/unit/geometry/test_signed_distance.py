@@ -13,8 +13,8 @@ from pipeline.geometry.signed_distance import (
     view_from_masks,
 )
 from pipeline.geometry.surface_points import spread_vertices
-from pipeline.tracking.silhouette_cue import outline_term
-from tests.support.walking_figure import draw_mask, mesh, ring_of_cameras
+from pipeline.tracking.silhouette_cue import silhouette_term
+from tests.support.figures.walking import draw_mask, mesh, ring_of_cameras
 
 
 @pytest.fixture
@@ -103,13 +103,13 @@ def test_overlap_counts_pixels(camera: Camera) -> None:
     assert np.isnan(overlap[1])
 
 
-def test_outline_term_pulls_a_shifted_mesh_back_and_knows_its_slope() -> None:
+def test_silhouette_term_pulls_back_and_knows_its_slope() -> None:
     vertices, faces, _ = mesh()
     cameras = [c.downsampled(4.0) for c in ring_of_cameras(4).values()]
     views = [view_from_masks(c, [draw_mask(c, vertices, faces)]) for c in cameras]
     chosen, shift = spread_vertices(vertices, 200), np.array([0.012, -0.008, 0.01])
     moved = (vertices + shift)[None]
-    term = outline_term(views, moved, faces, chosen, 1.0)
+    term = silhouette_term(views, moved, faces, chosen, 1.0)
     quadratic = term(moved[:, chosen])
     step = np.linalg.solve(quadratic.normal.sum((0, 1)), -quadratic.gradient.sum((0, 1)))
     assert np.linalg.norm(step + shift) < 0.3 * np.linalg.norm(shift)

@@ -10,7 +10,7 @@ import pytest
 from pipeline.lighting.irradiance import Lights, trace_irradiance
 from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits
 from pipeline.lighting.visibility_cache import keep_bits, load_bits, visibility_key
-from tests.unit.lighting.test_irradiance import LIGHTS, floor_under_a_ball
+from tests.support.meshes.lit_meshes import LIGHTS, floor_under_a_ball
 
 
 @pytest.mark.parametrize("distant", [False, True])

@@ -10,7 +10,7 @@ from benchmarks.mirror_glints import glint_points
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.texel_parameters import START_ALBEDO
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     AHEAD,
     CENTERS,
     EYES,

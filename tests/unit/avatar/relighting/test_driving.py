@@ -16,8 +16,8 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.cameras import Camera
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import FrameLights
-from tests.support.sheet import make_sheet
-from tests.unit.avatar.test_head import folds, make_head, trained
+from tests.support.avatars.heads import folds, make_head, trained
+from tests.support.avatars.sheet import make_sheet
 
 LAMP = FrameLights(np.array([[0.4, 0.2, 1.5]]), np.full((1, 3), 4.0))
 FLOAT32_ROUNDING = 1e-5

@@ -10,7 +10,7 @@ from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.calibration.cameras.rig_start import connected_groups, start_camera, usable_views, view_rows
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.rotations import left_jacobian
-from tests.support.planted_rig import BOARD, SIZE, boards_in_stage, center_errors, observe, planted_cameras, solve
+from tests.support.rigs.cameras import BOARD, SIZE, boards_in_stage, center_errors, observe, planted_cameras, solve
 
 
 def distances(rig, cameras):

@@ -7,7 +7,7 @@ from pipeline.calibration.cameras.rig_calibration import calibrate_rig
 from pipeline.calibration.cameras.rig_model import PRIOR_SIGMA
 from pipeline.calibration.cameras.rig_quality import wanted_distortion
 from pipeline.geometry.cameras import Camera
-from tests.support.planted_rig import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
+from tests.support.rigs.cameras import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
 
 LENSES = {
     0: [0, 0, 0, 0, 0],

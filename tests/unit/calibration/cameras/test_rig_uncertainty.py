@@ -7,7 +7,7 @@ import scipy.stats
 from pipeline.calibration.cameras.projection import INTRINSICS
 from pipeline.calibration.cameras.rig import adjust_rig, robust_inflation
 from pipeline.geometry.cameras import Camera
-from tests.support.planted_rig import (
+from tests.support.rigs.cameras import (
     BOARD,
     boards_in_stage,
     center_errors,

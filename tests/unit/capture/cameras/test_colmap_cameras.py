@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.capture.cameras.known_cameras import digest_known_cameras
 from pipeline.capture.schema.known_schema import KnownCameras
-from tests.support.given_cameras import (
+from tests.support.rigs.camera_files import (
     CENTERS,
     LENSES,
     POINTS,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.support.given_cameras import (
+from tests.support.rigs.camera_files import (
     CENTERS,
     POINTS,
     SAME_PX,

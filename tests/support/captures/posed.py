@@ -1,4 +1,4 @@
-"""Stage inputs with a known answer: a ball over a floor, three tracked frames, lights and patterns, all as files."""
+"""Stage inputs with a known answer: a ball over a floor in three tracked frames, lit."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.texels import Atlas, write_atlas
 
 FRAMES = [10, 11, 12, 13]
-"""10 has two lights, 11 one, 12 none; 13 is tracked but not booked."""
+"""10 has two lights, 11 one, 12 none; 13 is tracked but not synced."""
 
 BALL_RADIUS, BALL_HEIGHT, FLOOR_HALF = 0.5, 2.0, 3.0
 
 
 def write_posed_capture(folder: Path, *, ball: bool = True, light_distance: float = 5.0) -> dict[str, Path]:
-    """Write everything that trace_irradiance and plan_effects read; returns their arguments but `out`.
+    """Write all that trace_irradiance and plan_effects read; returns their arguments but `out`.
 
     The floor has the left half of the map, the ball the texels of a sliver at its right border. Without the ball the
     mesh is the floor alone. Light L0 hangs over the middle, L1 aside; L2 is never on.
@@ -58,10 +58,13 @@ def write_posed_capture(folder: Path, *, ball: bool = True, light_distance: floa
 
 
 def write_cameras_and_color(folder: Path, k1: float, gain: float) -> dict[str, Path]:
-    """Index without images, cameras at sensor resolution (twice the image) with one distortion coefficient, and colour
-    matrices."""
+    """Write an index without images, cameras at sensor resolution, and colour matrices.
+
+    The sensor has twice the image's resolution, and the cameras one distortion coefficient.
+    """
     paths = {"index": folder / "index", "cameras": folder / "cameras.json", "color": folder / "color.json"}
-    write_json(folder / "index/capture.json", {"subject": "ball", "images": {"downsample_from_sensor": 2}})
+    facts = {"downsample_from_sensor": 2, "transfer": "linear", "black_level": 0.0}
+    write_json(folder / "index/capture.json", {"subject": "ball", "images": facts})
     columns = ["camera", "frame", "path", "test_camera", "test_frame", "test_segment", "test_pattern"]
     write_table(paths["index"] / "images.parquet", pd.DataFrame(columns=columns))
     write_table(paths["index"] / "gaze.parquet", pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]))

@@ -1,4 +1,4 @@
-"""A flat square sheet as atlas, and its analytic picture under a point light: planted truth for the avatar's tests."""
+"""A flat square sheet as atlas, and its analytic picture under a point light."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SIDE_M = 0.4
 
 
 def make_sheet(size: int) -> Atlas:
-    """Two triangles whose texture fills the whole map; row 0 (v = 0) is at the top, y = +SIDE / 2."""
+    """Two triangles that fill the whole map; row 0 (v = 0) is at the top, y = +SIDE / 2."""
     half = SIDE_M / 2
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]], np.float32)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
@@ -35,14 +35,15 @@ def make_frame(atlas: Atlas, lights: np.ndarray, intensities: np.ndarray, number
     return FrameRecord(
         frame=number, segment="a", fully_lit=True, vertices=atlas.rest_vertices,
         irradiance=np.ones(atlas.texel_count, np.float32),
-        falling=np.ones(atlas.texel_count, np.float32), light_positions=np.asarray(lights, np.float32),
+        cosine_visibility=np.ones(atlas.texel_count, np.float32), light_positions=np.asarray(lights, np.float32),
         light_intensities=np.asarray(intensities, np.float32),
     )  # fmt: skip
 
 
 def make_image(frame: FrameRecord, albedo: np.ndarray, shift_x: float = 0.0, pixels: int = 24) -> ImageRecord:
-    """A camera at z = 1 m that looks along -z at the sheet, and what it sees of a Lambertian sheet: albedo / pi * sum
-    of I cos / d^2, evaluated at each pixel's centre.
+    """Analytic image of a Lambertian sheet by a camera at z = 1 m that looks along -z.
+
+    The sheet shows albedo / pi * sum of I cos / d^2, evaluated at each pixel's centre.
     """
     R = np.diag([1.0, -1.0, -1.0])
     center = np.array([shift_x, 0.0, 1.0])

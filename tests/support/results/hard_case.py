@@ -1,4 +1,4 @@
-"""What a hard case measures, and the table of all of them: one row per test of tests/hard_cases."""
+"""Errors that hard cases measure, and their table: one row per test of tests/hard_cases."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class HardCase:
         gradient_bound: float | None = None,
         unit: str = "",
     ) -> None:
-        """Assert that errors are finite and within their bounds; of several calls, the row keeps the worst error.
+        """Assert that errors are finite and within bounds; the row keeps the worst of several calls.
 
         Give a bound with each error. A bound of 0 asks for exactness.
         """
@@ -65,7 +65,7 @@ class HardCase:
             assert error <= bound, f"{what}: error {error:.3g}, bound {bound:.3g}"
 
     def naive_fails(self, error: float, what: Literal["value", "gradient"] = "value") -> None:
-        """Assert that the plausible naive version, run on the same case, misses the bound or is not finite."""
+        """Assert that the plausible naive version of the case misses the bound or is not finite."""
         error, before = float(error), self._row.get("naive_error")
         if before is None or error > before or math.isnan(error):
             self._record("naive_error", error)
@@ -80,7 +80,9 @@ def _share(error: float, bound: float) -> float:
 
 
 def worst(found: object, expected: object, scale: float | None = None) -> float:
-    """Largest |found - expected| over `scale`, by default the largest |expected|; NaN if anything found is NaN.
+    """Largest |found - expected| over `scale`; NaN if anything found is NaN.
+
+    The scale is by default the largest |expected|.
 
     Arrays, tensors, or numbers of mpmath; in float64. If nothing but zeros is expected, the difference itself.
     """
@@ -97,13 +99,13 @@ def _float64(values: object) -> np.ndarray:
 
 
 class HardCaseTable:
-    """The plugin of pytest that gathers the rows, prints them at the end of the run and writes them as csv."""
+    """Plugin of pytest that gathers the rows, prints them at the end and writes them as csv."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.rows = path, {}
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Each test reports its set-up, its call and its teardown; one that fails at any of them has failed."""
+        """Take a report of a test's set-up, call or teardown; failing at any of them is failing."""
         row = self.rows.setdefault(report.nodeid, {"verdict": "PASS"})
         recorded = {name: value for name, value in report.user_properties if name in COLUMNS}
         # Readers of csv files take nan for a missing number.
@@ -126,7 +128,7 @@ class HardCaseTable:
 
 
 def table_lines(rows: list[dict[str, float | str]]) -> list[str]:
-    """The table as text: group, case, errors with their bounds, naive error, verdict; counts in the last line."""
+    """The table as text: group, case, errors, bounds, naive error, verdict; counts in the end."""
     header = ["group", "case", "value error (bound)", "gradient error (bound)", "naive error", "verdict"]
     body = [
         [row["group"], row["case"], _error(row, "value"), _error(row, "gradient"), _number(row.get("naive_error", "")),

@@ -10,14 +10,14 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.capture.index.validation import index_folder
-from tests.support.capture_builder import (
+from tests.support.captures.builder import (
     edit_manifest,
     replace_text,
     write_lines,
 )
 
 
-def complaints_of(capture: Path) -> str:
+def read_complaints(capture: Path) -> str:
     with pytest.raises(InputError) as caught:
         index_folder(capture)
     return str(caught.value)
@@ -41,6 +41,6 @@ def rewritten(name: str, *lines: str) -> Break:
 def check_break(capture: Path, tmp_path: Path, how: Break, expected: list[str]) -> None:
     broken = shutil.copytree(capture, tmp_path / "capture", symlinks=True)
     how(broken)
-    message = complaints_of(broken)
+    message = read_complaints(broken)
     for words in expected:
         assert words in message, message

@@ -44,7 +44,10 @@ def read(folder, sizes=SIZES, **keys):
 
 
 def model(lens="OPENCV", images=None, unit_m=1.0, params=None, size=SIZE):
-    """A COLMAP model of both cameras, one image each or as `images` (name: (camera, offset of the centre)) says."""
+    """A COLMAP model of both cameras, one image each or as `images` says.
+
+    `images` maps a name to (camera, offset of the centre).
+    """
     images = images or {f"{name}.png": (name, np.zeros(3)) for name in SIZES}
     made, ids = pycolmap.Reconstruction(), {name: k for k, name in enumerate(SIZES, 1)}
     for k in ids.values():

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.capture.shards import write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.geometry.texels import write_atlas
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 
 def sheet_frames():
@@ -36,7 +36,7 @@ def write_subject(folder, images=None, shadow=False):
     (folder / "effects.json").write_text(json.dumps({name: {"on": name in on} for name in EFFECTS}))
 
 
-def arguments_of(folder):
+def stage_arguments(folder):
     """The stage's arguments for what `write_subject` wrote, but for `out` and the settings."""
     files = {"atlas": "atlas.safetensors", "shards": "shards", "effects": "effects.json"}
     return {"subject": "sheet", **{name: folder / file for name, file in files.items()}}

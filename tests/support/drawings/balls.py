@@ -1,4 +1,6 @@
-"""A drawn capture of mirror balls: 12 lights, 2 balls, 3 cameras, in a rig whose frame is not the stage's.
+"""A drawn capture of mirror balls: 12 lights, 2 balls, 3 cameras.
+
+The rig's frame is not the stage's.
 
 Rays are traced through 4 x 4 points per pixel and blurred as a lens does; the pipeline only writes files.
 """
@@ -42,7 +44,7 @@ def planted_lights():
 
 
 def mirror(camera, ball):
-    """(hit, points, mirrored directions) of 4 x 4 rays per pixel; the last two for rays that hit."""
+    """Trace 4 x 4 rays per pixel: (hit, points, mirrored directions), the last two of hits."""
     steps = (np.arange(4 * SIZE) + 0.5) / 4
     x, y = np.meshgrid(steps, steps)
     ray = np.stack([(x - SIZE / 2) / 450, (y - SIZE / 2) / 450, np.ones_like(x)], -1) @ camera.R
@@ -119,6 +121,6 @@ def edit_json(path: Path, change):
     path.write_text(json.dumps(content))
 
 
-def images_of(folder, light):
+def light_images(folder, light):
     """Paths of the photographs of one light, or of the silhouettes for None."""
     return sorted(folder.glob(f"*_{light}.png" if light is None else f"*_{int(light[1:])}.png"))

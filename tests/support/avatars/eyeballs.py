@@ -24,7 +24,7 @@ AHEAD = np.array([0.0, 0.0, 1.0])
 
 
 def make_atlas(size: int, skin: tuple[np.ndarray, np.ndarray] | None = None) -> Atlas:
-    """Icospheres of 12 mm in the places of the eyes, then the skin (vertices, faces), on a map of `size` squared."""
+    """Icospheres of 12 mm for eyes, then the skin (vertices, faces), on a map of `size` squared."""
     ball = trimesh.creation.icosphere(3)
     parts = [(0.012 * np.asarray(ball.vertices) + center, np.asarray(ball.faces)) for center in CENTERS.values()]
     vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
@@ -62,13 +62,16 @@ def make_avatar(atlas: Atlas, eyes: dict[str, FittedEye], **choices) -> Avatar:
 
 
 def make_frame(atlas: Atlas, gaze: np.ndarray, lights: np.ndarray, head: np.ndarray | None = None) -> FrameRecord:
-    """The template under a head motion (world from head, [3, 4]); both eyes look along `gaze` in the head's frame."""
+    """The template under a head motion (world from head [3, 4]), its eyes along `gaze`.
+
+    The gaze is in the head's frame.
+    """
     world = np.eye(3, 4) if head is None else head
     back = np.concatenate([world[:, :3].T, -world[:, :3].T @ world[:, 3:]], 1)
     return FrameRecord(
         frame=0, segment="a", fully_lit=False,
         vertices=(atlas.rest_vertices @ world[:, :3].T + world[:, 3]).astype(np.float32),
-        irradiance=np.ones(atlas.texel_count, np.float32), falling=np.ones(atlas.texel_count, np.float32),
+        irradiance=np.ones(atlas.texel_count, np.float32), cosine_visibility=np.ones(atlas.texel_count, np.float32),
         light_positions=np.asarray(lights, np.float32), light_intensities=np.full((len(lights), 3), 2.0, np.float32),
         head_from_world=back.astype(np.float32), gaze=np.tile(gaze, (2, 1)).astype(np.float32),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Builds a tiny valid native capture: 2 cameras, 3 frames of 8 x 6 pixels, 3 lights, a rigged tetrahedron.
+"""A tiny valid native capture: 2 cameras, 3 frames of 8 x 6 pixels, 3 lights, a tetrahedron.
 
 Files are written with OpenCV, OpenEXR and plain text, not with the code that reads them.
 """
@@ -17,7 +17,7 @@ import OpenEXR
 import pandas as pd
 import yaml
 
-from tests.support.glb_files import GlbFile
+from tests.support.meshes.glb_files import GlbFile
 
 CAMERAS = ("left", "right")
 FRAMES = (0, 1, 2)
@@ -69,7 +69,10 @@ MEASURED: dict[str, Any] = {
 
 
 def build_capture(root: Path, *, measured: bool = False) -> Path:
-    """Write the capture; its calibration is known, or (with `measured`) made of images that only look the part."""
+    """Write the capture; its calibration is known, or `measured`.
+
+    A measured one has images that only look the part.
+    """
     rng = np.random.default_rng(7)
     manifest = copy.deepcopy(MANIFEST)
     if measured:

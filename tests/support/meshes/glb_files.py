@@ -1,4 +1,7 @@
-"""Writes small .glb files byte by byte, as the glTF 2.0 specification says, without the pipeline's libraries."""
+"""Small .glb files written byte by byte after the glTF 2.0 specification.
+
+None of the pipeline's libraries is used.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ class GlbFile:
         return len(self.views) - 1
 
     def accessor(self, values: np.ndarray, *, normalized: bool = False, pad: int = 0) -> int:
-        """An accessor of [count, components] values in their own dtype, with `pad` unused bytes after each element."""
+        """Add an accessor of [count, components] values with `pad` unused bytes after each element."""
         rows = values.reshape(len(values), -1)
         data = b"".join(row.tobytes() + b"\xff" * pad for row in rows)
         stride = rows.dtype.itemsize * rows.shape[1] + pad if pad else None

@@ -1,4 +1,4 @@
-"""A subject's results, planted by hand, small and complete: what the report reads, and what stands in it."""
+"""Results of a subject planted by hand, small and complete, as the report reads them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def plot(path: Path, seed: int = 0) -> None:
 
 
 def scores(variants: dict[str, float], subject: str = "someone", frames: int = 16) -> pd.DataFrame:
-    """metrics_per_image of two test cameras: a PSNR per frame, plus each variant's effect and a little noise."""
+    """Scores per image of two test cameras: a PSNR per frame, each variant's effect, some noise."""
     rng = np.random.default_rng(len(subject))
     rows = []
     base = 25 + rng.standard_normal(frames)
@@ -49,7 +49,7 @@ def scores(variants: dict[str, float], subject: str = "someone", frames: int = 1
 
 
 def write_results(folder: Path, variants: dict[str, float] | None = None) -> Path:
-    """Fill results/SUBJECT, and results, with everything that a report may show; returns the folder results."""
+    """Fill results/SUBJECT, and results, with all that a report may show; returns results."""
     variants = variants or {"full": 0.0, "matte": -1.0}
     _write_scores(folder, scores(variants), variants)
     _write_recording(folder)

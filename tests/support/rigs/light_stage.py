@@ -1,4 +1,4 @@
-"""A figure in a light stage whose every LED's light is traced with shadow rays, and faults planted in its log.
+"""A figure in a light stage, its LEDs traced by shadow rays, and faults planted in its log.
 
 The brightness of the figure in a camera is summed over a mesh of capsules with Embree, face by face: other geometry
 and other code than the ellipsoid that the checks under test put in the figure's place.
@@ -22,7 +22,10 @@ NOISE = 0.01
 
 @dataclass(frozen=True)
 class Stage:
-    """Lights and cameras around the origin, and transport [frames, cameras, lights]: brightness per unit intensity."""
+    """Lights and cameras around the origin, and transport [frames, cameras, lights].
+
+    Transport is brightness per unit intensity.
+    """
 
     lights: np.ndarray
     cameras: np.ndarray
@@ -66,7 +69,7 @@ def dome(count: int, radius: float, lowest: float, rng: np.random.Generator) -> 
 
 
 def traced_transport(mesh: trimesh.Trimesh, lights: np.ndarray, cameras: np.ndarray) -> np.ndarray:
-    """Mean over what each camera sees of the mesh of cos / d^2 times visibility, [cameras, lights]."""
+    """Mean of cos / d^2 times visibility over the mesh that cameras see, [cameras, lights]."""
     points = mesh.triangles_center + 1e-4 * mesh.face_normals
 
     def facing(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -99,15 +102,17 @@ def build_stage(seed: int, frames: int = 36, cameras: int = 8, lights: int = 24)
 
 
 def photograph(stage: Stage, shown: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Brightness [frames, cameras, 3] under the patterns [frames, lights, 3]; a tenth of the light has bounced."""
+    """Brightness [frames, cameras, 3] under patterns [frames, lights, 3], a tenth of it bounced."""
     direct = np.einsum("fcl,flk->fck", stage.transport, shown)
     bounced = np.einsum("fl,flk->fk", stage.transport.mean(1), shown)[:, None]
     light = (0.9 * direct + 0.1 * bounced) * stage.albedo * stage.gains[:, None]
     return light * (1 + NOISE * rng.normal(size=(*light.shape[:2], 1))) + 1e-4 * rng.normal(size=light.shape)
 
 
-def model_of(stage: Stage, log: np.ndarray, seen: np.ndarray, numbers: np.ndarray | None = None) -> BrightnessModel:
-    """What the checks are given: the log, the images' brightness, and an ellipsoid of the figure's size."""
+def brightness_model(
+    stage: Stage, log: np.ndarray, seen: np.ndarray, numbers: np.ndarray | None = None
+) -> BrightnessModel:
+    """Model that the checks are given: log, brightness, an ellipsoid of the figure's size."""
     numbers = np.arange(len(log)) if numbers is None else numbers
     subject = Ellipsoid(np.array([0.0, -0.05, 0.0]), np.diag([0.3, 0.85, 0.25]))
     response = shading_response(subject, stage.lights, stage.cameras)

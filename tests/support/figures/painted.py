@@ -1,4 +1,4 @@
-"""Images of the walking figure: every triangle has its own colour, matte, under small lights all around.
+"""Images of the walking figure: matte triangles of their own colours under lights around.
 
 Painted with OpenCV from back to front; shading by the cosine at each triangle's centre. No code of the tracker's.
 """
@@ -12,8 +12,8 @@ import pandas as pd
 from pipeline.base.files import read_table, write_table
 from pipeline.capture.images import write_exr
 from pipeline.geometry.cameras import Camera
-from tests.support.walking_capture import DOWNSAMPLE
-from tests.support.walking_figure import Motion, ring_of_cameras
+from tests.support.captures.walking import DOWNSAMPLE
+from tests.support.figures.walking import Motion, ring_of_cameras
 
 FACTOR, BITS = 4, 4
 """Finer pixels per side while painting, and fixed-point bits of OpenCV's corners."""
@@ -33,7 +33,7 @@ def light_positions(count: int = 20, radius: float = 2.5) -> np.ndarray:
 def paint(
     camera: Camera, vertices: np.ndarray, faces: np.ndarray, albedo: np.ndarray, lights: np.ndarray, seed: int
 ) -> np.ndarray:
-    """One image, linear: each light has intensity 1 and falls off with the square of its distance."""
+    """Paint a linear image under lights of intensity 1 with inverse-square falloff."""
     pixels, depth = camera.project(vertices)
     corners = np.round((pixels * FACTOR - 0.5) * 2**BITS).astype(np.int32)[faces]
     edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
@@ -54,7 +54,7 @@ def paint(
 
 
 def add_images(paths: dict, motion: Motion, lit: np.ndarray, response: float = 0.1) -> dict:
-    """Give a written capture images of its `lit` frames, patterns and lights; the paths with those two.
+    """Add images of `lit` frames, patterns and lights to a capture; returns all paths.
 
     Camera c has its own colour response: `response` is how far it is from the identity.
     """

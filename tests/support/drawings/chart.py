@@ -1,4 +1,4 @@
-"""A 24-patch chart drawn in perspective, with a planted colour response, light and noise; no detector involved."""
+"""A 24-patch chart drawn in perspective, with planted colour response, light and noise."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PATCH_SHARE = 0.8
 
 
 def draw_chart(response=RESPONSE, values=VALUES, light=None, noise=0.003, seed=0):
-    """The linear image [400, 560, 3]; `light` maps (column, row) [pixels, 2] to a factor [pixels]."""
+    """Linear image [400, 560, 3]; `light` maps (column, row) [pixels, 2] to a factor [pixels]."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
     at = np.linalg.inv(IMAGE_FROM_CHART) @ np.stack([columns.ravel(), rows.ravel(), np.ones(columns.size)])
     x, y = at[:2] / at[2]
@@ -47,8 +47,8 @@ def draw_chart(response=RESPONSE, values=VALUES, light=None, noise=0.003, seed=0
     return (image + np.random.default_rng(seed).normal(0, noise, image.shape)).astype(np.float32)
 
 
-def pixels_of(*places):
-    """Where places (column, row) of the chart lie in the image [places, 2]."""
+def chart_pixels(*places):
+    """Pixels [places, 2] of places (column, row) of the chart."""
     at = np.column_stack([np.array(places, float), np.ones(len(places))]) @ IMAGE_FROM_CHART.T
     return at[:, :2] / at[:, 2:]
 
@@ -56,7 +56,7 @@ def pixels_of(*places):
 def corners_of_chart():
     """Outermost corners of patches 1, 6, 24 and 19."""
     near, far = (1 - PATCH_SHARE) / 2, 1 - (1 - PATCH_SHARE) / 2
-    return pixels_of((near, near), (5 + far, near), (5 + far, 3 + far), (near, 3 + far))
+    return chart_pixels((near, near), (5 + far, near), (5 + far, 3 + far), (near, 3 + far))
 
 
 def camera_responses(count=3):
@@ -66,7 +66,7 @@ def camera_responses(count=3):
 
 
 def write_chart_capture(folder, images, *, values=VALUES, corners=None, black_level=0.0, method="chart"):
-    """What calibrate_color reads: the index's files and an .exr per camera; returns the stage's paths."""
+    """Write all that calibrate_color reads, an .exr per camera; returns the stage's paths."""
     write_table(folder / "index/cameras.parquet", pd.DataFrame({"camera": list(images)}))
     write_json(folder / "index/capture.json", {"images": {"transfer": "linear", "black_level": black_level}})
     entries = []
@@ -81,7 +81,7 @@ def write_chart_capture(folder, images, *, values=VALUES, corners=None, black_le
 
 
 def errors_of_corrections(folder, planted):
-    """Largest error of each camera's response after correction, over the average's gain: 0 = the average camera's."""
+    """Largest error of each camera's corrected response, over the average camera's gain."""
     matrices = read_json(folder / "out/color.json")["cameras"]
     average = np.mean(list(planted.values()), axis=0)
     gain = np.linalg.norm(average) / np.sqrt(3)

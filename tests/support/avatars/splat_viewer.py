@@ -1,7 +1,8 @@
-"""A splat viewer in NumPy, after Kerbl et al. 2023 and the reference implementation's file: an independent second look.
+"""A splat viewer in NumPy, after Kerbl et al. 2023 and the reference implementation's file.
 
-It shares no code with the project. It reads the .ply with its own parser, undoes the activations, and draws every
-Gaussian over the picture from back to front, with the dilation of 0.3 px^2 that viewers have.
+As an independent second look it shares no code with the project. It reads the .ply with its own parser, undoes the
+activations, and draws every Gaussian over the picture from back to front, with the dilation of 0.3 px^2 that viewers
+have.
 """
 
 from __future__ import annotations

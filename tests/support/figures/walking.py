@@ -1,4 +1,4 @@
-"""A jointed figure made of tubes, its motion, and the cameras that see it: planted truth for tracking tests."""
+"""A jointed figure made of tubes, its motion and cameras: planted truth for tracking tests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.geometry.cameras import Camera
-from tests.support.glb_files import GlbFile
+from tests.support.meshes.glb_files import GlbFile
 
 BONES = [
     # name, parent, start in the parent's frame, direction and length of its tube, radii across
@@ -140,7 +140,7 @@ def walk(frames: int, fps: float = 24.0, rigid: bool = False, turn: float = 0.0,
 
 
 def ring_of_cameras(count: int, width: int = 640, height: int = 768) -> dict[str, Camera]:
-    """Cameras around the figure, 3.5 m away, at three heights, with lens distortion; sensor resolution."""
+    """Cameras around the figure, 3.5 m away, at three heights, distorted, at sensor resolution."""
     cameras = {}
     for c in range(count):
         azimuth, level = 2 * np.pi * c / count + 0.1, (0.4, 1.2, 2.1)[c % 3]
@@ -157,7 +157,7 @@ def ring_of_cameras(count: int, width: int = 640, height: int = 768) -> dict[str
 
 
 def draw_mask(camera: Camera, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Coverage 0..255 by OpenCV's polygon filling at eight times the resolution: no code of the tracker's."""
+    """Coverage 0..255 by OpenCV's polygon filling at eight times the resolution."""
     factor, bits = 8, 4
     pixels, _ = camera.project(vertices)
     corners = np.round((pixels * factor - 0.5) * 2**bits).astype(np.int32)[faces]

@@ -52,7 +52,7 @@ def boards_in_stage(count, rng, tilt=0.5, arc=1.2 * np.pi):
 
 
 def observe(cameras, boards, noise, rng):
-    """Corners by cv2.projectPoints, where the board faces the camera (less than 65 degrees off) and is in the image."""
+    """Corners by cv2.projectPoints, of boards that face the camera within 65 degrees."""
     points, rows = BOARD.corners_m(), []
     for c, camera in enumerate(cameras):
         for v, pose in enumerate(boards):
@@ -84,7 +84,9 @@ def solve(observations, count, distortion=5):
 
 
 def center_errors(found, true):
-    """Found minus true centres [cameras, 3] in the axes of the found rig, after the best rigid motion of the true ones.
+    """Found minus true centres [cameras, 3] in the axes of the found rig.
+
+    The true ones are first laid over them by the best rigid motion.
 
     The found frame is that of the first view, whose own error would else count as every camera's.
     """

@@ -1,4 +1,4 @@
-"""Images of ChArUco boards before pinhole cameras, drawn by homography, and a capture made of them."""
+"""Images of ChArUco boards before pinhole cameras, drawn by homography, as a capture."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def pose(turn, center, board=BOARD):
 
 
 def camera_at(angle_deg, distance_m=1.3, turned_deg=0.0):
-    """cam_from_world of a camera on an arc around the origin, looking at it, or past it by `turned_deg`."""
+    """cam_from_world on an arc around the origin, looking at it, or past it by `turned_deg`."""
     result = np.eye(4)
     result[:3, :3] = cv2.Rodrigues(np.radians([0.0, angle_deg + turned_deg, 0.0]))[0]
     center = cv2.Rodrigues(np.radians([0.0, -angle_deg, 0.0]))[0] @ [0.0, 0.0, -distance_m]
@@ -42,7 +42,7 @@ def camera_at(angle_deg, distance_m=1.3, turned_deg=0.0):
 
 
 def draw(cam_from_world, placed):
-    """What a camera sees of `placed`: [(board, world_from_board)]; they must not cover each other."""
+    """A camera's image of `placed`: [(board, world_from_board)] that do not cover each other."""
     fine = np.full((FINER * SIZE[1], FINER * SIZE[0]), 200, np.uint8)
     to_centers = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
     for board, world_from_board in placed:

@@ -1,4 +1,4 @@
-"""The walking figure as a capture's index: what track_mesh reads, and how far its answer is from the truth."""
+"""The walking figure as a capture's index, for track_mesh, and the error of its answer."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pandas as pd
 
-from pipeline.base.files import read_arrays, write_json, write_table
+from pipeline.base.files import read_arrays, read_json, write_json, write_table
 from pipeline.geometry.cameras import write_cameras
-from tests.support.walking_figure import BONES, Motion, draw_mask, ring_of_cameras, write_template
+from tests.support.figures.walking import BONES, Motion, draw_mask, ring_of_cameras, write_template
 
 DOWNSAMPLE = 4.0
 NOISE_PX, OUTLIERS, OUTLIER_PX = 0.35, 0.03, 20.0
@@ -63,6 +63,15 @@ def write_capture(
     write_table(index / "images.parquet", images)
     write_table(index / "keypoints_2d.parquet", detect(points, rig, names))
     return {"capture": folder, "index": index, "cameras": folder / "cameras.json", "out": folder / "tracking"}
+
+
+def with_template_scale(captured: dict, folder: Path, scale_to_m: float) -> dict:
+    """The capture in another folder, with another unit of the template."""
+    paths = edited(captured, folder)
+    content = read_json(paths["index"] / "capture.json")
+    content["template"]["scale_to_m"] = scale_to_m
+    write_json(paths["index"] / "capture.json", content)
+    return paths
 
 
 def mean_error_mm(paths: dict, motion: Motion, chunk: int = 0) -> float:
