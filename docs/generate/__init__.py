@@ -1,4 +1,5 @@
-"""Commands that write the generated parts of the documentation; `python -m docs.generate` runs those that need no results.
+"""Commands that write the generated parts of the documentation.
 
-Pages of settings and command lines come from the code, the table of results and the pictures from finished results.
+`python -m docs.generate` writes the pages of settings, command lines and references, and the flowchart. The table of
+results and the pictures come from finished runs.
 """

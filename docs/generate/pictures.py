@@ -2,8 +2,8 @@
 
     python -m docs.generate.pictures --results results/subjectA
 
-Reads the picture of median PSNR that evaluate_avatar wrote, so nobody chose it, and renders the same frame from the same
-camera under two lights that this module makes. Writes docs/pictures/SUBJECT.jpg.
+Reads the picture of median PSNR that evaluate_avatar wrote, so nobody chose it, and renders the same frame from the
+same camera under two lights that this module makes. Writes docs/pictures/SUBJECT.jpg.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from pipeline.base.code_digest import ROOT
 from pipeline.base.files import read_table
 from pipeline.capture.records import ImageRecord
 from pipeline.capture.shards import read_image_shards
+from pipeline.config.flags import flags
+from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.metrics.comparison import split_picture
 from pipeline.metrics.evaluation import worst_median_best
 
@@ -94,7 +96,7 @@ def sky(folder: Path) -> Path:
 
 
 def evening() -> Float32[np.ndarray, "height width 3"]:
-    """The radiance of that panorama, equirectangular, y up, its left edge along -z (`pipeline.lighting.environment`)."""
+    """Its radiance: equirectangular, y up, the left edge along -z (`pipeline.lighting.environment`)."""
     polar = np.pi * (np.arange(SKY_HEIGHT) + 0.5)[:, None] / SKY_HEIGHT
     around = 2 * np.pi * (np.arange(2 * SKY_HEIGHT) + 0.5)[None] / (2 * SKY_HEIGHT)
     x, y, z = np.sin(polar) * np.sin(around), np.cos(polar) + 0 * around, -np.sin(polar) * np.cos(around)
@@ -112,15 +114,23 @@ def relit(
     chunks = sorted((results / "tracking").glob("*.safetensors"))
     textures = sorted((results / "textures").glob("*.safetensors"))
     images = read_table(results / "index/cameras.parquet").set_index("camera")
-    kind = "lights" if light.suffix == ".csv" else "environment"
-    command = [
-        sys.executable, "-m", "pipeline.stages.relight_avatar", "--atlas", results / "atlas.safetensors",
-        "--avatar", results / "avatars" / variant, "--tracking", *chunks, *(["--textures", *textures] if textures else []),
-        "--index", results / "index", "--cameras", results / "calibration/cameras.json", f"--{kind}", light, "--out", out,
-        "--first-frame", crop.frame, "--last-frame", crop.frame, "--pictures", 1, "--camera-names", crop.camera,
-        "--height", FINER * images.height[crop.camera], "--stills", "png", "--splats", "none", "--background", "black",
-    ]  # fmt: skip
-    subprocess.run([str(word) for word in command], check=True, cwd=ROOT)
+    inputs = {
+        "atlas": [results / "atlas.safetensors"],
+        "avatar": [results / "avatars" / variant],
+        "tracking": chunks,
+        "textures": textures,
+        "index": [results / "index"],
+        "cameras": [results / "calibration/cameras.json"],
+        "lights" if light.suffix == ".csv" else "environment": [light],
+        "out": [out],
+    }
+    settings = RelightAvatar(
+        first_frame=crop.frame, last_frame=crop.frame, pictures=1, camera_names=(crop.camera,),
+        height=FINER * int(images.height[crop.camera]), stills="png", splats="none", background="black",
+    )  # fmt: skip
+    words = [word for flag, paths in inputs.items() if paths for word in (f"--{flag}", *map(str, paths))]
+    command = [sys.executable, "-m", "pipeline.stages.relight_avatar", *words, *flags(settings)]
+    subprocess.run(command, check=True, cwd=ROOT)
     whole = cv2.imread(str(out / "stills/000000.png"))[..., ::-1]
     left, top, width, height = (FINER * edge for edge in (crop.x0, crop.y0, crop.width, crop.height))
     return enlarged(whole[top : top + height, left : left + width])

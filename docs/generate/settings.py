@@ -18,10 +18,10 @@ HEAD = """\
 
 <!-- Written by `make schema` from the models in pipeline/config: change them there. -->
 
-Every setting has a default, so a subject's file holds only what differs. The last one wins: `config/config.yaml`, then
-`config/subjects/<name>.yaml`, then the command line (`--configfile`, `--config`). An unknown key or a value out of range
-is an error; all errors of all files are reported at once, before anything runs. Units stand in brackets.
-[Running and reruns](running.md) shows how to set them; [config/README.md](../config/README.md) tells what the folder holds.
+Every setting has a default, so a subject's file holds only what differs. The last one wins: `config/config.yaml`,
+then `config/subjects/<name>.yaml`, then the command line (`--configfile`, `--config`). An unknown key or a value out
+of range is an error; all errors of all files are reported at once, before anything runs. Units stand in brackets.
+[Running and reruns](running.md) shows how to set them, [config/README.md](../config/README.md) what the folder holds.
 
 As a flag of a stage, a setting is spelled with hyphens: `track_mesh.inlier_px` is `--inlier-px` of
 `python -m pipeline.stages.track_mesh`. Settings that are true or false are `--name` and `--no-name`.
@@ -32,7 +32,9 @@ def settings_page() -> str:
     """The page as Markdown: the project's own keys, then a section per stage in data order."""
     own = {name: field for name, field in ProjectSettings.model_fields.items() if name not in SECTIONS}
     only = ", ".join(f"`{name}`" for name in ProjectSettings.model_fields if name in PROJECT_ONLY)
-    text = f"\n## Of the project and of subjects\n\n{only} belong to the project and cannot differ between subjects.\n\n"
+    text = (
+        f"\n## Of the project and of subjects\n\n{only} belong to the project and cannot differ between subjects.\n\n"
+    )
     text += _table(own, ProjectSettings())
     for stage, model in SECTIONS.items():
         about = " ".join((model.__doc__ or "").split())
