@@ -7,18 +7,23 @@ import re
 import subprocess
 import unicodedata
 
+import pandas as pd
 import pytest
 import yaml
 
 from docs.generate.flowchart import FLOW, PLACES
 from docs.generate.pages import PAGES
+from docs.generate.pictures import evening
 from docs.generate.references import entries
-from docs.generate.results_table import BEGIN, END
+from docs.generate.results_table import BEGIN, END, run
+from pipeline.base.files import write_json, write_table
 from pipeline.base.verdicts import COLUMNS as VERDICT_COLUMNS
 from pipeline.calibration.cameras.rig_quality import COLUMNS as QUALITY_COLUMNS
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS
 from pipeline.config.effects import EFFECTS
 from pipeline.config.project import SECTIONS
+from pipeline.figures.calibration import RESIDUAL_COLUMNS as ALL_RESIDUAL_COLUMNS
+from pipeline.lighting.environment import Environment
 from pipeline.metrics.ablation_table import COLUMNS as COMPARISON_COLUMNS
 from pipeline.metrics.cost import COLUMNS as COST_COLUMNS
 from pipeline.stages.calibrate_cameras import RESIDUAL_COLUMNS as CORNER_RESIDUAL_COLUMNS
@@ -32,12 +37,15 @@ MADE_OR_GIVEN = {
     "config/subjects/someone.yaml", "config/subjects/mysubject.yaml", "tests/hard_cases/test_GROUP.py",
     "scene/gaussian_model.py",
 }  # fmt: skip
-"""Names that are no file of the repository: a user's, an example's, another project's, or a page that the build makes."""
+"""Names that are no file of the repository: a user's, an example's, another project's, or a page of the site."""
 
 MADE_FOLDERS = ("captures/", "results/", "build/")
 LEAVES = ("docs", "config", "pipeline", "tests", "benchmarks", "workflow", "envs")
 TAG = re.compile(r"\b(RF?GCA) (\d+)(?:-(\d+))?")
 CITATION = re.compile(r"\b([A-Z][\w-]+)(?: et al\.?| and [A-Z][\w-]+)?,? \(?((?:19|20)\d\d)\b")
+VARIES = r"<[^>]*>|\.\.\.|: |expected |,? ?found "
+"""What stands between the parts of a message that are always the same."""
+
 NO_AUTHOR = {"MICCAI", "Transfer", "November", "Python", "SIGGRAPH", "CVPR", "Asia"}
 PICTURE_BYTES = 300_000
 README_LINES = 90
@@ -135,6 +143,7 @@ def plain(name):
         ("calibration/quality_cameras.parquet", QUALITY_COLUMNS),
         ("calibration/residuals_cameras.parquet", CORNER_RESIDUAL_COLUMNS),
         ("calibration/residuals_lights.parquet", RESIDUAL_COLUMNS),
+        ("calibration/residuals.parquet", ALL_RESIDUAL_COLUMNS),
         ("calibration/lights.parquet", [name for name in TABLE_COLUMNS if not name.startswith(("cov_", "color_"))]),
     ],
 )
@@ -143,6 +152,42 @@ def test_every_column_of_a_table_is_explained(repo_root, table, columns):
     assert found, f"no section about {table}"
     explained = set(re.findall(r"`(\w+)`", rest.partition("\n## ")[0]))
     assert not [column for column in columns if column not in explained]
+
+
+def test_messages_under_troubleshooting_are_those_of_the_code(tracked):
+    """Between what differs from case to case; strings that the code breaks over lines are joined."""
+    sources = " ".join(text for name, text in code_of(tracked).items() if name.startswith(("pipeline", "workflow")))
+    said = re.sub(r"\s+", " ", re.sub(r'"\s*\n\s*f?"', "", sources))
+    page = tracked["docs/troubleshooting.md"].partition("\n## The workflow\n")[0]
+    shown = re.findall(r"^\| `([^`]+)`", page, re.MULTILINE)
+    parts = [part.strip(" ,:") for message in shown for part in re.split(VARIES, message)]
+    assert len(shown) > 25
+    assert not [part for part in parts if " " in part and part not in said]
+
+
+def test_sun_of_the_pictures_sky_stands_low_on_the_right():
+    """Where its brightest pixel looks, by the reader of panoramas."""
+    sky = Environment(evening())
+    sun = sky.directions().reshape(-1, 3)[sky.radiance.sum(2).argmax()]
+    assert sun[0] > 0.6 and 0.2 < sun[1] < 0.4
+
+
+def test_row_of_results_repeats_the_scores_of_all_held_out_images(tmp_path):
+    scores = {"psnr_db": [20.0, 25.0, 30.0], "ssim": 0.9, "flip": 0.1, "images": 7, "lit": ["all", "full", "partial"]}
+    pd.DataFrame(scores | {"subject": "one", "variant": "full", "split": "test"}).to_csv(tmp_path / "metrics.csv")
+    for name, count in {"cameras": 3, "lights": 4, "frames": 5}.items():
+        write_table(tmp_path / f"index/{name}.parquet", pd.DataFrame({"number": range(count)}))
+    write_json(tmp_path / "index/capture.json", {"kind": "head"})
+    (tmp_path / "benchmarks").mkdir()
+    jobs = {"track_mesh.0000": 60, "train_avatar.full": 120, "train_avatar.other": 600, "write_report": 60}
+    for job, seconds in jobs.items():
+        (tmp_path / f"benchmarks/{job}.tsv").write_text(f"s\tcpu_time\n{seconds}\t1\n")
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\n| a |\n|---|\n| `none` | kept |\n{END}\nafter\n")
+    run(results=(tmp_path,), page=page)
+    text = page.read_text()
+    assert "| `one` | head: 3 cameras, 4 lights, 5 frames | 7 | 20.00 | 25.00 | 30.00 | 0.900 | 0.100 | 3 |" in text
+    assert "| `none` | kept |" in text and text.endswith("after\n")
 
 
 def test_every_effect_is_explained(repo_root):
