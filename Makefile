@@ -19,7 +19,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases growth effects lint schema curves presets lock FORCE
+.PHONY: help test hard-cases growth effects lint docs schema curves presets lock FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -28,7 +28,8 @@ help:
 	@echo 'make growth                        measure how time and memory grow with sizes, into results/growth'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make lint                          check style of code and workflow'
-	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
+	@echo 'make docs                          build the documentation into build/docs'
+	@echo 'make schema                        write what is generated: config.yaml, its schema, pages of settings and commands'
 	@echo 'make curves                        measure what accuracy costs on subjectA, for presets and budgets'
 	@echo 'make presets                       write the presets draft, standard and reference from these curves'
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
@@ -60,6 +61,20 @@ lint: $(READY)
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema
 	$(BIN)/python -m pipeline.capture.schema.format_page
+	$(BIN)/python -m docs.generate
+
+# The documentation's tools have an environment of their own: nothing else needs them.
+DOCS_BIN := .venv-docs/bin
+DOCS_READY := .venv-docs/.ready
+docs: $(DOCS_READY)
+	NO_MKDOCS_2_WARNING=1 $(DOCS_BIN)/python -m mkdocs build --strict
+
+$(DOCS_READY): pyproject.toml
+	test -x $(DOCS_BIN)/python || $(PYTHON) -m venv .venv-docs
+	$(DOCS_BIN)/python -c 'import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	    print(*project["optional-dependencies"]["docs"], sep="\n")' > .venv-docs/requirements.txt
+	$(DOCS_BIN)/python -m pip install --requirement .venv-docs/requirements.txt
+	touch '$@'
 
 CURVES_OF := results/subjectA
 curves: $(READY)

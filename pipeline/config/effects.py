@@ -10,7 +10,7 @@ EFFECTS = (
     "shadow", "near_field", "articulation", "specular", "deferred", "learned_transport", "eyes", "lens_distortion",
     "color_correction",
 )  # fmt: skip
-"""All that a plan decides, in the order of the table in DESIGN.md."""
+"""All that a plan decides, in the order of the table in docs/effects.md."""
 
 
 def word(value: Any) -> Any:

@@ -155,7 +155,7 @@ def trace_irradiance(
 
 
 def unlit_map(points: int) -> IrradianceMap:
-    """The map of a frame without a lit light: 1 everywhere, by definition (METHOD.md's 0/0)."""
+    """The map of a frame without a lit light: 1 everywhere, which the ratio of sums leaves open (0 / 0)."""
     return IrradianceMap(np.ones(points), np.ones(points), np.zeros(points), 0, 0, True)
 
 

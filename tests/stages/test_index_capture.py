@@ -1,4 +1,4 @@
-"""A tiny capture indexed: its tables against what was planted. Broken ones: tests/unit/capture/test_validation.py."""
+"""A tiny capture indexed: its tables against what was planted. Broken ones: tests/unit/capture/index."""
 
 from __future__ import annotations
 

@@ -30,13 +30,14 @@ def dry_run(repo_root):
         ("results/subjectA/report", "snakemake --cores 2  -- 'results/subjectA/report/index.html'"),
         ("results/subjectA/report/index.html", "snakemake --cores 2  -- 'results/subjectA/report/index.html'"),
         ("growth", "python -m benchmarks.bench_growth --out results/growth"),
+        ("docs", "python -m mkdocs build --strict"),
         ("effects", "python -m benchmarks.bench_effects --out results/effects_comparison.csv"),
     ],
 )
 def test_target_ends_in_one_command(dry_run, target, command):
     printed = dry_run(target)
     assert printed.strip().endswith(command)
-    assert printed.count("snakemake --cores") + printed.count("-m benchmarks.") == 1
+    assert sum(printed.count(run) for run in ("snakemake --cores", "-m benchmarks.", "-m mkdocs")) == 1
 
 
 @pytest.mark.parametrize("changed", ["pyproject.toml", "envs/lock.txt", "envs/lock-cuda.txt"])
