@@ -121,6 +121,12 @@ def _covariance(normal: np.ndarray) -> np.ndarray:
         return (vector / value) @ vector.T / np.outer(scale, scale)
 
 
+def cauchy(squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cost and weight of whitened squared residuals."""
+    ratio = squared / CAUCHY**2
+    return 0.5 * CAUCHY**2 * np.log1p(ratio), 1 / (1 + ratio)
+
+
 def cauchy_weights(
     residual: Float64[np.ndarray, "observations components"], sigma: float
 ) -> Float64[np.ndarray, " observations"]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.geometry.robust import cauchy
+from pipeline.geometry.least_squares import cauchy
 from pipeline.geometry.sampling import sample_bilinear
 from pipeline.geometry.signed_distance import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices

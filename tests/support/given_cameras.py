@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.base.errors import Complaints
 from pipeline.capture.cameras.known_cameras import read_known_cameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 
 SIZE = (640, 480)
 SIZES = {"cam00": SIZE, "cam01": SIZE}

@@ -46,7 +46,7 @@ class BoardViews:
     shot: Int64[np.ndarray, " views"]
     board: Int64[np.ndarray, " views"]
 
-    def of_cameras(self, cameras: Sequence[int]) -> BoardViews:
+    def for_cameras(self, cameras: Sequence[int]) -> BoardViews:
         """What these cameras see; cameras and views are numbered anew, in the order given."""
         seen = self.observations.select(np.isin(self.observations.camera, cameras))
         views, view = np.unique(seen.view, return_inverse=True)
@@ -55,7 +55,7 @@ class BoardViews:
         renumbered = Observations(camera, view.astype(np.int64), seen.corner, seen.pixel)
         return BoardViews(renumbered, self.corners_m, self.shot[views], self.board[views])
 
-    def shots_of(self, camera: int) -> Int64[np.ndarray, " shots"]:
+    def shots_for(self, camera: int) -> Int64[np.ndarray, " shots"]:
         """Numbers of the shots in which a camera sees a board."""
         return np.unique(self.shot[self.observations.view[self.observations.camera == camera]])
 
@@ -152,4 +152,4 @@ def gather_views(
     corners_m = np.concatenate(corners)
     observations = Observations(whole[:, 0], view.ravel().astype(np.int64), whole[:, 3], table[:, 4:])
     usable = observations.select(usable_views(observations, corners_m))
-    return BoardViews(usable, corners_m, shown[:, 0], shown[:, 1]).of_cameras(range(len(cameras)))
+    return BoardViews(usable, corners_m, shown[:, 0], shown[:, 1]).for_cameras(range(len(cameras)))

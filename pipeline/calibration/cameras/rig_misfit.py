@@ -13,7 +13,7 @@ KNOCK_M, KNOCK_DEG = 1.0, 45.0
 """A camera found to have gone farther was not knocked: it would see another room. Its views are those of two cameras,
 or joined wrongly; which of them, the views do not tell."""
 
-MOST_ASTRAY = 0.25
+MOST_GROSS_OUTLIERS = 0.25
 """Share of a camera's views that may be far off: a robust adjustment leaves out a few bad ones, but where they are many
 it is open which of them are right."""
 
@@ -44,20 +44,20 @@ def complain_of_misfits(
                 expected, mend = "views that fit together", f"{MIXED}; or {mend}"
             told = describe_movement(movement, [names[suspect] for suspect in movement.suspects])
             complaints.add(section, "views", expected=expected, found=told, mend=mend)
-    for camera, told in too_many_astray(inspection, views).items():
+    for camera, told in too_many_gross_outliers(inspection, views).items():
         mend = f"{MIXED}; or remove these views"
         complaints.add(section, f"camera {names[camera]}", expected="views that fit together", found=told, mend=mend)
 
 
-def too_many_astray(inspection: Inspection, views: Sequence[int]) -> dict[int, str]:
+def too_many_gross_outliers(inspection: Inspection, views: Sequence[int]) -> dict[int, str]:
     """Cameras of which so many views fit none of their poses that the rig cannot be trusted, and which views.
 
     Args:
         views: number of each camera's views.
     """
     told = {}
-    for camera, shots in inspection.astray.items():
-        if len(shots) > MOST_ASTRAY * views[camera]:
+    for camera, shots in inspection.gross_outliers.items():
+        if len(shots) > MOST_GROSS_OUTLIERS * views[camera]:
             told[camera] = f"{len(shots)} of {views[camera]} views could not be brought together: {listed(shots)}"
     return told
 

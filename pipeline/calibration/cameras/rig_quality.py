@@ -11,9 +11,8 @@ from jaxtyping import Float64, Int64
 from pipeline.base.errors import listed
 from pipeline.base.verdicts import Verdict
 from pipeline.calibration.cameras.rig import Rig
-from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection, Movement
-from pipeline.calibration.cameras.rig_distortion import choose_distortion
-from pipeline.calibration.cameras.rig_misfit import describe_movement, too_many_astray
+from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection, Movement, choose_distortion
+from pipeline.calibration.cameras.rig_misfit import describe_movement, too_many_gross_outliers
 from pipeline.config.calibrate_cameras import CalibrateCameras
 
 CELLS = 8
@@ -75,9 +74,9 @@ def judge_cameras(
         rough_shots: per camera, shots whose own reprojection error is above `good_rms_px`.
         names: what the numbers of cameras in `inspection` mean.
     """
-    astray, verdicts = too_many_astray(inspection, quality.views.tolist()), []
+    gross_outliers, verdicts = too_many_gross_outliers(inspection, quality.views.tolist()), []
     for c, row in enumerate(quality.itertuples()):
-        failed, weak = _judge_fit(c, inspection.movements, astray, names, settings)
+        failed, weak = _judge_fit(c, inspection.movements, gross_outliers, names, settings)
         wanted = wanted_distortion(calibrated, c)
         if wanted > row.distortion:
             weak.append(
@@ -97,11 +96,11 @@ def wanted_distortion(calibrated: Calibrated, camera: int) -> int:
 def _judge_fit(
     camera: int,
     movements: Sequence[Movement],
-    astray: Mapping[int, str],
+    gross_outliers: Mapping[int, str],
     names: Sequence[str],
     limits: CalibrateCameras,
 ) -> tuple[list[str], list[str]]:
-    failed, weak = [astray[camera]] if camera in astray else [], []
+    failed, weak = [gross_outliers[camera]] if camera in gross_outliers else [], []
     for movement in movements:
         if camera in movement.suspects:
             told = describe_movement(movement, [names[suspect] for suspect in movement.suspects])

@@ -31,7 +31,7 @@ class SourceImage:
     camera: Camera | None
 
 
-def owner_of(image: str, cameras: Collection[str]) -> str | None:
+def resolve_owner(image: str, cameras: Collection[str]) -> str | None:
     """The capture's camera that an image's name or its folder names exactly; None if neither does.
 
     Raises:

@@ -14,7 +14,7 @@ import numpy as np
 import pycolmap
 
 from pipeline.base.errors import Complaints, InputError
-from pipeline.capture.cameras.camera_formats import SourceImage, camera_from_terms, owner_of
+from pipeline.capture.cameras.camera_formats import SourceImage, camera_from_terms, resolve_owner
 from pipeline.capture.cameras.colmap_tables import check_whole
 from pipeline.geometry.cameras import Camera
 
@@ -45,7 +45,7 @@ def read_colmap(folder: Path, cameras: Collection[str], complaints: Complaints) 
     for image in sorted(_read_model(folder).images.values(), key=lambda image: image.name):
         owner, camera = None, None
         with complaints.collecting():
-            owner = owner_of(image.name, cameras)
+            owner = resolve_owner(image.name, cameras)
             if owner is not None and image.has_pose:
                 camera = _camera(image)
         if owner is not None and image.has_pose:

@@ -14,7 +14,7 @@ from pipeline.capture.cameras.camera_formats import SourceImage
 from pipeline.capture.cameras.colmap_cameras import read_colmap
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
 from pipeline.capture.paths import locate
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.geometry.cameras import Camera, read_cameras
 
 ROTATION_TOLERANCE = 1e-4

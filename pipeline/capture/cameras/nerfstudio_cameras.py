@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json
-from pipeline.capture.cameras.camera_formats import FURTHER_TERMS, TERMS, SourceImage, camera_from_terms, owner_of
+from pipeline.capture.cameras.camera_formats import FURTHER_TERMS, TERMS, SourceImage, camera_from_terms, resolve_owner
 from pipeline.geometry.cameras import Camera
 
 LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
@@ -47,7 +47,7 @@ def read_nerfstudio(file: Path, cameras: Collection[str], complaints: Complaints
         with complaints.collecting():
             if not isinstance(name, str):
                 raise InputError(f"frames[{place}]: file_path: expected text, found {name!r}")
-            if (owner := owner_of(name, cameras)) is not None:
+            if (owner := resolve_owner(name, cameras)) is not None:
                 camera = _camera(f"frame {name}", content, frame, applied, scale)
         if owner is not None:
             found.append(SourceImage(owner, name, camera))

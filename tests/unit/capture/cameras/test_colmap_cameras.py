@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.capture.cameras.known_cameras import digest_known_cameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from tests.support.given_cameras import (
     CENTERS,
     LENSES,
