@@ -135,8 +135,9 @@ def _difference_px(a: Camera, b: Camera) -> float:
     x, y = np.meshgrid(a.width * np.array([0.25, 0.5, 0.75]), a.height * np.array([0.25, 0.5, 0.75]))
     pixels = np.stack([x.ravel(), y.ravel()], 1)
     rays = a.ray_directions(pixels)
+    pixels, rays = pixels[np.isfinite(rays).all(1)], rays[np.isfinite(rays).all(1)]
     away = []
     for distance in AGREEMENT_DISTANCES_M:
-        seen, depth = b.project(a.center + distance * rays)
-        away.append(np.where(depth > 0, np.linalg.norm(seen - pixels, axis=1), np.inf))
+        seen, _ = b.project(a.center + distance * rays)
+        away.append(np.where(b.sees(a.center + distance * rays), np.linalg.norm(seen - pixels, axis=1), np.inf))
     return float(np.max(away))
