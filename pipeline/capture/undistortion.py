@@ -1,7 +1,9 @@
 """Images without lens distortion: as a pinhole camera with the same intrinsics would have seen them.
 
 A pinhole's image of the size of a fisheye's is a part of it: a focal length f and a half width w leave atan(w / f) from
-the optical axis, and what lies at 90 degrees and beyond has no place in it (`left_out`). Every undistorted pixel looks up its distorted position by the camera model itself (no inversion) and is interpolated
+the optical axis, and what lies at 90 degrees and beyond has no place in it (`left_out`).
+
+Every undistorted pixel looks up its distorted position by the camera model itself (no inversion) and is interpolated
 by a cubic B-spline. Measured against an analytic scene of 16-pixel waves: B-spline 2e-5 RMS, Lanczos (OpenCV) 1e-3,
 bilinear 5e-3, OpenCV's bicubic 4e-3 (its kernel shifts slopes: on smooth areas it is worse than bilinear).
 """

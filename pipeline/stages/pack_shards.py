@@ -124,9 +124,7 @@ def report_left_out(inputs: Inputs) -> None:
         return
     for name, camera in inputs.cameras.items():
         if not camera.lens.perspective and (share := left_out(camera)) > 0:
-            log.info(
-                "camera %s: %.0f %% of its fisheye image have no place in a pinhole's: left out", name, 100 * share
-            )
+            log.info("camera %s: %.0f %% of its image have no place in a pinhole's: left out", name, 100 * share)
 
 
 @dataclass(frozen=True)

@@ -87,9 +87,14 @@ def sight(camera: Camera, image: BoardImage) -> Sighting:
     poses = []
     _, turns, shifts, _ = cv2.solvePnPGeneric(image.points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
     for turn, shift in zip(turns, shifts, strict=True):
+        if not (np.isfinite(turn).all() and np.isfinite(shift).all()):
+            continue
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turned.T @ cv2.Rodrigues(turn)[0], turned.T @ shift.ravel()
         poses.append(pose)
+    if not poses:  # corners that no pose fits at all: any will do, and cost what it must
+        poses.append(np.eye(4))
+        poses[0][:3, :3], poses[0][:3, 3] = turned.T, turned[2]
     return Sighting(image.points, turned, normalized, float(camera.K[0, 0]), np.stack(poses))
 
 

@@ -198,6 +198,7 @@ def _best_pose(camera: Camera, image: BoardImage) -> tuple[np.ndarray, float]:
     costs = []
     for pose in poses:
         pixels = camera.project(image.points @ pose[:3, :3].T + pose[:3, 3])[0]
-        costs.append(float(np.log1p(((pixels - image.pixels) ** 2).sum(1) / SCAN_ERROR_PX**2).sum()))
+        squared = np.nan_to_num(((pixels - image.pixels) ** 2).sum(1), nan=np.inf)
+        costs.append(float(np.log1p(squared / SCAN_ERROR_PX**2).sum()))
     best = int(np.argmin(costs))
     return poses[best], costs[best]
