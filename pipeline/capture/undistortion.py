@@ -1,4 +1,4 @@
-"""Images without lens distortion: as a pinhole camera with the same intrinsics would have seen them.
+"""Images without lens distortion, as a pinhole camera of the same intrinsics sees them.
 
 A pinhole's image of the size of a fisheye's is a part of it: a focal length f and a half width w leave atan(w / f) from
 the optical axis, and what lies at 90 degrees and beyond has no place in it (`left_out`).
@@ -43,7 +43,10 @@ class Box:
 
 
 def distorted_positions(camera: Camera, box: Box) -> Float64[np.ndarray, "h w 2"]:
-    """Places of the pixel centres of an undistorted `box` in the distorted image, (x, y) in its pixels; all finite."""
+    """Places of an undistorted box's pixel centres in the distorted image.
+
+    (x, y) in its pixels; all finite.
+    """
     return replace(camera, R=np.eye(3), t=np.zeros(3)).project(_rays(camera, box))[0]
 
 
@@ -55,14 +58,20 @@ def _rays(camera: Camera, box: Box) -> np.ndarray:
 
 
 def seen_pixels(camera: Camera, box: Box) -> Bool[np.ndarray, "h w"]:
-    """Mask of the pixels of an undistorted `box` that the distorted image covers, and the lens's field of view."""
+    """Mask of the pixels of an undistorted `box` that the distorted image covers.
+
+    And the lens's field of view.
+    """
     x, y = np.moveaxis(distorted_positions(camera, box), -1, 0)
     inside = (x >= 0) & (x <= camera.width) & (y >= 0) & (y <= camera.height)
     return inside & camera.lens.sees(_rays(camera, box), camera.dist)
 
 
 def left_out(camera: Camera) -> float:
-    """Share of the distorted image that its undistorted image does not show, from a grid of points."""
+    """Share of the distorted image that its undistorted image does not show.
+
+    From a grid of points.
+    """
     x, y = np.meshgrid(*((np.arange(GRID) + 0.5) / GRID * side for side in (camera.width, camera.height)))
     straight = camera.undistort(np.stack([x.ravel(), y.ravel()], 1))
     pixels = straight @ camera.K[:2, :2].T + camera.K[:2, 2]
@@ -74,7 +83,9 @@ def left_out(camera: Camera) -> float:
 def undistort_image(
     image: Float32[np.ndarray, "height width channels"], camera: Camera, box: Box
 ) -> Float32[np.ndarray, "h w channels"]:
-    """The part `box` of the undistorted image; finite pixels only, please: a NaN spreads over a spline's support.
+    """Undistort the part `box` of an image.
+
+    Finite pixels only, please: a NaN spreads over a spline's support.
 
     Pixels that the image does not cover take the value of its nearest border pixel.
     """
@@ -87,7 +98,10 @@ def undistort_image(
 
 
 def undistort_mask(mask: Float32[np.ndarray, "height width"], camera: Camera) -> Float32[np.ndarray, "height width"]:
-    """The whole undistorted mask, 0 where the image does not reach; bilinear, so that it stays within 0..1."""
+    """Undistort a whole mask, 0 where the image does not reach.
+
+    Bilinear, so that it stays within 0..1.
+    """
     whole = Box(0, 0, camera.width, camera.height)
     columns, rows = np.moveaxis(distorted_positions(camera, whole) - PIXEL_CENTER, -1, 0)
     found = ndimage.map_coordinates(mask, np.stack([rows, columns]), order=1, mode="nearest")

@@ -26,7 +26,7 @@ Vector = tuple[float, float, float]
 
 
 class Keyframe(BaseModel):
-    """Where the camera is in one picture.
+    """Pose of the camera in one picture.
 
     Attributes:
         picture: number of the picture, from 0.
@@ -76,7 +76,9 @@ def orbit(
     center: Float64[np.ndarray, " 3"], radius: float, rise: float, turns: float, fov_y_degrees: float,
     width: int, height: int, pictures: int,
 ) -> list[Camera]:  # fmt: skip
-    """`turns` rounds about the vertical through `center`, `rise` metres above it, from its +z side towards +x.
+    """Cameras on `turns` rounds about the vertical through `center`.
+
+    `rise` metres above it, from its +z side towards +x.
 
     The last picture is one step short of the end, so that whole turns loop.
     """
@@ -86,7 +88,9 @@ def orbit(
 
 
 def through_cameras(cameras: list[Camera], height: int, pictures: int) -> list[Camera]:
-    """Smoothly from the first camera to the last, at each in evenly spaced pictures; one camera stands still.
+    """Cameras smoothly from the first to the last, at each in evenly spaced pictures.
+
+    One camera stands still.
 
     Pictures have the first camera's shape, `height` pixels high. Centres and intrinsics follow monotone cubics
     (Fritsch and Carlson 1980: no overshoot), rotations a spline.

@@ -44,8 +44,10 @@ class Camera:
     lens: Lens = BROWN_CONRADY
 
     def __post_init__(self) -> None:
-        """Raises:
-        ValueError: if the lens has another number of coefficients.
+        """Check the number of coefficients.
+
+        Raises:
+            ValueError: if the lens has another.
         """
         if np.shape(self.dist) != (len(self.lens.terms),):
             expected = f"the coefficients {', '.join(self.lens.terms)} of a {self.lens.name} lens"
@@ -57,7 +59,10 @@ class Camera:
         return -self.R.T @ self.t
 
     def downsampled(self, factor: int | float) -> Camera:
-        """The same camera for images `factor` times smaller (conventions: intrinsics divide exactly)."""
+        """The same camera for images `factor` times smaller.
+
+        Intrinsics divide exactly (conventions).
+        """
         K = self.K / np.array([[factor], [factor], [1.0]])
         return replace(self, K=K, width=round(self.width / factor), height=round(self.height / factor))
 
@@ -81,7 +86,7 @@ class Camera:
         return np.concatenate([distorted, np.ones_like(distorted[..., :1])], -1) @ self.K.T[:, :2], in_camera[..., 2]
 
     def sees(self, points: np.ndarray) -> np.ndarray:
-        """Mask [...] of the world points [..., 3] that the lens images, inside the image or beside it."""
+        """Mask [...] of world points [..., 3] that the lens images, in the image or beside it."""
         return self.lens.sees(points @ self.R.T + self.t, self.dist)
 
     def undistort(self, pixels: np.ndarray) -> np.ndarray:
@@ -97,7 +102,10 @@ class Camera:
         return rays[:, :2] / np.where(z > LEAST_COSINE, z, np.nan)
 
     def ray_directions(self, pixels: np.ndarray) -> np.ndarray:
-        """Unit directions [N, 3] in the world, from `center` through pixels [N, 2]; NaN where the lens sees nothing."""
+        """Unit directions [N, 3] in the world, from `center` through pixels [N, 2].
+
+        NaN where the lens sees nothing.
+        """
         directions = self.lens.undistort(pixels, self.K, self.dist) @ self.R
         return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
@@ -111,7 +119,10 @@ class Camera:
 def project_with_jacobian(
     lens: Lens, intrinsics: Float64[np.ndarray, "n intrinsics"], in_camera: Float64[np.ndarray, "n 3"]
 ) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2 intrinsics"], Float64[np.ndarray, "n 2 3"]]:
-    """Pixels of points in camera coordinates, and their derivatives by `Camera.intrinsics` and by the point."""
+    """Pixels of points in camera coordinates, and their derivatives.
+
+    By `Camera.intrinsics` and by the point.
+    """
     f, aspect, cx, cy = intrinsics[:, : len(PINHOLE_TERMS)].T
     fy = f * aspect
     distorted, by_point, by_terms = lens.jacobian(in_camera, intrinsics[:, len(PINHOLE_TERMS) :], np.stack([f, fy], 1))

@@ -1,4 +1,4 @@
-"""The seam of lens models: from directions in front of a camera to the image plane, back, and the derivatives.
+"""The seam of lens models: project directions to the image plane and back, with derivatives.
 
 A lens takes points in camera coordinates to distorted coordinates, which the intrinsic matrix turns into pixels. It is
 stateless: its coefficients are an argument, because a bundle adjustment varies those of many cameras at once. Those
@@ -48,7 +48,10 @@ class Lens(ABC):
     def jacobian(
         self, points: Float64[np.ndarray, "n 3"], coefficients: Coefficients, focal: Float64[np.ndarray, "n 2"]
     ) -> LensJacobian:
-        """Distorted coordinates, and the derivatives of `focal` times them by the point and by the coefficients."""
+        """Distorted coordinates, and the derivatives of `focal` times them.
+
+        By the point and by the coefficients.
+        """
 
     @abstractmethod
     def undistort(

@@ -18,7 +18,10 @@ EXACT_TURNS = 60
 
 
 class BrownConrady(Lens):
-    """OpenCV's perspective lens: a radial polynomial of the slope and two tangential terms (Brown 1966)."""
+    """OpenCV's perspective lens: a radial polynomial of the slope and two tangential terms.
+
+    Brown (1966).
+    """
 
     name = "brown_conrady"
     terms = ("k1", "k2", "p1", "p2", "k3")
@@ -67,7 +70,10 @@ class BrownConrady(Lens):
     def undistort(
         self, pixels: Float[np.ndarray, "n 2"], K: Float64[np.ndarray, "3 3"], coefficients: Coefficients
     ) -> Float64[np.ndarray, "n 3"]:
-        """Iterate as OpenCV does: finite, but no ray of the lens where the polynomial has stopped growing."""
+        """Iterate as OpenCV does.
+
+        Always finite, but no ray of the lens where the polynomial has stopped growing.
+        """
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         # K and the pixels share one convention, so OpenCV's pixel centres cancel out here.
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
@@ -95,14 +101,20 @@ class KannalaBrandt(Lens):
     perspective = False
 
     def distort(self, points: Points, coefficients: Coefficients) -> Float[np.ndarray, "*points 2"]:
-        """Place points at theta_d from the centre; those exactly behind the camera, anywhere on a circle, at x > 0."""
+        """Place points at theta_d from the centre.
+
+        Those exactly behind the camera, which belong anywhere on a circle, at x > 0.
+        """
         _, theta, direction = self._polar(points)
         return (theta * self._growth(theta, coefficients))[..., None] * direction
 
     def jacobian(
         self, points: Float64[np.ndarray, "n 3"], coefficients: Coefficients, focal: Float64[np.ndarray, "n 2"]
     ) -> LensJacobian:
-        """Differentiate by hand; finite on the axis, where the quotients of the definition are 0 / 0."""
+        """Differentiate by hand.
+
+        Finite on the axis, where the quotients of the definition are 0 / 0.
+        """
         r, theta, direction = self._polar(points)
         z, distance2 = points[:, 2], r * r + points[:, 2] ** 2
         theta_d = theta * self._growth(theta, coefficients)

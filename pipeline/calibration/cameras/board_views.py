@@ -1,4 +1,7 @@
-"""The ChArUco boards of a capture: found in its images and gathered for the calibration; if there are none, why."""
+"""ChArUco boards of a capture, found in its images and gathered for the calibration.
+
+If there are none, an error says why.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ class BoardViews:
     board: Int64[np.ndarray, " views"]
 
     def for_cameras(self, cameras: Sequence[int]) -> BoardViews:
-        """What these cameras see; cameras and views are numbered anew, in the order given."""
+        """Views of some cameras; cameras and views are numbered anew, in the order given."""
         seen = self.observations.select(np.isin(self.observations.camera, cameras))
         views, view = np.unique(seen.view, return_inverse=True)
         number = {camera: k for k, camera in enumerate(cameras)}
@@ -61,7 +64,7 @@ class BoardViews:
 
 
 def choose_shots(views: Sequence[dict], most: int | None) -> list[dict]:
-    """The entries of at most so many shots, evenly spread over their numbers; all of them for None."""
+    """Entries of at most so many shots, evenly spread over their numbers; all of them for None."""
     shots = np.unique([view["view"] for view in views])
     if most is not None and len(shots) > most:
         shots = shots[np.round(np.linspace(0, len(shots) - 1, most)).astype(int)]
@@ -113,7 +116,10 @@ def _bare(detections: Sequence[Detection]) -> bool:
 def explain_nothing(
     capture: Path, views: Sequence[dict], boards: Sequence[Board], detections: Sequence[Sequence[Detection]]
 ) -> str:
-    """Why no board was found in some images, as far as can be told: what was expected and found, and what to do."""
+    """Explain why no board was found in some images.
+
+    As far as can be told: what was expected and found, and what to do.
+    """
     dictionaries = " or ".join(dict.fromkeys(board.dictionary for board in boards))
     grays = [read_gray_8bit(capture / view["path"]) for view in views[:: max(1, len(views) // EXPLAINING_IMAGES)]]
     expected = f"dictionary: expected a board of {dictionaries}, found none in {len(views)} images"

@@ -1,4 +1,7 @@
-"""Calibrating a rig: one bundle adjustment over all intrinsics, camera poses and board poses, and its error bars."""
+"""Bundle adjustment of a rig over all intrinsics, camera poses and board poses.
+
+With its error bars.
+"""
 
 from __future__ import annotations
 
@@ -121,7 +124,9 @@ def center_covariance(
     jacobian: Float64[np.ndarray, "axes parameters"],
     cameras: Sequence[Camera],
 ) -> Float64[np.ndarray, "axes axes"]:
-    """Covariance of the centres after a best rigid motion: its directions are projected out (Kanatani and Morris 2001).
+    """Covariance of the centres after a best rigid motion.
+
+    Its directions are projected out (Kanatani and Morris 2001).
 
     With up to two cameras little of a shape remains: none of one, the distance of two.
     """

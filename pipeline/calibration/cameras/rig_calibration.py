@@ -1,4 +1,7 @@
-"""A rig from its observations: where to start, how much distortion, one adjustment, and whether all views fit it."""
+"""Calibration of a rig from its observations.
+
+Where to start, how much distortion, one adjustment, and whether all views fit it.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +68,7 @@ class Movement:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What does not fit one rig that stands still.
+    """Views that do not fit one rig that stands still.
 
     Attributes:
         movements: cameras that moved.
@@ -176,7 +179,9 @@ def _adjust_from_starts(
     intrinsics: Sequence[Camera] | None = None,
     lens_index: Sequence[int] | None = None,
 ) -> Rig:
-    """The best of a few adjustments with all coefficients: from the possible starts, and again with their lenses.
+    """Best of a few adjustments with all coefficients.
+
+    From the possible starts, and again with their lenses.
 
     Args:
         intrinsics: cameras whose intrinsics to start with; None: those that each camera has from its own views.

@@ -1,4 +1,6 @@
-"""Cameras joined through the views they share: which poses go together is decided by all of them at once.
+"""Joining cameras through the views they share.
+
+Which poses go together is decided by all of them at once.
 
 A small board seen from afar fits two poses almost equally, one the other's mirror image in depth (Collins and Bartoli
 2014). A pair of cameras that shares one view can then stand in four ways, and only a loop through other cameras tells
@@ -118,7 +120,9 @@ def _turned_view(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def join_cameras(sightings: Sightings, shared: np.ndarray) -> list[dict[int, np.ndarray]]:
-    """Poses of all cameras from the first placed one; the best hypothesis first, and those that may yet be right.
+    """Poses of all cameras from the first placed one.
+
+    The best hypothesis first, and those that may yet be right.
 
     Args:
         shared: corners that two cameras see in the same view [cameras, cameras]; together they connect all.
@@ -142,7 +146,10 @@ def join_cameras(sightings: Sightings, shared: np.ndarray) -> list[dict[int, np.
 
 
 def place_board(sightings: Sightings, from_root: Mapping[int, np.ndarray], view: int) -> tuple[np.ndarray, float]:
-    """The board's pose from the root: the one that a placed camera suggests and all like best; and its cost."""
+    """Pose of a board from the root, and its cost.
+
+    The pose that a placed camera suggests and all like best.
+    """
     seen = [(from_root[c], sighting) for c, sighting in sightings[view].items() if c in from_root]
     candidates = np.concatenate([np.linalg.inv(pose) @ sighting.camera_from_board for pose, sighting in seen])
     cost = sum(_misfit(sighting, pose @ candidates) for pose, sighting in seen)

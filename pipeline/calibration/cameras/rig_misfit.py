@@ -1,4 +1,4 @@
-"""What does not fit a rig that stands still: what to say of it, and what to do."""
+"""Reports of views that do not fit a rig that stands still, and what to do about them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ def complain_of_misfits(
     section: str,
     complaints: Complaints,
 ) -> None:
-    """Complaints on cameras that moved by more than `largest_shift_px`, and on views that fit nowhere.
+    """Complain of cameras that moved and of views that fit nowhere.
+
+    A movement counts above `largest_shift_px`.
 
     Args:
         names: of the cameras.
@@ -50,7 +52,9 @@ def complain_of_misfits(
 
 
 def too_many_gross_outliers(inspection: Inspection, views: Sequence[int]) -> dict[int, str]:
-    """Cameras of which so many views fit none of their poses that the rig cannot be trusted, and which views.
+    """Cameras with so many outlying views that the rig cannot be trusted, and which views.
+
+    Outlying views fit none of a camera's poses.
 
     Args:
         views: number of each camera's views.
@@ -63,12 +67,15 @@ def too_many_gross_outliers(inspection: Inspection, views: Sequence[int]) -> dic
 
 
 def is_knock(movement: Movement) -> bool:
-    """Whether a movement is one that a camera may suffer where it stands; so is one too short-lived to measure."""
+    """True for a movement that a camera may suffer where it stands.
+
+    So is one too short-lived to measure.
+    """
     return not (movement.shift_m > KNOCK_M or movement.turn_deg > KNOCK_DEG)
 
 
 def describe_movement(movement: Movement, suspects: Sequence[str]) -> str:
-    """Which camera moved, when and how far; or that its views do not fit together at all."""
+    """Name the camera that moved, when and how far; or say that its views do not fit together."""
     which = " or ".join(suspects)
     moved = "" if np.isnan(movement.shift_m) else f", {1000 * movement.shift_m:.1f} mm and {movement.turn_deg:.2f} deg"
     size = f"{movement.shift_px:.2g} px{moved}"

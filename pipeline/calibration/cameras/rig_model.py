@@ -1,4 +1,4 @@
-"""What a bundle adjustment of a rig varies and what it compares: residuals, their Jacobian, priors.
+"""Parameters and residuals of a rig's bundle adjustment, with Jacobian and priors.
 
 The model is Zhang's (2000): a planar target of known size seen in unknown poses. Here all cameras share the poses,
 so that the views of one camera help all others. Distortion terms and the principal point have wide Gaussian priors:
@@ -46,7 +46,9 @@ class Observations:
 
 @dataclass(frozen=True)
 class RigModel:
-    """One vector of parameters: intrinsics of all cameras, their poses, the boards' poses; those not `free` stay.
+    """Parameters of a rig in one vector.
+
+    Intrinsics of all lenses, poses of the cameras, poses of the boards; those not `free` stay.
 
     Attributes:
         points: of each observation on its board, metres.
@@ -90,7 +92,10 @@ class RigModel:
 
     @cached_property
     def free(self) -> np.ndarray:
-        """Numbers of the parameters that are estimated: the first view is the frame, some coefficients are zero."""
+        """Numbers of the parameters that are estimated.
+
+        The first view is the frame, some coefficients are zero.
+        """
         estimated = self._estimated()
         intrinsics = np.concatenate([np.ones((len(estimated), len(PINHOLE_TERMS)), bool), estimated], 1).ravel()
         boards = np.arange(len(self.rig_from_board) * POSE) >= POSE

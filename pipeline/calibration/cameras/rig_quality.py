@@ -1,4 +1,4 @@
-"""How well each camera of a rig is calibrated: numbers, and a verdict with its reason."""
+"""Quality of each camera's calibration: numbers, and a verdict with its reason."""
 
 from __future__ import annotations
 
@@ -32,9 +32,12 @@ COLUMNS = [
 
 
 def quality_table(calibrated: Calibrated, names: Sequence[str], shot: Int64[np.ndarray, " views"]) -> pd.DataFrame:
-    """One row per camera: number of views and corners, reprojection error (root mean square length, px), standard
-    deviations of the focal length (relative) and of the centre within the rig (m), share of the image's 8 x 8 cells
-    with corners, largest angle between two boards (degrees), number of distortion coefficients."""
+    """Quality of every camera, one row each.
+
+    Number of views and corners, reprojection error (root mean square length, px), standard deviations of the focal
+    length (relative) and of the centre within the rig (m), share of the image's 8 x 8 cells with corners, largest
+    angle between two boards (degrees), number of distortion coefficients.
+    """
     rig, observations = calibrated.rig, calibrated.rig.model.observations
     rows = []
     for c, (name, camera) in enumerate(zip(names, rig.cameras, strict=True)):
@@ -87,7 +90,10 @@ def judge_cameras(
 
 
 def wanted_distortion(calibrated: Calibrated, camera: int) -> int:
-    """The number of coefficients that a lens decisively needs; the one it has where it needs no other."""
+    """Number of coefficients that a lens decisively needs.
+
+    The one it has where it needs no other.
+    """
     odds, used = calibrated.evidence[camera], calibrated.distortion[camera]
     wanted = choose_distortion([odds])[0]
     return wanted if odds[wanted] - odds[used] > DECISIVE else used

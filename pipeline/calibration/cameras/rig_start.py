@@ -1,4 +1,7 @@
-"""Where the bundle adjustment of a rig starts: each camera alone, then cameras joined through views they share."""
+"""Start of a rig's bundle adjustment.
+
+Each camera alone, then cameras joined through views they share.
+"""
 
 from __future__ import annotations
 
@@ -134,8 +137,11 @@ def _in_first_view(
 
 @contextmanager
 def _one_opencv_thread() -> Iterator[None]:
-    """While entered, OpenCV works on one thread: with more, calibrateCamera adds the views up in the order in which
-    they are done, and results differ in the last digits from run to run."""
+    """Keep OpenCV on one thread.
+
+    With more, calibrateCamera adds the views up in the order in which they are done, and results differ in the last
+    digits from run to run.
+    """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

@@ -1,4 +1,7 @@
-"""Which of the bright spots in mirror balls are one light's: those that rays from all balls and cameras agree on."""
+"""Matching bright spots in mirror balls to lights.
+
+A light's are those that rays from all balls and cameras agree on.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,10 @@ class Choice:
 def choose_highlights(
     spots: Highlights, balls: Float64[np.ndarray, "balls 3"], cameras: Sequence[Camera], radius_m: float, lights: int
 ) -> Choice:
-    """For each light, where two of its mirrored rays meet: the pair that most images agree with; and its spots."""
+    """Match spots to every light: the pair of its mirrored rays that most images agree with.
+
+    They meet at the light; and the spots that agree.
+    """
     points, directions = np.zeros((2, len(spots.light), 3))
     for b, c in np.unique(np.stack([spots.ball, spots.camera], 1), axis=0):
         rows = (spots.ball == b) & (spots.camera == c)
@@ -81,7 +87,10 @@ def choose_highlights(
 
 
 def constant_spots(spots: Highlights) -> Bool[np.ndarray, " highlights"]:
-    """Whether each spot is at the same place in half of its ball's and camera's images, whichever light is on."""
+    """Mask of the spots that are there whichever light is on.
+
+    At the same place in half of their ball's and camera's images.
+    """
     constant = np.zeros(len(spots.light), bool)
     for b, c in np.unique(np.stack([spots.ball, spots.camera], 1), axis=0):
         rows = np.flatnonzero((spots.ball == b) & (spots.camera == c))

@@ -1,4 +1,4 @@
-"""Lights as tables: what the spots in mirror balls say of each, and the rows of lights.parquet."""
+"""Lights as tables: measurements from spots in mirror balls, and rows of lights.parquet."""
 
 from __future__ import annotations
 
@@ -43,7 +43,9 @@ def measure_lights(
     spots: pd.DataFrame, balls: dict[str, Ball], cameras: dict[str, Camera], radius_m: float, lights: list[str],
     settings: CalibrateLights,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:  # fmt: skip
-    """What highlights say in the cameras' frame: `MEASURED_COLUMNS` and brightness per light, and a row per highlight.
+    """Measurements of lights in the cameras' frame.
+
+    `MEASURED_COLUMNS` and brightness per light, and a row per highlight.
 
     Args:
         spots: what `ball_photos.find_spots` found.

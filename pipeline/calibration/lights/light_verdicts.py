@@ -1,4 +1,4 @@
-"""What is said of every mirror ball and every light: good, weak or failed, and why."""
+"""Verdicts on every mirror ball and every light: good, weak or failed, and why."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ def ball_verdicts(
     balls: Mapping[str, Ball], cameras_of: Mapping[str, list[str]], refused: Mapping[tuple[str, str], str],
     settings: CalibrateLights,
 ) -> list[Verdict]:  # fmt: skip
-    """One per ball position; `refused`: what the images of (position, camera) without an outline hold instead."""
+    """Verdict on each ball position.
+
+    `refused`: what the images of (position, camera) without an outline hold instead.
+    """
     verdicts = []
     for position in sorted({*balls, *(position for position, _ in refused)}):
         without = "; ".join(f"{camera}: {why}" for (p, camera), why in refused.items() if p == position)
@@ -51,7 +54,10 @@ def ball_verdicts(
 
 
 def why_not_measured(light: pd.Series, settings: CalibrateLights) -> str:
-    """Why a light keeps its surveyed position, or nothing. `light` is a row of what `light_verdicts` takes."""
+    """Reason for which a light keeps its surveyed position, or nothing.
+
+    `light` is a row of what `light_verdicts` takes.
+    """
     if light.images == 0:
         return "no image of it with a usable ball"
     if light.highlights == 0:
@@ -107,7 +113,10 @@ def _mixed_up(light: str, other: str, swaps: Mapping[str, str]) -> str:
 def resemblances(
     names: list[str], measured: Float64[np.ndarray, "lights 3"], surveyed: Float64[np.ndarray, "lights 3"], limit: float
 ) -> list[str]:
-    """For each light further than `limit` from its own surveyed place, whose place it is at (within `limit`), or ""."""
+    """Name the light whose surveyed place a displaced light is at.
+
+    For each light further than `limit` from its own surveyed place: whose place it is at (within `limit`), or "".
+    """
     lost = np.flatnonzero(np.linalg.norm(measured - surveyed, axis=1) > limit)
     found = [""] * len(names)
     distance = scipy.spatial.distance.cdist(measured[lost], surveyed[lost])

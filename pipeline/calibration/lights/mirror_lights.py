@@ -20,7 +20,10 @@ weights then average 0.7785 and the fit is 94.26 % efficient (quadrature, for `l
 
 @dataclass(frozen=True)
 class Highlights:
-    """Where lights show in balls; one row per light, ball and camera, indices into lists of each."""
+    """Highlights of lights in balls, one row per light, ball and camera.
+
+    Indices into lists of each.
+    """
 
     light: Int64[np.ndarray, " highlights"]
     ball: Int64[np.ndarray, " highlights"]
@@ -68,7 +71,9 @@ def locate_lights(
     radius_m: float,
     start: Float64[np.ndarray, "lights 3"],
 ) -> LocatedLights:
-    """All lights and all balls at once, from all highlights and from what the outlines said of the balls.
+    """Locate all lights and all balls at once.
+
+    From all highlights and from what the outlines said of the balls.
 
     Residuals are highlight pixels, not directions: near the ball's rim a pixel of error turns the mirrored ray by tens
     of degrees, and counts for as little as it should. The outlines enter as a Gaussian about each ball's centre, so

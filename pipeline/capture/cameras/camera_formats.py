@@ -1,4 +1,7 @@
-"""Common parts of other programs' files of cameras: images with a pose and a lens each, named by file."""
+"""Common parts of other programs' files of cameras.
+
+Images with a pose and a lens each, named by file.
+"""
 
 from __future__ import annotations
 

@@ -106,7 +106,10 @@ def _camera(image: pycolmap.Image) -> Camera:
 
 
 def write_colmap(folder: Path, cameras: Mapping[str, Camera], kind: Literal["binary", "text"] = "binary") -> None:
-    """Write cameras as a COLMAP model without points: one image `<name>.png` for each, on a rig of its own."""
+    """Write cameras as a COLMAP model without points.
+
+    One image `<name>.png` for each, on a rig of its own.
+    """
     made = pycolmap.Reconstruction()
     for number, (name, camera) in enumerate(cameras.items(), 1):
         model = WRITTEN_MODELS[camera.lens]

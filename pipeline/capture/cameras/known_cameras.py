@@ -1,4 +1,7 @@
-"""Cameras that were calibrated elsewhere: read in the format they are in, checked, and brought to metres."""
+"""Cameras that were calibrated elsewhere.
+
+Read in the format they are in, checked, and brought to metres.
+"""
 
 from __future__ import annotations
 
@@ -131,7 +134,7 @@ def _check_agreement(path: str, images: list[SourceImage], complaints: Complaint
 
 
 def _difference_px(a: Camera, b: Camera) -> float:
-    """How far apart two cameras put points that a sees in the middle half of its image, pixels."""
+    """Pixels between where two cameras put points that a sees in the middle half of its image."""
     x, y = np.meshgrid(a.width * np.array([0.25, 0.5, 0.75]), a.height * np.array([0.25, 0.5, 0.75]))
     pixels = np.stack([x.ravel(), y.ravel()], 1)
     rays = a.ray_directions(pixels)

@@ -1,4 +1,7 @@
-"""The keys of `calibration.cameras`: ChArUco boards, each with markers of its own, or cameras calibrated elsewhere."""
+"""Keys of `calibration.cameras`: ChArUco boards, or cameras calibrated elsewhere.
+
+Each board has markers of its own.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,9 @@ class CharucoBoard(Section):
 
 
 class CharucoCameras(Section):
-    """Cameras are calibrated from images of ChArUco boards, at sensor resolution: one board, or a list of `boards`.
+    """Cameras are calibrated from images of one ChArUco board or a list of `boards`.
+
+    Images are at sensor resolution.
 
     Boards need not be fixed to each other: each has its own pose in every view.
     """
