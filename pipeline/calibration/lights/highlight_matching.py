@@ -38,23 +38,23 @@ SMALLEST_SINE2 = 1e-6
 
 
 @dataclass(frozen=True)
-class Choice:
+class HighlightMatches:
     """At most one spot per image.
 
     Attributes:
-        rows: of the spots that were chosen, in their order.
+        rows: of the spots that matched, in their order.
         start: metres; about where each light is.
         rival: images that agree to `AGREE_PX` on another light instead, if they are too many to decide; else 0.
     """
 
-    rows: Int64[np.ndarray, " chosen"]
+    rows: Int64[np.ndarray, " matched"]
     start: Float64[np.ndarray, "lights 3"]
     rival: Int64[np.ndarray, " lights"]
 
 
-def choose_highlights(
+def match_highlights(
     spots: Highlights, balls: Float64[np.ndarray, "balls 3"], cameras: Sequence[Camera], radius_m: float, lights: int
-) -> Choice:
+) -> HighlightMatches:
     """Match spots to every light: the pair of its mirrored rays that most images agree with.
 
     They meet at the light; and the spots that agree.
@@ -65,7 +65,7 @@ def choose_highlights(
         points[rows], directions[rows] = reflected_rays(balls[b], radius_m, cameras[c], spots.pixel[rows])
     image = spots.ball * len(cameras) + spots.camera
     start, rival = np.zeros((lights, 3)), np.zeros(lights, np.int64)
-    chosen = []
+    matched = []
     for light in range(lights):
         rows = np.flatnonzero(spots.light == light)
         rows = rows[np.argsort(image[rows], kind="stable")]
@@ -82,8 +82,8 @@ def choose_highlights(
         second = _votes(others[_most_agreed(others, first)], first)
         rival[light] = second if second >= max(FEWEST_AGREEING, RIVAL_SHARE * agreeing) else 0
         ends = np.append(first[1:], len(rows))
-        chosen += [rows[a + length[best, a:b].argmin()] for a, b in zip(first, ends, strict=True)]
-    return Choice(np.sort(np.array(chosen, np.int64)), start, rival)
+        matched += [rows[a + length[best, a:b].argmin()] for a, b in zip(first, ends, strict=True)]
+    return HighlightMatches(np.sort(np.array(matched, np.int64)), start, rival)
 
 
 def constant_spots(spots: Highlights) -> Bool[np.ndarray, " highlights"]:

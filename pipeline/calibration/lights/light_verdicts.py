@@ -24,7 +24,7 @@ middle: cameras calibrated to 0.1 px disagree by 5."""
 
 
 def ball_verdicts(
-    balls: Mapping[str, Ball], cameras_of: Mapping[str, list[str]], refused: Mapping[tuple[str, str], str],
+    balls: Mapping[str, Ball], cameras_by_position: Mapping[str, list[str]], refused: Mapping[tuple[str, str], str],
     settings: CalibrateLights,
 ) -> list[Verdict]:  # fmt: skip
     """Verdict on each ball position.
@@ -38,7 +38,7 @@ def ball_verdicts(
             verdicts.append(Verdict("ball", position, "failed", f"no outline; {without}"))
             continue
         sigma_mm = 1000 * np.sqrt(np.trace(ball.covariance) / 3)
-        eyes = len(cameras_of[position])
+        eyes = len(cameras_by_position[position])
         said = [f"outlines in {eyes} cameras, RMS {ball.rms_px:.3f} px, centre +-{sigma_mm:.2f} mm"]
         said += [without] if without else []
         flaws = []

@@ -67,9 +67,7 @@ class CharucoBoard(Section):
 class CharucoCameras(Section):
     """Cameras are calibrated from images of one ChArUco board or a list of `boards`.
 
-    Images are at sensor resolution.
-
-    Boards need not be fixed to each other: each has its own pose in every view.
+    Images are at sensor resolution. Boards need not be fixed to each other: each has its own pose in every view.
     """
 
     method: Literal["charuco"] = Field(description="which method this section is about")
