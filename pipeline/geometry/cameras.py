@@ -79,11 +79,19 @@ class Camera:
         """World points [..., 3] in metres to (pixels [..., 2], depth [...] in metres).
 
         Depths of zero or less are returned as they are. The pixels of a point that the camera does not see (`sees`) are
-        meaningless. Differentiable by hand only: `project_with_jacobian`.
+        meaningless. `project_with_derivative` also has the derivatives.
         """
         in_camera = points @ self.R.T + self.t
         distorted = self.lens.distort(in_camera, self.dist)
         return np.concatenate([distorted, np.ones_like(distorted[..., :1])], -1) @ self.K.T[:, :2], in_camera[..., 2]
+
+    def project_with_derivative(
+        self, points: Float64[np.ndarray, "n 3"]
+    ) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2 3"]]:
+        """Pixels of world points, and their derivatives by the points."""
+        intrinsics = np.broadcast_to(self.intrinsics(), (len(points), len(PINHOLE_TERMS) + len(self.dist)))
+        pixels, _, by_point = project_with_jacobian(self.lens, intrinsics, points @ self.R.T + self.t)
+        return pixels, by_point @ self.R
 
     def sees(self, points: np.ndarray) -> np.ndarray:
         """Mask [...] of world points [..., 3] that the lens images, in the image or beside it."""

@@ -69,6 +69,17 @@ class TestEveryLens:
                 high, low = (project_with_jacobian(lens, *each)[0] for each in pair)
                 assert jacobian[..., k] == pytest.approx((high - low) / (2 * step), rel=1e-5, abs=1e-4)
 
+    def test_derivative_by_world_points_by_differences(self, name):
+        lens = LENSES[name]
+        R = cv2.Rodrigues(np.array([0.3, -0.2, 0.5]))[0]
+        camera = Camera(R, np.array([0.1, -0.2, 0.3]), K, TERMS[name], 640, 480, lens)
+        points = (rays(20, 25.0 if lens.perspective else 120.0) - camera.t) @ R
+        pixels, by_point = camera.project_with_derivative(points)
+        np.testing.assert_allclose(pixels, camera.project(points)[0], atol=1e-9)
+        for k, step in enumerate(1e-6 * np.eye(3)):
+            numeric = (camera.project(points + step)[0] - camera.project(points - step)[0]) / 2e-6
+            assert by_point[..., k] == pytest.approx(numeric, rel=1e-5, abs=1e-4)
+
     def test_without_faults_small_angles_are_a_pinholes(self, name):
         lens, points = LENSES[name], rays(50, 0.01)
         found = lens.distort(points, lens.no_distortion())
