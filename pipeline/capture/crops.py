@@ -95,7 +95,7 @@ def crop_camera(camera: Camera, box: Box) -> Camera:
     """The pinhole camera of a crop: same pose, principal point moved, no distortion."""
     K = camera.K.copy()
     K[:2, 2] -= (box.x0, box.y0)
-    return replace(camera, K=K, dist=np.zeros(5), width=box.width, height=box.height)
+    return replace(camera.pinhole(), K=K, width=box.width, height=box.height)
 
 
 def mesh_silhouette(
@@ -106,7 +106,7 @@ def mesh_silhouette(
     Faces that reach behind the camera are left out. Painted `FINER` times finer: OpenCV also fills the pixels that an
     outline touches, half of one on each side.
     """
-    pixels, depth = replace(camera, dist=np.zeros(5)).project(vertices.astype(np.float64))
+    pixels, depth = camera.pinhole().project(vertices.astype(np.float64))
     in_front = (depth[faces] > 0).all(1)
     corners = np.round((pixels * FINER - PIXEL_CENTER)[faces[in_front]] * 2**SUBPIXEL_BITS)
     limit = float(2**30)  # OpenCV takes int32; what lies this far outside the image is cut there

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -66,7 +66,7 @@ class _Shown:
     @property
     def pinhole(self) -> Camera:
         """The same without distortion."""
-        return replace(self.distorted, dist=np.zeros(5))
+        return self.distorted.pinhole()
 
     @property
     def entity(self) -> str:
@@ -166,11 +166,13 @@ def _log_images(
         else:
             stream.log(entity, rr.EncodedImage.cleared())
         detected = found.detected[list(found.cameras).index(one.name), row] / one.factor
-        seen = np.isfinite(detected).all(1)
-        straight = one.distorted.undistort(detected[seen]) if seen.any() else np.zeros((0, 2))
+        straight, seen = np.full_like(detected, np.nan), np.isfinite(detected).all(1)
+        if seen.any():
+            straight[seen] = one.distorted.undistort(detected[seen])
+        seen = np.isfinite(straight).all(1)  # a fisheye also shows what no pinhole does
         tracked, depth = one.pinhole.project(found.keypoints_m[row])
         sets = {
-            "detected": (straight @ one.pinhole.K[:2, :2].T + one.pinhole.K[:2, 2], seen, DETECTED),
+            "detected": (straight[seen] @ one.pinhole.K[:2, :2].T + one.pinhole.K[:2, 2], seen, DETECTED),
             "tracked": (tracked[depth > 0], depth > 0, TRACKED),
         }
         for name, (pixels, which, color) in sets.items():

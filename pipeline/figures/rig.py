@@ -186,7 +186,8 @@ def _draw_cameras(
 ) -> None:
     for name, camera in stage.cameras.items():
         w, h = float(camera.width), float(camera.height)
-        rays = camera.ray_directions(np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float64))
+        framing = camera if camera.lens.perspective else camera.pinhole()
+        rays = framing.ray_directions(np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float64))
         corners = camera.center + depth_m * rays / (rays @ camera.R[2])[:, None]
         flat, apex = corners[:, list(plane)], camera.center[list(plane)]
         grade = grades.get(("camera", name), "good")

@@ -42,9 +42,11 @@ from pipeline.calibration.cameras.rig_quality import (
 )
 from pipeline.calibration.cameras.rig_start import connected_groups
 from pipeline.capture.cameras.known_cameras import read_known_cameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, write_cameras
+from pipeline.geometry.lens import Lens
+from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
 log = logging.getLogger("calibrate_cameras")
 
@@ -72,7 +74,8 @@ def run(
         none = pd.DataFrame(columns=RESIDUAL_COLUMNS, dtype="float64").astype({"camera": "str"})
         write(out, cameras, none, pd.DataFrame(columns=COLUMNS, dtype="float64").astype({"camera": "str"}), verdicts)
         return
-    boards, names = boards_of(calibration), list(sizes)
+    boards, names = boards_from_index(calibration), list(sizes)
+    lens = lens_for(calibration, settings)
     views = choose_shots(calibration["views"], settings.most_views)
     detections = find_boards(capture, views, sizes, boards, threads)
     found = gather_views(detections, views, names, boards)
@@ -88,10 +91,11 @@ def run(
     if not group:
         log_verdicts(log, failed)
         complaints.raise_if_any()
-    chosen, held = found.of_cameras(group), [names[c] for c in group]
-    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, [sizes[n] for n in held], settings.distortion)
+    chosen, held = found.for_cameras(group), [names[c] for c in group]
+    held_sizes = [sizes[name] for name in held]
+    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens)
     report_distortion(calibrated, held)
-    quality, judged = judge(calibrated, chosen, held, [sizes[n] for n in held], settings, complaints)
+    quality, judged = judge(calibrated, chosen, held, held_sizes, settings, complaints)
     verdicts = sorted([*failed, *judged], key=lambda verdict: names.index(verdict.name))
     log_verdicts(log, verdicts)
     rig, squared = calibrated.rig, (calibrated.rig.residual**2).sum(1)
@@ -124,7 +128,7 @@ def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, t
     return cameras
 
 
-def boards_of(calibration: dict[str, Any]) -> list[Board]:
+def boards_from_index(calibration: dict[str, Any]) -> list[Board]:
     """The boards of the index's calibration_cameras.json: its list, or the one board whose keys stand there directly.
 
     Raises:
@@ -139,6 +143,23 @@ def boards_of(calibration: dict[str, Any]) -> list[Board]:
     return boards
 
 
+def lens_for(calibration: dict[str, Any], settings: CalibrateCameras) -> Lens:
+    """Lens model of the index's calibration_cameras.json.
+
+    Raises:
+        InputError: if there is no such lens, or none of so many coefficients.
+    """
+    name = calibration.get("lens", BROWN_CONRADY.name)
+    if name not in LENSES:
+        raise InputError(f"capture.yaml: lens: expected one of {', '.join(LENSES)}, found {name}")
+    lens, number = LENSES[name], settings.distortion
+    if number != "auto" and number not in lens.term_counts:
+        expected = ", ".join(map(str, lens.term_counts))
+        hint = f"set calibrate_cameras.distortion, or auto, for the {name} lenses of this capture"
+        raise InputError(f"distortion: expected auto or one of {expected}, found {number}; {hint}")
+    return lens
+
+
 def choose_cameras(
     found: BoardViews, names: Sequence[str], least_views: int, explain: Callable[[str], str], complaints: Complaints
 ) -> tuple[list[Verdict], list[int]]:
@@ -147,7 +168,7 @@ def choose_cameras(
     Args:
         explain: why a camera sees no board at all.
     """
-    counts, failed = [len(found.shots_of(c)) for c in range(len(names))], []
+    counts, failed = [len(found.shots_for(c)) for c in range(len(names))], []
     enough = [c for c, count in enumerate(counts) if count >= least_views]
     for c in set(range(len(names))) - set(enough):
         mend = "; ".join(filter(None, [explain(names[c]), "record more, or remove the camera"]))
@@ -156,7 +177,7 @@ def choose_cameras(
         failed.append(Verdict("camera", names[c], "failed", f"{counts[c]} views of {least_views} needed; {mend}"))
     if not enough:
         return failed, []
-    groups = connected_groups(found.of_cameras(enough).observations, len(enough))
+    groups = connected_groups(found.for_cameras(enough).observations, len(enough))
     groups = [[enough[c] for c in group] for group in groups]
     if len(groups) > 1:
         told = "; ".join(f"({', '.join(names[c] for c in group)})" for group in groups)
@@ -202,7 +223,7 @@ def report_distortion(calibrated: Calibrated, names: Sequence[str]) -> None:
     """Log what was chosen, and by which odds."""
     for name, number, odds in zip(names, calibrated.distortion, calibrated.evidence, strict=True):
         told = ", ".join(f"{k}: {value:.1f}" for k, value in odds.items())
-        log.info("camera %s: %d distortion coefficients; log odds against all five: %s", name, number, told)
+        log.info("camera %s: %d distortion coefficients; log odds against all: %s", name, number, told)
 
 
 def residual_table(rig: Rig, found: BoardViews, names: Sequence[str], boards: Sequence[Board]) -> pd.DataFrame:

@@ -25,6 +25,7 @@ from pipeline.capture.head_data import head_motions, read_gaze, read_textures
 from pipeline.capture.images import read_exr_channel, read_image, read_mask
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_shard
+from pipeline.capture.undistortion import left_out
 from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.texels import read_atlas
@@ -106,6 +107,7 @@ def run(
     )
     complain_about(inputs, images, effects)
     log.info("chunk %d: %d frames, %d images; on: %s", chunk, len(booked), len(images), [n for n in EFFECTS if on[n]])
+    report_left_out(inputs)
     held_out = images[list(FLAGS)].any(axis=1)
     splits = () if only_frames else (("train", images[~held_out]), ("test", images[held_out]))
     for split, part in splits:
@@ -114,6 +116,15 @@ def run(
         )
         log.info("%s: %d images", split, packed)
     write_frame_shard(out / "frames" / f"{chunk:04d}.arrow", (frame_record(n, inputs) for n in booked.index.tolist()))
+
+
+def report_left_out(inputs: Inputs) -> None:
+    """Log the fisheyes of whose images a pinhole shows a part only."""
+    if not inputs.on["lens_distortion"]:
+        return
+    for name, camera in inputs.cameras.items():
+        if not camera.lens.perspective and (share := left_out(camera)) > 0:
+            log.info("camera %s: %.0f %% of its image have no place in a pinhole's: left out", name, 100 * share)
 
 
 @dataclass(frozen=True)

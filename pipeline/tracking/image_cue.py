@@ -122,8 +122,10 @@ def _quadratic(compared: Sequence[_Compared], positions: np.ndarray) -> PointQua
 def _projection(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels [N, 2] and their derivatives by the points [N, 2, 3].
 
-    Distortion changes the derivatives by a few percent at most and is left out of them.
+    Distortion changes the derivatives by a few percent at most and is left out of them, but not a fisheye's.
     """
+    if not camera.lens.perspective:
+        return camera.project_with_derivative(points)
     in_camera = points @ camera.R.T + camera.t
     depth = np.maximum(in_camera[:, 2:], SMALLEST_DEPTH_M)
     ratio = in_camera[:, :2] / depth

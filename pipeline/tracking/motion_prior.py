@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from pipeline.geometry.kinematics import Pose, TrackedPoints
-from pipeline.geometry.robust import cauchy
+from pipeline.geometry.least_squares import cauchy
 from pipeline.geometry.rotations import (
     conjugate_quaternion,
     matrix_from_quaternion,

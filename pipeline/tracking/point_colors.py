@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from pipeline.geometry.robust import CAUCHY
+from pipeline.geometry.least_squares import CAUCHY
 
 AMBIENT = 0.1
 """a of the module's docstring. Its value hardly matters where all lights are on: it keeps a point that is in all

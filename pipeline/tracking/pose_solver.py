@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgError, solve, solveh_banded
 
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.kinematics import Pose, TrackedPoints, moved, point_positions, points_with_derivatives
-from pipeline.geometry.robust import cauchy
+from pipeline.geometry.least_squares import cauchy
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.triangulation import reprojection
 from pipeline.tracking.motion_prior import BandedSystem, MotionPrior, prior_cost, prior_system

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.geometry.robust import cauchy
+from pipeline.geometry.least_squares import cauchy
 from pipeline.geometry.sampling import sample_bilinear
 from pipeline.geometry.signed_distance import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices
@@ -78,6 +78,8 @@ def silhouette_term(
             # Distortion changes the slope by a few percent at most: left out here, exact in the residual.
             along = slope * np.diag(camera.K)[:2] / depth / sigma_px
             row = along @ camera.R[:2] - ((along * in_camera[:, :2]).sum(1, keepdims=True) / depth) * camera.R[2]
+            if not camera.lens.perspective:  # a fisheye bends the slope by much more
+                row = np.einsum("np,npa->na", slope, camera.project_with_derivative(at)[1]) / sigma_px
             losses, weight = cauchy(residual**2)
             cost += losses.sum()
             # A vertex occurs once per frame and view, so plain indexed addition loses nothing.

@@ -1,4 +1,4 @@
-"""How far each camera's colour calibration is to be trusted, and what to do where it is not."""
+"""Verdicts on each camera's colour calibration, and what to do where it is weak."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GLARING_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Flaw:
-    """Why a camera is weak or failed: what was expected, what was found, and what to do."""
+    """Reason for a camera to be weak or failed: expected, found, and what to do."""
 
     grade: Literal["weak", "failed"]
     expected: str
@@ -34,7 +34,7 @@ class Flaw:
 
 
 def patch_flaws(patches: Patches | None, saturated_share: float, settings: CalibrateColor) -> list[Flaw]:
-    """What keeps a response from being fitted at all.
+    """Flaws that keep a response from being fitted at all.
 
     Args:
         patches: None if no chart was found.
@@ -53,7 +53,7 @@ def patch_flaws(patches: Patches | None, saturated_share: float, settings: Calib
 
 
 def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
-    """What a fitted response says against itself."""
+    """Flaws of a fitted response."""
     residual, sigma = response.relative_residual(), response.relative_sigma()
     median = float(np.nanmedian(residual))
     if median > settings.largest_residual:
@@ -82,7 +82,9 @@ def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
 
 
 def light_flaws(responses: Mapping[str, Response], settings: CalibrateColor) -> dict[str, list[Flaw]]:
-    """Cameras whose white differs from the median camera's more than cameras of one rig do among themselves.
+    """Cameras whose white differs too much from the median camera's.
+
+    By more than cameras of one rig do among themselves.
 
     A response holds the light on the chart, which the correction undoes as if it were the camera's doing.
     """

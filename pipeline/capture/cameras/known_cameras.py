@@ -1,4 +1,7 @@
-"""Cameras that were calibrated elsewhere: read in the format they are in, checked, and brought to metres."""
+"""Cameras that were calibrated elsewhere.
+
+Read in the format they are in, checked, and brought to metres.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from pipeline.capture.cameras.camera_formats import SourceImage
 from pipeline.capture.cameras.colmap_cameras import read_colmap
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
 from pipeline.capture.paths import locate
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.geometry.cameras import Camera, read_cameras
 
 ROTATION_TOLERANCE = 1e-4
@@ -131,12 +134,13 @@ def _check_agreement(path: str, images: list[SourceImage], complaints: Complaint
 
 
 def _difference_px(a: Camera, b: Camera) -> float:
-    """How far apart two cameras put points that a sees in the middle half of its image, pixels."""
+    """Pixels between where two cameras put points that a sees in the middle half of its image."""
     x, y = np.meshgrid(a.width * np.array([0.25, 0.5, 0.75]), a.height * np.array([0.25, 0.5, 0.75]))
     pixels = np.stack([x.ravel(), y.ravel()], 1)
     rays = a.ray_directions(pixels)
+    pixels, rays = pixels[np.isfinite(rays).all(1)], rays[np.isfinite(rays).all(1)]
     away = []
     for distance in AGREEMENT_DISTANCES_M:
-        seen, depth = b.project(a.center + distance * rays)
-        away.append(np.where(depth > 0, np.linalg.norm(seen - pixels, axis=1), np.inf))
+        seen, _ = b.project(a.center + distance * rays)
+        away.append(np.where(b.sees(a.center + distance * rays), np.linalg.norm(seen - pixels, axis=1), np.inf))
     return float(np.max(away))

@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.capture.schema.board_schema import CharucoCameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import CharucoCameras, KnownCameras
 from pipeline.capture.schema.sections import (
     BallPattern,
     ChartPattern,

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.base.errors import Complaints
 from pipeline.capture.cameras.known_cameras import read_known_cameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 
 SIZE = (640, 480)
 SIZES = {"cam00": SIZE, "cam01": SIZE}
@@ -24,6 +24,11 @@ LENSES = {
     "RADIAL": [500.0, 310.0, 250.0, -0.12, 0.05],
     "OPENCV": [500.0, 510.0, 310.0, 250.0, -0.12, 0.05, 0.002, -0.003],
     "FULL_OPENCV": [500.0, 510.0, 310.0, 250.0, -0.12, 0.05, 0.002, -0.003, 0.01, 0.0, 0.0, 0.0],
+    "SIMPLE_FISHEYE": [300.0, 310.0, 250.0],
+    "FISHEYE": [300.0, 305.0, 310.0, 250.0],
+    "SIMPLE_RADIAL_FISHEYE": [300.0, 310.0, 250.0, -0.04],
+    "RADIAL_FISHEYE": [300.0, 310.0, 250.0, -0.04, 0.01],
+    "OPENCV_FISHEYE": [300.0, 305.0, 310.0, 250.0, -0.04, 0.01, -0.004, 0.0006],
 }
 
 

@@ -1,4 +1,7 @@
-"""The keys of `capture.yaml` about ChArUco boards: one board or several, each with markers of its own."""
+"""Keys of `calibration.cameras`: ChArUco boards, or cameras calibrated elsewhere.
+
+Each board has markers of its own.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,9 @@ from typing import Annotated, Any, Literal
 import cv2
 from pydantic import AfterValidator, Field, field_validator
 
+from pipeline.capture.paths import check_relative, check_suffix
 from pipeline.capture.schema.sections import Length, Section, ViewPattern
+from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
 LARGEST_SQUARE_M = 1.0
 """No printed square is larger; any square above 1 cm is, if centimetres or millimetres are taken for metres."""
@@ -60,15 +65,20 @@ class CharucoBoard(Section):
 
 
 class CharucoCameras(Section):
-    """Cameras are calibrated from images of ChArUco boards, at sensor resolution: one board, or a list of `boards`.
+    """Cameras are calibrated from images of one ChArUco board or a list of `boards`.
 
-    Boards need not be fixed to each other: each has its own pose in every view.
+    Images are at sensor resolution. Boards need not be fixed to each other: each has its own pose in every view.
     """
 
     method: Literal["charuco"] = Field(description="which method this section is about")
     path: ViewPattern = Field(
         description="pattern with {camera} and {view:03d}; exists where the camera sees a board; views of one number "
         "were taken at once, and the numbers are in the order of time"
+    )
+    lens: Literal[tuple(LENSES)] = Field(
+        BROWN_CONRADY.name,
+        description="model of all lenses: brown_conrady (perspective; OpenCV's k1 k2 p1 p2 k3) or fisheye (OpenCV's k1 "
+        "to k4), for lenses that see more than about 100 degrees",
     )
     boards: list[CharucoBoard] | None = Field(None, description="several boards, instead of the keys of one")
     squares_x: int | None = Field(None, ge=2, description="squares of the board in x", validate_default=True)
@@ -112,3 +122,30 @@ class CharucoCameras(Section):
         if value is not None and info.data.get("boards") is not None:
             raise ValueError("either boards or the keys of one board")
         return value
+
+
+class KnownCameras(Section):
+    """Cameras were calibrated elsewhere."""
+
+    method: Literal["known"] = Field(description="which method this section is about")
+    format: Literal["cameras_json", "colmap", "nerfstudio"] = Field(
+        "cameras_json",
+        description="cameras_json: R, t, K, dist, width, height per camera, and lens: fisheye where dist is k1 to k4; "
+        "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json. All at sensor "
+        "resolution",
+    )
+    path: Annotated[str, AfterValidator(check_relative)] = Field(
+        description="the .json file, or the folder of a COLMAP model"
+    )
+    scale_to_m: Length = Field(1.0, description="a length in metres is this times a length in the file")
+    frame: Literal["stage", "own"] = Field(
+        "stage",
+        description="stage: that of the surveyed lights; own: any other, which mirror-ball images then lay over the "
+        "stage's by turning and shifting it",
+    )
+
+    # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
+    @field_validator("path")
+    @classmethod
+    def _is_of_the_format(cls, path: str, info: Any) -> str:
+        return path if info.data.get("format") == "colmap" else check_suffix(path, (".json",))

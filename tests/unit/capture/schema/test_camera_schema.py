@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from pipeline.capture.schema.board_schema import CharucoCameras
+from pipeline.capture.schema.camera_schema import CharucoCameras
 
 BOARD = {"squares_x": 7, "squares_y": 5, "square_m": 0.12, "marker_m": 0.09, "dictionary": "DICT_5X5_250"}
 SECTION = {"method": "charuco", "path": "{camera}/{view:03d}.png"}
