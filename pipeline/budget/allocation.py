@@ -148,8 +148,8 @@ def _refusal(
     largest = sorted(base, key=lambda stage: -sum(base[stage]))[:3]
     takes = ", ".join(f"{stage} {sum(base[stage]) / 60:.2g}" for stage in largest)
     held = [f"{curve.stage}.{curve.option} {name_of(fixed[curve.dial])}" for curve in turned if curve.dial in fixed]
-    mend = f"; these settings are yours and stay: {', '.join(held)}" if held else ""
+    hint = f"; these settings are yours and stay: {', '.join(held)}" if held else ""
     return (
         f"{subject}: budget_minutes: expected at least {least:.3g} minutes of one processor, found "
-        f"{settings.budget_minutes:g}; ask for more{mend}. Longest at ordinary settings, in minutes: {takes}"
+        f"{settings.budget_minutes:g}; ask for more{hint}. Longest at ordinary settings, in minutes: {takes}"
     )

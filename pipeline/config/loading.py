@@ -172,8 +172,8 @@ def _complain(
         if problem["type"] == "extra_forbidden":
             known = list(_model_at(model, problem["loc"][:-1]).model_fields)
             close = get_close_matches(str(problem["loc"][-1]), known, n=1)
-            mend = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known) or 'none'}"
-            complaints.add(where, key, expected="a known key", found="an unknown one", mend=mend)
+            hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known) or 'none'}"
+            complaints.add(where, key, expected="a known key", found="an unknown one", hint=hint)
         else:
             expected = re.sub("^(Input|Value|String) should (be |have |match )?", "", problem["msg"])
             complaints.add(where, key, expected=expected, found=repr(problem["input"]))

@@ -182,14 +182,14 @@ def complain_of_faults(check: SyncCheck, settings: BookPatterns, file: Path, pic
         return
     complaints = Complaints(f"{file}: log and images disagree, see {picture}")
     if check.verdict == UNEXPLAINED:
-        mend = "is it this capture's log? More than max_offset_frames away? book_patterns.on_desync: ignore goes on"
-        complaints.add(file, "frame", expected="patterns that the images show", found=check.why, mend=mend)
+        hint = "is it this capture's log? More than max_offset_frames away? book_patterns.on_desync: ignore goes on"
+        complaints.add(file, "frame", expected="patterns that the images show", found=check.why, hint=hint)
     for fault in check.faults if check.verdict == FAULTY else []:
         key = f"light {fault.name}" if fault.kind in ("dead_light", "stuck_light") else f"frame {fault.name}"
-        mend = "correct the capture's patterns file, or set book_patterns.on_desync to fix (or ignore)"
+        hint = "correct the capture's patterns file, or set book_patterns.on_desync to fix (or ignore)"
         if fault.kind == "offset":
-            mend = f"subtract {fault.value:g} from its frame numbers, or set book_patterns.on_desync to fix (or ignore)"
-        complaints.add(file, key, expected="what the images show", found=fault.why, mend=mend)
+            hint = f"subtract {fault.value:g} from its frame numbers, or set book_patterns.on_desync to fix (or ignore)"
+        complaints.add(file, key, expected="what the images show", found=fault.why, hint=hint)
     complaints.raise_if_any()
 
 
@@ -203,7 +203,7 @@ def complain_of_leaks(leaks: list[tuple[int, int]], settings: BookPatterns, file
         complaints.add(
             file, f"frame {test}", expected="light that no training frame shows, as it is held out",
             found=f"the same lights in the same proportions in training frame {listed(trained)}",
-            mend="hold those out too (splits.test_patterns holds out all frames of a pattern), or set "
+            hint="hold those out too (splits.test_patterns holds out all frames of a pattern), or set "
             "book_patterns.on_leak to warn",
         )  # fmt: skip
     if settings.on_leak == "error":

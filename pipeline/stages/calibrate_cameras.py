@@ -150,20 +150,20 @@ def choose_cameras(
     counts, failed = [len(found.shots_of(c)) for c in range(len(names))], []
     enough = [c for c, count in enumerate(counts) if count >= least_views]
     for c in set(range(len(names))) - set(enough):
-        mend = "; ".join(filter(None, [explain(names[c]), "record more, or remove the camera"]))
+        hint = "; ".join(filter(None, [explain(names[c]), "record more, or remove the camera"]))
         expected = f"the board in at least {least_views} views"
-        complaints.add("calibration.cameras", f"camera {names[c]}", expected=expected, found=f"{counts[c]}", mend=mend)
-        failed.append(Verdict("camera", names[c], "failed", f"{counts[c]} views of {least_views} needed; {mend}"))
+        complaints.add("calibration.cameras", f"camera {names[c]}", expected=expected, found=f"{counts[c]}", hint=hint)
+        failed.append(Verdict("camera", names[c], "failed", f"{counts[c]} views of {least_views} needed; {hint}"))
     if not enough:
         return failed, []
     groups = connected_groups(found.of_cameras(enough).observations, len(enough))
     groups = [[enough[c] for c in group] for group in groups]
     if len(groups) > 1:
         told = "; ".join(f"({', '.join(names[c] for c in group)})" for group in groups)
-        mend = "record views in which cameras of different groups see the board at once"
+        hint = "record views in which cameras of different groups see the board at once"
         expected = "cameras joined by shared views"
-        complaints.add("calibration.cameras", "views", expected=expected, found=told, mend=mend)
-        reason = f"shares no view with ({', '.join(names[c] for c in groups[0])}); {mend}"
+        complaints.add("calibration.cameras", "views", expected=expected, found=told, hint=hint)
+        reason = f"shares no view with ({', '.join(names[c] for c in groups[0])}); {hint}"
         failed += [Verdict("camera", names[c], "failed", reason) for group in groups[1:] for c in group]
     return failed, groups[0]
 
@@ -184,16 +184,16 @@ def judge(
     for row in quality.itertuples():
         if row.focal_sigma > settings.largest_focal_error:
             expected = f"a focal length known to {100 * settings.largest_focal_error:g} %"
-            told, mend = f"{100 * row.focal_sigma:.1f} %", describe_focal(row.focal_sigma, row.tilt_deg)
-            complaints.add(where, f"camera {row.camera}", expected=expected, found=told, mend=mend)
+            told, hint = f"{100 * row.focal_sigma:.1f} %", describe_focal(row.focal_sigma, row.tilt_deg)
+            complaints.add(where, f"camera {row.camera}", expected=expected, found=told, hint=hint)
     observations = rig.model.observations
     centers = np.stack([camera.center for camera in rig.cameras])[observations.camera]
     farthest = np.linalg.norm(centers - rig.rig_from_board[observations.view, :3, 3], axis=1).max()
     # A focal length that is open takes the distance along with it.
     if farthest > settings.largest_rig_m and quality.focal_sigma.max() <= settings.largest_focal_error:
         expected = f"cameras within {settings.largest_rig_m:g} m of the boards"
-        mend = "are square_m and marker_m in metres?"
-        complaints.add(where, "square_m", expected=expected, found=f"{farthest:.0f} m", mend=mend)
+        hint = "are square_m and marker_m in metres?"
+        complaints.add(where, "square_m", expected=expected, found=f"{farthest:.0f} m", hint=hint)
     rough = rough_shots(rig, names, found.shot, settings.good_rms_px)
     return quality, judge_cameras(quality, calibrated, rough, inspection, names, settings)
 

@@ -136,7 +136,7 @@ def refuse(capture: Path, paths: Mapping[str, Path], flaws: Mapping[str, list[Fl
         for flaw in found:
             if flaw.grade == "failed":
                 key, file = f"camera {name}", paths[name].relative_to(capture)
-                complaints.add(file, key, expected=flaw.expected, found=flaw.found, mend=flaw.mend)
+                complaints.add(file, key, expected=flaw.expected, found=flaw.found, hint=flaw.hint)
     complaints.raise_if_any()
 
 

@@ -97,8 +97,8 @@ def run(
 def take_survey(capture: Path, survey: pd.DataFrame, in_stage: bool) -> tuple[pd.DataFrame, list[Verdict]]:
     """The surveyed lights as they are, for cameras that are in their frame."""
     if not in_stage:
-        mend = "known lights do not show in images and cannot place cameras that have a frame of their own"
-        raise InputError(f"{capture}: calibration.cameras: expected known cameras in the stage's frame; {mend}")
+        hint = "known lights do not show in images and cannot place cameras that have a frame of their own"
+        raise InputError(f"{capture}: calibration.cameras: expected known cameras in the stage's frame; {hint}")
     lights = survey[["light", "x", "y", "z"]].assign(sigma_m=0.0, status="surveyed", highlights=0)
     why = "known: taken from lights.csv as it is; nothing measured"
     return lights.reindex(columns=TABLE_COLUMNS), [Verdict("light", name, "good", why) for name in lights.light]
@@ -125,9 +125,9 @@ def check_units(capture: Path, facts: pd.DataFrame, survey: pd.DataFrame, ball_r
     log.info(text, scale, sigma, ball_ratio)
     sure = abs(np.log(scale)) > UNITS_SURE * sigma / scale
     if wrong := unit_complaint(ball_ratio, scale if sure else 1.0, tolerance):
-        file, key, expected, found, mend = wrong
+        file, key, expected, found, hint = wrong
         complaints = Complaints(capture)
-        complaints.add(file, key, expected=expected, found=found, mend=mend)
+        complaints.add(file, key, expected=expected, found=found, hint=hint)
         complaints.raise_if_any()
 
 
@@ -149,8 +149,8 @@ def check_frame(capture: Path, lights: pd.DataFrame, settings: CalibrateLights) 
     away_m = float(np.median(lights.away_m[lights.status == "measured"]))
     if away_m > settings.suspicious_distance_m:
         found = f"lights measured {away_m:.2f} m from where the survey has them (median)"
-        mend = "write the cameras in the frame of lights.csv"
-        raise InputError(f"{capture}: calibration.cameras: expected the stage's frame, found {found}; {mend}")
+        hint = "write the cameras in the frame of lights.csv"
+        raise InputError(f"{capture}: calibration.cameras: expected the stage's frame, found {found}; {hint}")
 
 
 def summarize(lights: pd.DataFrame, table: pd.DataFrame, alignment: Alignment) -> None:

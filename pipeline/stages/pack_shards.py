@@ -144,7 +144,7 @@ def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
     """
     complaints = Complaints("pack_shards")
     for name in [name for name in EFFECTS if name not in inputs.on]:
-        complaints.add(effects, name, expected="an effect", found="none", mend="run plan_effects again")
+        complaints.add(effects, name, expected="an effect", found="none", hint="run plan_effects again")
     for camera in sorted(set(images.camera) - set(inputs.cameras)):
         complaints.add("--cameras", camera, expected="a calibrated camera, as it has images", found="none")
     if inputs.on.get("color_correction"):

@@ -90,11 +90,11 @@ def _lens(values: Mapping[str, Any]) -> tuple[dict[str, float], int, int]:
     """The terms of the lens, width, height."""
     model = "is_fisheye" if values.get("is_fisheye") else values.get("camera_model", "OPENCV")
     if model not in LENSES:
-        mend = "undistort the images and calibrate with one of those"
-        raise InputError(f"camera_model: expected one of {', '.join(LENSES)}, found {model}; {mend}")
+        hint = "undistort the images and calibrate with one of those"
+        raise InputError(f"camera_model: expected one of {', '.join(LENSES)}, found {model}; {hint}")
     if "fl_x" not in values and "camera_angle_x" in values:
-        mend = "give fl_x = w / (2 tan(camera_angle_x / 2)), fl_y, cx, cy"
-        raise InputError(f"fl_x: expected a number of pixels, found none, only camera_angle_x; {mend}")
+        hint = "give fl_x = w / (2 tan(camera_angle_x / 2)), fl_y, cx, cy"
+        raise InputError(f"fl_x: expected a number of pixels, found none, only camera_angle_x; {hint}")
     terms = {name: float(_numbers(values, key, ())) for name, key in
              {"fx": "fl_x", "fy": "fl_y", "cx": "cx", "cy": "cy"}.items()}  # fmt: skip
     terms |= {key: float(_numbers(values, key, ())) for key in TERMS + FURTHER_TERMS if key in values}
