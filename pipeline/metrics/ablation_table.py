@@ -6,13 +6,14 @@ cancels. `pipeline.metrics.significance` says what is tested.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import InputError
-from pipeline.metrics.evaluation import LIT, METRICS, PSNR_CEILING_DB
+from pipeline.metrics.evaluation import LIT, PSNR_CEILING_DB
+from pipeline.metrics.image_metrics import metrics_in
 from pipeline.metrics.significance import (
     NOTHING,
     Estimate,
@@ -52,10 +53,10 @@ def compare(scores: pd.DataFrame, baseline: str) -> pd.DataFrame:
     """
     scores = scores.assign(psnr_db=scores.psnr_db.clip(upper=PSNR_CEILING_DB))
     subjects = list(dict.fromkeys(scores.subject))
-    rows = []
+    rows, metrics = [], [metric.name for metric in metrics_in(scores)]
     for variant in dict.fromkeys(scores.variant):
         pairs = {name: _pair(scores, name, variant, baseline) for name in subjects}
-        rows += _rows({name: pair for name, pair in pairs.items() if pair is not None}, variant, baseline)
+        rows += _rows({name: pair for name, pair in pairs.items() if pair is not None}, variant, baseline, metrics)
     table = pd.DataFrame(rows, columns=COLUMNS)
     for _, group in table.groupby("subject"):
         for tested, corrected in (("p_value", "p_holm"), ("new_p_value", "new_p_holm")):
@@ -84,10 +85,12 @@ def _pair(scores: pd.DataFrame, subject: str, variant: str, baseline: str) -> pd
     return both
 
 
-def _rows(pairs: Mapping[str, pd.DataFrame], variant: str, baseline: str) -> list[dict]:
+def _rows(
+    pairs: Mapping[str, pd.DataFrame], variant: str, baseline: str, metrics: Sequence[str]
+) -> list[dict]:  # fmt: skip
     rows = []
     for lit, chosen in LIT.items():
-        for metric in METRICS:
+        for metric in metrics:
             names = {"variant": variant, "baseline": baseline, "lit": lit, "metric": metric}
             means, differences, counts = [], [], []
             for subject, pair in pairs.items():

@@ -20,9 +20,12 @@ WHITE = (255, 255, 255)
 PANELS = ("captured", "rendered", "error")
 
 
-def displayed(rgb_linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    """sRGB of what a display can show: clipped to [0, 1] first, which is the same as clipping after."""
-    return srgb_from_linear(np.clip(rgb_linear, 0, 1)).clip(0, 1)
+def preview_srgb(rgb_linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    """sRGB to look at: clipped to what a display can show, black where there is no number.
+
+    For pictures that are scored see `pipeline.metrics.evaluation.scored_srgb`.
+    """
+    return np.nan_to_num(srgb_from_linear(np.clip(rgb_linear, 0, 1)).clip(0, 1))
 
 
 def side_by_side(

@@ -13,22 +13,20 @@ from pipeline.base.errors import InputError
 from pipeline.metrics.ablation_table import compare
 from pipeline.metrics.comparison import split_picture
 from pipeline.metrics.evaluation import (
-    HIGHER_IS_BETTER,
     LIT,
-    METRICS,
     PSNR_CEILING_DB,
     SPLITS,
     TABLES,
     worst_median_best,
 )
+from pipeline.metrics.image_metrics import IMAGE_METRICS, metrics_in
 from pipeline.metrics.significance import BLOCKS, mean_over_images
 from pipeline.report.part import Part
 from pipeline.report.results import Found
 from pipeline.report.slider import compared, slider
 from pipeline.report.tables import Html, folded, html_table, number, p_text, paragraph, significant
 
-METRIC_NAMES = {"psnr_db": "PSNR [dB]", "ssim": "SSIM", "lpips": "LPIPS", "flip": "FLIP"}
-DIGITS = {"psnr_db": 2, "ssim": 3, "lpips": 3, "flip": 3}
+METRICS = {metric.name: metric for metric in IMAGE_METRICS}
 SPLIT_NAMES = {
     "test": "all held-out images", "test_cameras": "new cameras", "test_frames": "new frames",
     "test_segments": "new segments", "test_patterns": "new patterns",
@@ -71,15 +69,17 @@ def _tiles(metrics: pd.DataFrame, images: pd.DataFrame, variant: str) -> str:
             f'<div class="tile score"><span>{title}</span><b class="value">{number(row.psnr_db)} dB</b>'
             f"<span>PSNR{spread}, {row.images} images</span></div>"
         )
+    higher = [metric.title for metric in metrics_in(metrics) if metric.higher_is_better]
     note = (
-        f"Avatar {variant}. ± is the standard error over frames. Better is higher for PSNR and SSIM, lower for others."
+        f"Avatar {variant}. ± is the standard error over frames. Better is higher for "
+        f"{', '.join(higher[:-1])} and {higher[-1]}, lower for others."
     )
     return f'<div class="tiles">{"".join(tiles)}</div>{paragraph(note)}'
 
 
 def _table(rows: pd.DataFrame, variant: str) -> Html:
     cells, empty = [], []
-    metrics = [metric for metric in METRICS if rows[metric].notna().any()]
+    metrics = [metric for metric in metrics_in(rows) if rows[metric.name].notna().any()]
     for split, title in SPLIT_NAMES.items():
         own = rows[rows.split == split].set_index("lit")
         if not own.images["all"]:
@@ -88,10 +88,10 @@ def _table(rows: pd.DataFrame, variant: str) -> Html:
         cells.append([title])
         for lit in LIT:
             row = own.loc[lit]
-            cells.append([LIT_NAMES[lit], row.images, *(number(row[metric], DIGITS[metric]) for metric in metrics)])
-    head = ["light", "images", *(METRIC_NAMES[metric] for metric in metrics)]
+            cells.append([LIT_NAMES[lit], row.images, *(number(row[m.name], m.digits) for m in metrics)])
+    head = ["light", "images", *(metric.heading for metric in metrics)]
     notes = [f"The capture holds out none of: {', '.join(empty)}."] if empty else []
-    if "lpips" not in metrics:
+    if METRICS["lpips"] not in metrics:
         notes.append(f"LPIPS was not measured: {str(rows.lpips_weights.iloc[0]).removeprefix('none: ')}.")
     table = html_table(f"scores of avatar {variant}", head, cells, "s" + "n" * (1 + len(metrics)))
     return Html(table + "".join(paragraph(note) for note in notes))
@@ -156,18 +156,21 @@ def ablations(found: Found) -> Part:
 def held_out_tables(metrics: pd.DataFrame, costs: pd.DataFrame) -> str:
     """A table per split of RGCA's tables that holds images: each avatar's scores and the time of a picture."""
     tables, milliseconds = "", costs.set_index("variant").render_milliseconds
+    scored = metrics_in(metrics)
     for split in TABLES:
         own = metrics[(metrics.split == split) & (metrics.lit == "all") & (metrics.images > 0)]
         if own.empty:
             continue
         rows = [
-            [row.variant, *(number(getattr(row, metric), DIGITS[metric]) for metric in METRICS),
+            [row.variant, *(number(getattr(row, metric.name), metric.digits) for metric in scored),
              number(milliseconds[row.variant], 1)]
             for row in own.itertuples()
         ]  # fmt: skip
         title = f"{SPLIT_NAMES[split]}, {own.images.iloc[0]} images"
-        head = ["avatar", *(METRIC_NAMES[metric] for metric in METRICS), "one picture [ms]"]
-        tables += paragraph(f"{title[0].upper()}{title[1:]}:") + html_table(title, head, rows, "s" + "n" * 5)
+        head = ["avatar", *(metric.heading for metric in scored), "one picture [ms]"]
+        tables += paragraph(f"{title[0].upper()}{title[1:]}:") + html_table(
+            title, head, rows, "s" + "n" * (1 + len(scored))
+        )
     return tables
 
 
@@ -175,12 +178,12 @@ def differences(table: pd.DataFrame, subjects: bool = False) -> Html:
     """The table of `compare` as HTML; `subjects` adds what holds for new subjects."""
     rows, variant = [], None
     for row in table[table.images > 0].itertuples():
-        digits, is_base = DIGITS[row.metric], row.variant == row.baseline
+        metric, is_base = METRICS[row.metric], row.variant == row.baseline
         if row.variant != variant:
             variant = row.variant
             rows.append([f"{variant} (the baseline)" if is_base else f"{variant}, against {row.baseline}"])
-        cells = [LIT_NAMES[row.lit], METRIC_NAMES[row.metric]]
-        cells.append(f"{number(row.mean, digits)} ± {number(row.mean_error, digits)}")
+        cells = [LIT_NAMES[row.lit], metric.heading]
+        cells.append(f"{number(row.mean, metric.digits)} ± {number(row.mean_error, metric.digits)}")
         cells += ["", "", ""] if is_base else [_difference(row), p_text(row.p_value), _verdict(row, row.p_holm)]
         if subjects and is_base:
             cells += ["", "", "", row.subjects]
@@ -195,13 +198,13 @@ def differences(table: pd.DataFrame, subjects: bool = False) -> Html:
 
 
 def _difference(row) -> str:
-    return f"{number(row.difference, DIGITS[row.metric] + 1, '+')} ± {significant(row.difference_error, 2)}"
+    return f"{number(row.difference, METRICS[row.metric].digits + 1, '+')} ± {significant(row.difference_error, 2)}"
 
 
 def _verdict(row, corrected: float) -> Html:
     """The corrected p-value; in words whether the variant is better or worse, where that is significant."""
     if not corrected < SIGNIFICANT:
         return Html(p_text(corrected))
-    better = (row.difference > 0) == HIGHER_IS_BETTER[row.metric]
+    better = (row.difference > 0) == METRICS[row.metric].higher_is_better
     return Html(f'{p_text(corrected).replace("<", "&lt;")} <b class="{"good" if better else "failed"}">'
                 f'{"better" if better else "worse"}</b>')  # fmt: skip
