@@ -1,4 +1,4 @@
-"""Several subjects' avatars in one table: what their scores are, and which differences are more than chance."""
+"""Several subjects' avatars in one table: scores, and differences beyond chance."""
 
 from __future__ import annotations
 

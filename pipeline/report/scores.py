@@ -1,4 +1,4 @@
-"""How well the avatars predict images that they have never seen, in numbers and in pictures."""
+"""Scores of the avatars on images that they have never seen, and pictures of these."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipeline.metrics.evaluation import (
 from pipeline.metrics.image_metrics import IMAGE_METRICS, metrics_in
 from pipeline.metrics.significance import BLOCKS, mean_over_images
 from pipeline.report.part import Part
-from pipeline.report.results import Found
+from pipeline.report.results import Results
 from pipeline.report.slider import compared, slider
 from pipeline.report.tables import Html, folded, html_table, number, p_text, paragraph, significant
 
@@ -44,9 +44,9 @@ TESTED = (
 )
 
 
-def headline(found: Found) -> Part:
+def headline(results: Results) -> Part:
     """Scores of the first avatar on tiles, all scores as tables, and the protocol."""
-    metrics, images = found.csv("metrics.csv"), found.table("metrics_per_image.parquet")
+    metrics, images = results.csv("metrics.csv"), results.table("metrics_per_image.parquet")
     variants = list(dict.fromkeys(metrics.variant))
     tables = [_table(metrics[metrics.variant == name], name) for name in variants]
     more = "".join(
@@ -106,55 +106,60 @@ def _protocol(metrics: pd.DataFrame) -> str:
     return folded("How it was scored", "".join(paragraph(line) for line in lines))
 
 
-def pictures(found: Found) -> Part:
+def pictures(results: Results) -> Part:
     """Sliders of the worst, the median and the best image of each avatar."""
-    scored = found.table("metrics_per_image.parquet")
+    scored = results.table("metrics_per_image.parquet")
     variants, groups, absent = list(dict.fromkeys(scored.variant)), [], []
-    for variant in variants[: found.settings.most_variants]:
+    for variant in variants[: results.settings.most_variants]:
         rows = worst_median_best(scored[scored.variant == variant])
-        paths = {name: found.folder / f"images/{variant}_{name}.png" for name in rows}
+        paths = {name: results.folder / f"images/{variant}_{name}.png" for name in rows}
         absent += [path.name for path in paths.values() if not path.is_file()]
-        shown = [_slider(found, paths[name], name, row) for name, row in rows.items() if paths[name].is_file()]
+        shown = [_slider(results, paths[name], name, row) for name, row in rows.items() if paths[name].is_file()]
         heading = f"<h3>Avatar {variant}</h3>" if len(variants) > 1 else ""
         groups.append(heading + compared(f"pair-{variant}", shown) if shown else "")
     missing = (
         f"pictures of evaluate_avatar ({', '.join(absent)}), which its setting pictures turns off" if absent else ""
     )
-    left_out = variants[found.settings.most_variants :]
+    left_out = variants[results.settings.most_variants :]
     note = paragraph(f"Not shown: {', '.join(left_out)} (most_variants).") if left_out else ""
     text = paragraph("Push the edge with the pointer, or with the arrow keys.")
     return Part("Captured and rendered", text + "".join(groups) + note, missing)
 
 
-def _slider(found: Found, path: Path, name: str, row: pd.Series) -> str:
+def _slider(results: Results, path: Path, name: str, row: pd.Series) -> str:
     picture = cv2.imread(str(path))
     if picture is None:
         raise InputError(f"{path}: expected a PNG picture of evaluate_avatar, found none that can be read")
     panels = split_picture(np.ascontiguousarray(picture[..., ::-1]))
     height, width = panels["captured"].shape[:2]
-    uris = {panel: found.pictures.of_image(np.ascontiguousarray(image)) for panel, image in panels.items()}
+    uris = {panel: results.pictures.image_uri(np.ascontiguousarray(image)) for panel, image in panels.items()}
     light = LIT_NAMES["full" if row.fully_lit else "partial"]
     return slider(uris, width / height, f"{name}: {row.camera}, frame {row.frame}, {light}, {number(row.psnr_db)} dB")
 
 
-def ablations(found: Found) -> Part:
-    """What each avatar scores and costs, and whether the differences from the first are chance."""
-    title, costs = "Ablations", found.csv("ablations.csv")
+def ablations(results: Results) -> Part:
+    """Scores and costs of each avatar, and differences from the first beyond chance."""
+    title, costs = "Ablations", results.csv("ablations.csv")
     if len(costs) < 2:
         return Part(title, "", "only one avatar was trained; variants in the subject's settings name more")
-    scores = found.table("metrics_per_image.parquet")
+    scores = results.table("metrics_per_image.parquet")
     table = compare(scores, costs.variant[0])
     cost_rows = [
         [row.variant, f"{row.parameters:,}", number(row.training_seconds, 0), number(row.render_milliseconds, 1)]
         for row in costs.itertuples()
     ]
     head = ["avatar", "parameters", "training [s]", "one picture [ms]"]
-    tables = html_table("costs of avatars", head, cost_rows, "snnn") + held_out_tables(found.csv("metrics.csv"), costs)
+    tables = html_table("costs of avatars", head, cost_rows, "snnn") + held_out_tables(
+        results.csv("metrics.csv"), costs
+    )
     return Part(title, tables + paragraph(TESTED) + differences(table))
 
 
 def held_out_tables(metrics: pd.DataFrame, costs: pd.DataFrame) -> str:
-    """A table per split of RGCA's tables that holds images: each avatar's scores and the time of a picture."""
+    """Tables of scores, one per split of RGCA's tables that holds images.
+
+    Each avatar has its scores and the time of a picture.
+    """
     tables, milliseconds = "", costs.set_index("variant").render_milliseconds
     scored = metrics_in(metrics)
     for split in TABLES:

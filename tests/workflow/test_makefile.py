@@ -14,7 +14,8 @@ import pytest
         ("results/subjectA/metrics.csv", "snakemake --cores 2  -- 'results/subjectA/metrics.csv'"),
         ("results/subjectA/report", "snakemake --cores 2  -- 'results/subjectA/report/index.html'"),
         ("results/subjectA/report/index.html", "snakemake --cores 2  -- 'results/subjectA/report/index.html'"),
-        ("growth", "python -m benchmarks.bench_growth --out results/growth"),
+        ("scaling", "python -m benchmarks.bench_scaling --out results/scaling"),
+        ("growth", "python -m benchmarks.bench_scaling --out results/scaling"),
         ("effects", "python -m benchmarks.bench_effects --out results/effects_comparison.csv"),
     ],
 )

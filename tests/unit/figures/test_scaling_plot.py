@@ -1,4 +1,4 @@
-"""The picture of growth: every case has its panel, its exponents and its predictions, and a miss is bold."""
+"""The picture of scaling: every case has its panel, its exponents and its predictions, and a miss is bold."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from pipeline.figures.growth_plot import draw_growth
+from pipeline.figures.scaling_plot import draw_scaling
 
 SIZES = (1, 2, 4, 8, 1_000_000)
 
@@ -48,7 +48,7 @@ def drawn(monkeypatch):
 
 
 def test_exponents_stand_over_their_panel_and_a_miss_is_bold(tmp_path, drawn):
-    draw_growth(tmp_path / "a.png", *tables(["one", "two"]))
+    draw_scaling(tmp_path / "a.png", *tables(["one", "two"]))
     written, lines = drawn
     assert written.count(("CPU time 1.00 [0.90, 1.10] (1)", False)) == 2
     assert written.count(("memory 0.00 [-0.10, 0.10] (1)", True)) == 2
@@ -60,9 +60,9 @@ def test_exponents_stand_over_their_panel_and_a_miss_is_bold(tmp_path, drawn):
 def test_a_row_of_four_panels_and_then_another_and_the_same_bytes(tmp_path):
     heights = []
     for count in (1, 4, 5):
-        draw_growth(tmp_path / f"{count}.png", *tables([f"s{k}" for k in range(count)]))
+        draw_scaling(tmp_path / f"{count}.png", *tables([f"s{k}" for k in range(count)]))
         with Image.open(tmp_path / f"{count}.png") as image:
             heights.append(image.height)
     assert heights[0] == heights[1] < heights[2]
-    draw_growth(tmp_path / "again.png", *tables(["s0"]))
+    draw_scaling(tmp_path / "again.png", *tables(["s0"]))
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "1.png").read_bytes()
