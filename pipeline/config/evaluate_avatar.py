@@ -10,7 +10,7 @@ from pipeline.config.settings import Settings
 
 
 class EvaluateAvatar(Settings):
-    """How renderings are scored."""
+    """Scoring of renderings."""
 
     metrics: tuple[Literal["ms_ssim"], ...] = Field(
         (),

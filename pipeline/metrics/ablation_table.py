@@ -1,4 +1,6 @@
-"""One table of several subjects' avatars: mean scores, differences from a baseline, and whether these are chance.
+"""Table of several subjects' avatars: mean scores and differences from a baseline.
+
+A test says which differences are more than chance.
 
 Only images that both avatars were scored on count, image by image: what makes an image hard is the same for both and
 cancels. `pipeline.metrics.significance` says what is tested.
@@ -37,7 +39,9 @@ COLUMNS = [
 
 
 def compare(scores: pd.DataFrame, baseline: str) -> pd.DataFrame:
-    """One row per subject (and `ALL`, if there are several), variant, lighting and metric, over all held-out images.
+    """Compare variants with a baseline, over all held-out images.
+
+    One row per subject (and `ALL`, if there are several), variant, lighting and metric.
 
     mean is over images, `ALL`'s over subjects' means. difference is variant minus baseline, NaN for the baseline.
     *_error are standard errors for new frames of the same subjects, new_*_error for new subjects (`ALL` only); so with

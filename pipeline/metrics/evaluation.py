@@ -1,4 +1,6 @@
-"""Scores of renderings against held-out images, one by one and averaged, with their protocol written beside them.
+"""Scores of renderings against held-out images, one by one and averaged.
+
+Their protocol is written beside them.
 
 The protocol: the captured image times its mask and the rendering over black, both converted to sRGB and clipped.
 PSNR over the pixels whose mask is at least one half; SSIM, LPIPS, FLIP and, where it is asked for, MS-SSIM on the box
@@ -64,7 +66,10 @@ LIT: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
 
 @runtime_checkable
 class ScoredImage(Protocol):
-    """What scoring reads of an image record (`pipeline.capture.records.ImageRecord` has it)."""
+    """Fields of an image record that scoring reads.
+
+    `pipeline.capture.records.ImageRecord` has them.
+    """
 
     camera: str
     frame: int
@@ -111,7 +116,7 @@ def evaluate(
         foreground = np.asarray(image.mask) >= FOREGROUND_MASK
         flags = {name: getattr(image, name) for name in (*FLAGS, "fully_lit")}
         pair = ImagePair(rendered, captured, foreground, lpips)
-        scores = {metric.name: metric.of_pair(pair) for metric in metrics}
+        scores = {metric.name: metric.measure(pair) for metric in metrics}
         counts = {"foreground_pixels": int(foreground.sum())}
         rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **scores, **counts})
     columns = ["index", "camera", "frame", *FLAGS, "fully_lit"]
@@ -121,7 +126,10 @@ def evaluate(
 
 
 def scored_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndarray, np.ndarray]:
-    """(captured, rendered) as sRGB in [0, 1], float32 [h, w, 3], both over black and black beside the subject."""
+    """Render an image; return what was captured and what was rendered, as they are scored.
+
+    Both are sRGB in [0, 1], float32 [h, w, 3], over black and black beside the subject.
+    """
     with torch.no_grad():
         rgb, _ = render(frame, image)
     rgb = np.asarray(rgb.detach().cpu() if isinstance(rgb, torch.Tensor) else rgb, dtype=np.float32)
@@ -137,7 +145,7 @@ def scored_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndar
 def scored_srgb(
     rgb_linear: Float[np.ndarray, "h w 3"], foreground: Bool[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w 3"]:
-    """sRGB that the protocol scores: the ring beside the subject black, and what a display cannot show clipped.
+    """sRGB that the protocol scores: clipped, and black in the ring beside the subject.
 
     Linear light is clipped to [0, 1] first, which is the same as clipping after. For pictures that are only looked at
     see `pipeline.metrics.comparison.preview_srgb`.
@@ -154,7 +162,9 @@ def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def summarize(per_image: pd.DataFrame) -> pd.DataFrame:
-    """One row per split x lighting: columns split, lit, images, foreground_pixels and the mean of each metric.
+    """Average scores: one row per split and lighting.
+
+    Columns split, lit, images, foreground_pixels and the mean of each metric.
 
     An empty group keeps its row, with 0 images and NaN scores: an absent number must not look like a forgotten one.
     """

@@ -77,7 +77,7 @@ class ImageMetric:
         """The title with its unit."""
         return f"{self.title} [{self.unit}]" if self.unit else self.title
 
-    def of_pair(self, pair: ImagePair) -> float:
+    def measure(self, pair: ImagePair) -> float:
         """The score; NaN without foreground, or if the image is too small."""
         inside = pair.around_subject(self.smallest_side)
         if not pair.foreground.any() or min(inside.foreground.shape) < self.smallest_side:
@@ -123,7 +123,7 @@ def metrics_in(columns: Iterable[str]) -> tuple[ImageMetric, ...]:
 
 
 def boxes_in_words(metrics: Sequence[ImageMetric]) -> str:
-    """How large the box around the subject is for each metric but the first, for the protocol."""
+    """Least box sides of all metrics but the first, in words, for the protocol."""
     boxed = metrics[1:]
     sides = {side: [m.name for m in boxed if m.smallest_side == side] for side in [m.smallest_side for m in boxed]}
     least = ", ".join(f"{', '.join(names)} at least {side}" for side, names in sides.items())

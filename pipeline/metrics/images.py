@@ -54,7 +54,9 @@ def ssim(rendered: Float[np.ndarray, "h w 3"], captured: Float[np.ndarray, "h w 
 
 
 def ms_ssim(rendered: Float[np.ndarray, "h w 3"], captured: Float[np.ndarray, "h w 3"]) -> float:
-    """Multi-scale SSIM of Wang, Simoncelli and Bovik 2003 (equation 7), per channel, then averaged.
+    """Multi-scale SSIM of Wang, Simoncelli and Bovik 2003, equation 7.
+
+    It is computed per channel, then averaged.
 
     The product over five scales of the mean of contrast x structure to the power of `MS_SSIM_WEIGHTS`, with the mean of
     the whole SSIM in place of it on the coarsest. From scale to scale images are averaged over 2 x 2 pixels, an odd
@@ -104,7 +106,9 @@ def flip(rendered: Float[np.ndarray, "h w 3"], captured: Float[np.ndarray, "h w 
 
 
 def foreground_box(foreground: Bool[np.ndarray, "h w"], at_least: int = 1) -> tuple[slice, slice]:
-    """Rows and columns of the smallest box around the foreground, grown to `at_least` pixels where the image allows.
+    """Rows and columns of the smallest box around the foreground.
+
+    It is grown to `at_least` pixels a side where the image allows.
 
     Without foreground: the whole image.
     """

@@ -1,4 +1,6 @@
-"""Mean textures of a chunk of frames: what the cameras saw of each texel when all lights were on.
+"""Bake mean textures of a chunk of frames.
+
+They are what the cameras saw of each texel when all lights were on.
 
 Images of training cameras in fully lit frames are looked up at the tracked mesh's texels and averaged, weighted by
 visibility and the cosine of the view. Other frames lie between fully lit ones and get what lies between their textures;
@@ -97,7 +99,9 @@ def booked_frames(chunk: TrackedChunk, frames: Path, tracking: Path) -> pd.DataF
 
 
 def training_images(index: Path, shown: list[int], calibrated: Collection[str], cameras: Path) -> pd.DataFrame:
-    """Images of some frames by cameras that are not held out: what is learned from may show nothing of these.
+    """Images of some frames by cameras that are not held out.
+
+    What is learned from may show nothing of the held-out ones.
 
     Raises:
         InputError: if a camera is not calibrated, or there is no such image.

@@ -1,4 +1,6 @@
-"""Which LED was on in which frame of the images, is the LED log true and in step with them, which split is a frame in.
+"""Book light patterns and splits, and check that the LED log is in step with the images.
+
+It says which LED was on in which frame, and which split a frame is in.
 
 In: the capture's index, calibrated lights and cameras, and the images themselves. What the log predicts for the
 brightness of the subject in each camera is compared with what the cameras saw (`pipeline.sync.sync`): the two
@@ -97,8 +99,10 @@ def complain_about(
     rig: dict[str, Camera],
     cameras_file: Path,
 ) -> None:
-    """Raises:
-    InputError: naming all lights and cameras that have no calibration, before any image is read.
+    """Refuse lights and cameras that have no calibration, before any image is read.
+
+    Raises:
+        InputError: naming all lights and cameras that have no calibration, before any image is read.
     """
     complaints = Complaints("book_patterns")
     for light in sorted(set(patterns.light) - set(lights.light)):
@@ -109,7 +113,9 @@ def complain_about(
 
 
 def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], facts: dict) -> pd.DataFrame:
-    """Per image the mean of the subject, r, g, b, the mean x, y of its pixels and their covariance xx, xy, yy.
+    """Measure per image the mean of the subject, r, g, b, and where its pixels are.
+
+    The latter are the mean x, y of its pixels and their covariance xx, xy, yy.
 
     Without masks the whole image is averaged (the background of a stage is dark), x, y is the image's centre and the
     covariance NaN. Images without a finite subject pixel are left out.
@@ -175,8 +181,10 @@ def report(booked: pd.DataFrame, frames: int) -> None:
 
 
 def complain_of_faults(check: SyncCheck, settings: BookPatterns, file: Path, picture: Path) -> None:
-    """Raises:
-    InputError: naming every fault, as `on_desync` wants; always, unless told to ignore it, if nothing can be fixed.
+    """Refuse faults of the log, as `on_desync` wants.
+
+    Raises:
+        InputError: naming every fault, as `on_desync` wants; always, unless told to ignore it, if nothing can be fixed.
     """
     if settings.on_desync == "ignore" or (settings.on_desync == "fix" and check.verdict != UNEXPLAINED):
         return
@@ -194,8 +202,10 @@ def complain_of_faults(check: SyncCheck, settings: BookPatterns, file: Path, pic
 
 
 def complain_of_leaks(leaks: list[tuple[int, int]], settings: BookPatterns, file: Path) -> None:
-    """Raises:
-    InputError: naming the frames, if `on_leak` says so.
+    """Refuse patterns that are in training and test, as `on_leak` wants.
+
+    Raises:
+        InputError: naming the frames, if `on_leak` says so.
     """
     complaints = Complaints(f"{file}: held-out light is trained on")
     for test in dict.fromkeys(test for test, _ in leaks):

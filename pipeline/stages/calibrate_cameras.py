@@ -1,4 +1,6 @@
-"""Images of ChArUco boards -> intrinsics, distortion and poses of all cameras, metric, in the rig's own frame.
+"""Calibrate intrinsics, distortion and poses of all cameras from images of ChArUco boards.
+
+They are metric, in the rig's own frame.
 
 Corners are detected in every image, each camera is calibrated alone (Zhang 2000), cameras are joined through the views
 they share, and one bundle adjustment over everything refines the result. Each camera is then judged, and one that moved
@@ -125,7 +127,9 @@ def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, t
 
 
 def boards_of(calibration: dict[str, Any]) -> list[Board]:
-    """The boards of the index's calibration_cameras.json: its list, or the one board whose keys stand there directly.
+    """Boards of the index's calibration_cameras.json.
+
+    They are its list, or the one board whose keys stand there directly.
 
     Raises:
         InputError: if OpenCV has no such dictionary.
@@ -142,7 +146,9 @@ def boards_of(calibration: dict[str, Any]) -> list[Board]:
 def choose_cameras(
     found: BoardViews, names: Sequence[str], least_views: int, explain: Callable[[str], str], complaints: Complaints
 ) -> tuple[list[Verdict], list[int]]:
-    """The largest group of cameras that can be calibrated together; a verdict and a complaint on those outside it.
+    """Largest group of cameras that can be calibrated together.
+
+    Those outside it get a verdict and a complaint.
 
     Args:
         explain: why a camera sees no board at all.
@@ -206,8 +212,11 @@ def report_distortion(calibrated: Calibrated, names: Sequence[str]) -> None:
 
 
 def residual_table(rig: Rig, found: BoardViews, names: Sequence[str], boards: Sequence[Board]) -> pd.DataFrame:
-    """One row per corner: camera, view, board, corner (of that board), x, y, residual_x, residual_y (projected minus
-    observed), weight."""
+    """Table of residuals, one row per corner.
+
+    Columns camera, view, board, corner (of that board), x, y, residual_x, residual_y (projected minus observed),
+    weight.
+    """
     observations = found.observations
     first = np.cumsum([0, *(len(board.corners_m()) for board in boards)])
     board = found.board[observations.view]

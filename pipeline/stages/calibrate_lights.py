@@ -1,4 +1,6 @@
-"""Images of mirror balls -> positions and brightness of all lights, and the cameras moved into the stage's frame.
+"""Locate all lights in mirror balls, and move the cameras into the stage's frame.
+
+It reads images of mirror balls and writes positions and brightness of the lights.
 
 Each ball is located by its outlines in all cameras that see it; which bright spots are a light's, balls and cameras
 decide together; then all lights and balls are fitted to highlights and outlines at once (see
@@ -105,7 +107,9 @@ def take_survey(capture: Path, survey: pd.DataFrame, in_stage: bool) -> tuple[pd
 
 
 def check_units(capture: Path, facts: pd.DataFrame, survey: pd.DataFrame, ball_ratio: float, tolerance: float) -> None:
-    """Board, ball and survey must be in one unit, or a rigid alignment would hide that they are not.
+    """Check that board, ball and survey are in one unit.
+
+    A rigid alignment would hide that they are not.
 
     Raises:
         InputError: saying which is not, and the factor.

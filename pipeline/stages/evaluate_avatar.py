@@ -1,4 +1,4 @@
-"""Score avatars on the images that training never saw, and show the worst, the median and the best.
+"""Score avatars on images that training never saw; show the worst, median and best.
 
 In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
 pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
@@ -96,7 +96,7 @@ def run(
         names = {"subject": subject, "variant": folder.name}
         means.append(summarize(per_image).assign(**names, **protocol))
         singles.append(per_image.assign(**names, **network))
-        ablations.append(names | costs_of(folder, render, images, lit[path]) | scores_in_a_row(means[-1]))
+        ablations.append(names | measure_costs(folder, render, images, lit[path]) | scores_in_a_row(means[-1]))
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", *(metric.name for metric in metrics)]].to_dict())
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
@@ -113,8 +113,11 @@ def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
     return scores | {f"{metric}_{split}": rows.loc[split, metric] for split in TABLES for metric in metrics}
 
 
-def costs_of(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
-    """Number of parameters, seconds of training, and milliseconds from a new pose and light to a picture (median)."""
+def measure_costs(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
+    """Measure parameters, seconds of training, and milliseconds of a picture.
+
+    The time is the median from a new pose and light to a picture.
+    """
     config, taken = read_json(folder / "config.json"), []
     for index in range(0, len(images), max(1, len(images) // TIMED_IMAGES)):
         image = images[index]

@@ -1,4 +1,6 @@
-"""Cheap measurements on this capture -> which effects to simulate, each with the number it was decided on.
+"""Plan which effects to simulate, by cheap measurements on this capture.
+
+Each stands with the number it was decided on.
 
 Reads the tracked meshes, the booked light patterns, the calibrations and a few training images; writes effects.json:
 {effect: {"on", "mode", "evidence", "threshold", "why", "cost"}}. An effect whose mode is `auto` is on if its evidence
@@ -130,7 +132,10 @@ def appearance_evidence(
     atlas: Atlas, posed: dict[int, np.ndarray], lit: dict[int, FrameLights], settings: PlanEffects,
     random: np.random.Generator,
 ) -> dict[str, Evidence]:  # fmt: skip
-    """What training images say of gloss and transport; nothing, if no texel is seen well in any."""
+    """Evidence of gloss and transport in the training images.
+
+    It is none if no texel is seen well in any.
+    """
     some = np.sort(random.permutation(atlas.texel_count)[: settings.texels])
     seen = observe_texels(capture, images, facts, cameras, colors, atlas, some, posed)
     if not len(seen.point):

@@ -101,11 +101,11 @@ def test_rows_have_names_of_their_own():
 def test_score_gets_worse_with_the_error(metric):
     captured, foreground = scene(5), np.ones((170, 181), bool)
     if metric.name == "lpips":
-        assert math.isnan(metric.of_pair(ImagePair(captured, captured, foreground)))
+        assert math.isnan(metric.measure(ImagePair(captured, captured, foreground)))
         return
-    near, far = (metric.of_pair(ImagePair((captured * k).clip(0, 1), captured, foreground)) for k in (0.95, 0.6))
+    near, far = (metric.measure(ImagePair((captured * k).clip(0, 1), captured, foreground)) for k in (0.95, 0.6))
     assert (near > far) == metric.higher_is_better
-    assert math.isnan(metric.of_pair(ImagePair(captured, captured, ~foreground)))
+    assert math.isnan(metric.measure(ImagePair(captured, captured, ~foreground)))
 
 
 def test_protocol_of_the_default_metrics_names_their_boxes():
