@@ -40,6 +40,8 @@ def run(
 ) -> None:  # fmt: skip
     """Average what fully lit frames of a chunk show of each texel.
 
+    So many arguments because a command line names each file that it reads.
+
     Args:
         capture: folder of the capture, for its images.
         index: folder of index_capture.

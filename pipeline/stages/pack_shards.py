@@ -59,6 +59,8 @@ def run(
 ) -> None:
     """Pack the images and frames of one chunk.
 
+    So many arguments because a command line names each file that it reads.
+
     Args:
         capture: folder of the capture, for its images and masks.
         index: folder of index_capture.

@@ -57,6 +57,8 @@ def run(
 ) -> None:
     """Render an avatar under new light.
 
+    So many arguments because a command line names each file that it reads.
+
     Args:
         atlas: atlas.safetensors of unwrap_atlas.
         avatar: folder of train_avatar.

@@ -54,6 +54,8 @@ def run(
 ) -> None:
     """Trace shadow rays from every texel of a chunk's posed meshes to the lit lights.
 
+    So many arguments because a command line names each file that it reads.
+
     Args:
         atlas: atlas.safetensors of unwrap_atlas.
         tracking: one chunk of track_mesh.

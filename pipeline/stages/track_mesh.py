@@ -50,7 +50,8 @@ def run(
 ) -> None:  # fmt: skip
     """Pose the template in every frame of one chunk.
 
-    It is fitted to 2D keypoints, masks and fully lit images.
+    It is fitted to 2D keypoints, masks and fully lit images. So many arguments because a command line names each file
+    that it reads.
 
     Args:
         capture: the capture folder, to which the index's paths are relative.
