@@ -85,6 +85,7 @@ rule train_avatar:
     threads: 16
     resources:
         mem_mb=8000 * project.settings.training_processes,
+        # A resource, which reruns nothing: the number of processes changes nothing but the order of sums.
         launcher=launcher(project.settings.training_processes),
     params:
         code=code_for("train_avatar"),
