@@ -20,7 +20,7 @@ from pipeline.config.flags import flags
 from pipeline.config.loading import Project, has_own_light, section_for
 from pipeline.config.project import SubjectSettings
 from pipeline.config.stage_commands import subject_files
-from pipeline.config.subjects import chunk_ids, require_subject, watched_files
+from pipeline.config.subjects import chunk_ids, require_subject, subject_names, watched_files
 
 RESULTS = "results"
 
@@ -113,10 +113,7 @@ class JobFiles:
         expected = self.each_chunk(f"{folder}/{{chunk}}.arrow")
         stale = sorted({str(path) for path in Path(self.path(folder)).glob("*.arrow")} - set(expected))
         if stale:
-            raise InputError(
-                f"{self.path(folder)}: expected the shards of {len(expected)} chunks, found stale files of others; "
-                f"delete: {' '.join(stale)}"
-            )
+            raise InputError(f"stale files, left over from other chunks of frames, delete: {' '.join(stale)}")
         return expected
 
     def frame_folders(self) -> list[str]:
@@ -186,6 +183,12 @@ class JobFiles:
         places = [(RESULTS, OPTIONAL_OF_PROJECT), (self.path(), OPTIONAL_OF_SUBJECT)]
         found = [path for folder, patterns in places for each in patterns for path in sorted(Path(folder).glob(each))]
         return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in found if path.is_file()}
+
+
+def compared_scores(project: Project) -> list[str]:
+    """Scores of every image of the subjects that compare_subjects compares."""
+    subjects = project.settings.compare_subjects.subjects or subject_names(project)
+    return [JobFiles(project, subject).path("metrics_per_image.parquet") for subject in subjects]
 
 
 def read_planned(path: str | Path) -> list[str]:

@@ -30,10 +30,12 @@ checkpoint pack_shards:
         mem_mb=4000,
     params:
         code=code_for("pack_shards"),
-        arguments=arguments_for(
+        named=named,
+        arguments=arguments_with_input(
             "pack_shards",
+            {},
             irradiance=traced_maps,
-            textures=from_input("textures"),
+            textures=lambda input: input.textures,
         ),
         parts=[],
         settings=settings_for("pack_shards"),
@@ -52,11 +54,11 @@ use rule pack_shards as pack_frames_of_variant with:
     benchmark:
         "results/{subject}/benchmarks/pack_shards.{variant}.{chunk}.tsv"
     params:
-        arguments=arguments_for(
+        arguments=arguments_with_input(
             "pack_shards",
+            {"shards": lambda wildcards: job(wildcards).path("variants", wildcards.variant)},
             irradiance=traced_maps,
-            textures=from_input("textures"),
-            shards=lambda wildcards, input, output: str(Path(output.frames).parents[1]),
+            textures=lambda input: input.textures,
         ),
         parts=["--only-frames"],
     message:
@@ -89,10 +91,12 @@ rule train_avatar:
         launcher=launcher(project.settings.training_processes),
     params:
         code=code_for("train_avatar"),
-        arguments=arguments_for(
+        named=named,
+        frames=lambda wildcards: job(wildcards).frame_folders(),
+        arguments=arguments_with_input(
             "train_avatar",
-            frame_shards=lambda wildcards, input, output: job(wildcards).frame_folders(),
-            eyes=from_input("eyes"),
+            {"frame_shards": lambda wildcards: job(wildcards).frame_folders()},
+            eyes=lambda input: input.eyes,
         ),
         settings=settings_for("train_avatar"),
     message:

@@ -13,7 +13,7 @@ from pipeline.config.loading import load_project
 from pipeline.config.stage_commands import stage_arguments
 from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
-from pipeline.workflow.job_files import JobFiles, read_kind, read_planned
+from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, launcher, light_file, one_of, subject_pattern
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
@@ -58,31 +58,48 @@ def settings_for(stage):
 def arguments_for(stage, **own):
     """A function of wildcards: all other words of a stage's command line but for threads.
 
-    `own` are values that the job's files do not decide alone, by the name that `pipeline.config.stage_commands` has for
-    them: functions of wildcards, input and output.
+    `own` are functions of wildcards for values that are not those of `JobFiles.named`, by the name that
+    `pipeline.config.stage_commands` has for them.
     """
 
-    def words(wildcards, input, output):
-        given = {name: value(wildcards, input, output) for name, value in own.items()}
+    def words(wildcards):
         shared = job(wildcards).named() if "subject" in wildcards.keys() else {}
-        return stage_arguments(stage, {**shared, **given})
+        return stage_arguments(stage, {**shared, **{name: value(wildcards) for name, value in own.items()}})
 
     return words
 
 
-def from_input(name):
-    """A value for `arguments_for`: the files that the rule has as input of that name."""
-    return lambda wildcards, input, output: input[name]
+def arguments_with_input(stage, own, **read):
+    """The same for a command line that follows the rule's input: `read` are functions of that.
+
+    Snakemake reruns nothing for such a parameter; `named` beside it stands for the rest.
+    """
+
+    def words(wildcards, input):
+        values = {name: (lambda wildcards, found=value(input): found) for name, value in read.items()}
+        return arguments_for(stage, **own, **values)(wildcards)
+
+    return words
 
 
-def traced_maps(wildcards, input, output):
-    """A value for `arguments_for`: the folder of maps beside each of their tables."""
+def named(wildcards):
+    """What a command line names of a job."""
+    return job(wildcards).named()
+
+
+def traced_maps(input):
+    """The folder of maps beside each of their tables."""
     return [table.removesuffix(".parquet") for table in input.irradiance]
 
 
 def light_as(kind):
-    """A value for `arguments_for`: the file of the light, if it is of that kind."""
-    return lambda wildcards, input, output: input.light if LIGHT_KINDS[Path(input.light).suffix] == kind else []
+    """A function of wildcards: the file of the light, if it is of that kind."""
+
+    def file(wildcards):
+        found = light_file(wildcards.light)
+        return found if LIGHT_KINDS[Path(found).suffix] == kind else []
+
+    return file
 
 
 def each_chunk(pattern):

@@ -50,8 +50,8 @@ rule measure_cost:
         code=[code_for(stage) for stage in ("measure_cost", *COSTED_STAGES)],
         arguments=arguments_for(
             "measure_cost",
-            variant=lambda wildcards, input, output: Path(input.avatar).parent.name,
-            stage_settings=lambda wildcards, input, output: changed_settings(job(wildcards).settings),
+            variant=lambda wildcards: job(wildcards).variants[0],
+            stage_settings=lambda wildcards: changed_settings(job(wildcards).settings),
         ),
         settings=settings_for("measure_cost"),
     message:
@@ -81,7 +81,7 @@ rule check_budget:
         code=code_for("check_budget"),
         arguments=arguments_for(
             "check_budget",
-            estimate=lambda wildcards, input, output: estimate_json(project, wildcards.subject),
+            estimate=lambda wildcards: estimate_json(project, wildcards.subject),
         ),
         settings=settings_for("check_budget"),
     message:

@@ -54,7 +54,7 @@ rule review_tracking:
         mem_mb=4000,
     params:
         code=code_for("review_tracking"),
-        arguments=arguments_for("review_tracking", tracking=from_input("tracking")),
+        arguments=arguments_for("review_tracking", tracking=each_chunk("tracking/{chunk}.safetensors")),
         settings=settings_for("review_tracking"),
     message:
         "{wildcards.subject}: drawing what the tracking is judged by"
@@ -111,7 +111,7 @@ rule fit_eyes:
         mem_mb=2000,
     params:
         code=code_for("fit_eyes"),
-        arguments=arguments_for("fit_eyes", tracking=from_input("tracking")),
+        arguments=arguments_for("fit_eyes", tracking=each_chunk("tracking/{chunk}.safetensors")),
         settings=settings_for("fit_eyes"),
     message:
         "{wildcards.subject}: fitting eyeballs and corneas"

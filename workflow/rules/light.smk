@@ -24,7 +24,7 @@ checkpoint plan_effects:
         mem_mb=2000,
     params:
         code=code_for("plan_effects"),
-        arguments=arguments_for("plan_effects", tracking=from_input("tracking")),
+        arguments=arguments_for("plan_effects", tracking=each_chunk("tracking/{chunk}.safetensors")),
         settings=settings_for("plan_effects"),
     message:
         "{wildcards.subject}: measuring which effects this capture calls for"
@@ -76,6 +76,11 @@ use rule trace_irradiance as trace_irradiance_of_variant with:
     benchmark:
         "results/{subject}/benchmarks/trace_irradiance.{variant}.{chunk}.tsv"
     params:
-        arguments=arguments_for("trace_irradiance", irradiance=lambda wildcards, input, output: output.irradiance),
+        arguments=arguments_for(
+            "trace_irradiance",
+            irradiance=lambda wildcards: job(wildcards).path(
+                "variants", wildcards.variant, "irradiance", wildcards.chunk
+            ),
+        ),
     message:
         "{wildcards.subject}: tracing shadow rays of variant {wildcards.variant}, chunk {wildcards.chunk}"

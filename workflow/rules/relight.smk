@@ -24,13 +24,16 @@ rule relight_avatar:
         mem_mb=4000,
     params:
         code=code_for("relight_avatar"),
-        arguments=arguments_for(
+        named=named,
+        arguments=arguments_with_input(
             "relight_avatar",
-            tracking=from_input("tracking"),
-            textures=from_input("textures"),
-            environment=light_as("environment"),
-            light_list=light_as("light_list"),
-            relit=lambda wildcards, input, output: output.pictures,
+            {
+                "tracking": each_chunk("tracking/{chunk}.safetensors"),
+                "environment": light_as("environment"),
+                "light_list": light_as("light_list"),
+                "relit": lambda wildcards: job(wildcards).path("relit", wildcards.variant, wildcards.light),
+            },
+            textures=lambda input: input.textures,
         ),
         settings=settings_for("relight_avatar"),
     message:

@@ -35,7 +35,7 @@ rule write_report:
         code=code_for("write_report"),
         arguments=arguments_for(
             "write_report",
-            subject_settings=lambda wildcards, input, output: subject_changes(job(wildcards).settings),
+            subject_settings=lambda wildcards: subject_changes(job(wildcards).settings),
         ),
         # What else is there is shown. No inputs: they would be made, or made anew.
         optional=lambda wildcards: job(wildcards).optional_digests(),
@@ -48,10 +48,7 @@ rule write_report:
 
 rule compare_subjects:
     input:
-        scores=expand(
-            "results/{subject}/metrics_per_image.parquet",
-            subject=project.settings.compare_subjects.subjects or subject_names(project),
-        ),
+        compared_scores(project),
     output:
         table=report(
             "results/comparison.csv",
@@ -72,8 +69,8 @@ rule compare_subjects:
         code=code_for("compare_subjects"),
         arguments=arguments_for(
             "compare_subjects",
-            score_tables=from_input("scores"),
-            project_results=lambda wildcards, input, output: os.path.dirname(output.table),
+            score_tables=lambda wildcards: compared_scores(project),
+            project_results=lambda wildcards: RESULTS,
         ),
         settings=flags(project.settings.compare_subjects),
     message:

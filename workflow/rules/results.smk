@@ -43,8 +43,8 @@ rule evaluate_avatar:
         code=code_for("evaluate_avatar"),
         arguments=arguments_for(
             "evaluate_avatar",
-            frame_shards=lambda wildcards, input, output: job(wildcards).frame_folders(),
-            avatar=lambda wildcards, input, output: job(wildcards).avatars(),
+            frame_shards=lambda wildcards: job(wildcards).frame_folders(),
+            avatar=lambda wildcards: job(wildcards).avatars(),
         ),
         settings=settings_for("evaluate_avatar"),
     message:

@@ -13,7 +13,7 @@ import yaml
 from pipeline.base.errors import InputError
 from pipeline.budget.resolved_project import resolve_budgets
 from pipeline.config.loading import load_project
-from pipeline.workflow.job_files import JobFiles, read_kind, read_planned
+from pipeline.workflow.job_files import JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.rule_words import NO_NAME, estimate_json, launcher, light_file, one_of, subject_pattern
 
 OWN_LIGHT = {"full": {}, "few": {"trace_irradiance": {"samples": "4"}}}
@@ -60,7 +60,7 @@ class TestShards:
         folder.mkdir(parents=True)
         for chunk in ("0000", "0003", "0007"):
             (folder / f"{chunk}.arrow").touch()
-        stale = re.escape(f"found stale files of others; delete: {folder}/0003.arrow {folder}/0007.arrow")
+        stale = re.escape(f"left over from other chunks of frames, delete: {folder}/0003.arrow {folder}/0007.arrow")
         with pytest.raises(InputError, match=stale):
             JobFiles(project(), "someone").shards("shards/train")
 
@@ -171,3 +171,10 @@ def test_estimate_needs_a_budget(project):
 def test_launcher_of_several_processes_is_torchrun():
     assert launcher(1) == "python"
     assert launcher(3) == "torchrun --standalone --nproc_per_node 3"
+
+
+def test_comparison_is_of_the_subjects_that_are_named_or_of_all(project):
+    loaded = project()
+    assert compared_scores(loaded) == ["results/someone/metrics_per_image.parquet"]
+    chosen = load_project({"compare_subjects": {"subjects": ["a", "b"]}}, {}, Path("config/subjects"))
+    assert compared_scores(chosen) == [f"results/{name}/metrics_per_image.parquet" for name in ("a", "b")]
