@@ -19,13 +19,13 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases growth effects lint docs schema curves presets lock FORCE
+.PHONY: help test hard-cases scaling growth effects lint docs schema curves presets lock FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
 	@echo 'make test                          run all tests'
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
-	@echo 'make growth                        measure how time and memory grow with sizes, into results/growth'
+	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make docs                          build the documentation into build/docs'
@@ -44,8 +44,11 @@ hard-cases: $(READY)
 # On one thread: more would count what they wait for.
 ONE_THREAD := OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1
 
-growth: $(READY)
-	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_growth --out results/growth
+scaling: $(READY)
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_scaling --out results/scaling
+
+# As it was called before.
+growth: scaling
 
 effects: $(READY)
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --out results/effects_comparison.csv

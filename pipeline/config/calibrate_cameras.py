@@ -10,7 +10,10 @@ from pipeline.config.settings import Settings
 
 
 class CalibrateCameras(Settings):
-    """How cameras are calibrated from images of ChArUco boards, and when one counts as good, weak or failed."""
+    """Calibration of cameras from images of ChArUco boards, and its grades.
+
+    A camera counts as good, weak or failed.
+    """
 
     distortion: Literal["auto", 0, 1, 2, 4, 5] = Field(
         "auto",

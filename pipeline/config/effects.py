@@ -14,7 +14,10 @@ EFFECTS = (
 
 
 def word(value: Any) -> Any:
-    """`on` and `off`, which YAML reads as true and false, and the command line hands on as these words."""
+    """Read true and false as the words `on` and `off`.
+
+    YAML reads these so, and the command line hands them on as words.
+    """
     return {"true": "on", "false": "off"}.get(str(value).lower(), value)
 
 

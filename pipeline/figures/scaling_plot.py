@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from pipeline.figures.style import FAINT, INK, MUTED, picture
-from pipeline.metrics.scaling import Growth
+from pipeline.metrics.scaling import ScalingLaw
 
 PANEL_INCHES = (2.5, 1.9)
 LEFT_INCHES, BELOW_INCHES, ABOVE_INCHES, RIGHT_INCHES = 0.5, 0.5, 0.72, 0.15
@@ -69,7 +69,7 @@ def _draw_case(axes: Axes, runs: pd.DataFrame, rows: pd.DataFrame) -> None:
         first = runs[runs[varied] == row.smallest][row.cost].median()
         axes.plot(runs[varied], runs[row.cost] / first, "o", color=color, markersize=3, alpha=0.7, markeredgewidth=0)
         sizes = np.geomspace(row.smallest, row.largest, 50)
-        law = Growth(row.exponent, row.low, row.high, row.fixed, row.factor)
+        law = ScalingLaw(row.exponent, row.low, row.high, row.fixed, row.factor)
         axes.plot(sizes, [law.cost(size) / first for size in sizes], color=color, linewidth=1.1)
         text = f"{NAMES[row.cost]} {row.exponent:.2f} [{row.low:.2f}, {row.high:.2f}] ({row.predicted:g})"
         weight = "normal" if row.verdict in ("as predicted", "cannot tell") else "bold"

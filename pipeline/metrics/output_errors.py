@@ -1,4 +1,6 @@
-"""How far calibrated cameras, lights and tracked vertices are from what is known to be true, or from better ones.
+"""Errors of calibrated cameras, lights and tracked vertices.
+
+They are against what is known to be true, or against better ones.
 
 A rig's frame is arbitrary, so cameras are compared after a rigid alignment of their centres
 (`pipeline.geometry.rigid_alignment`). Errors are root mean squares: a rig is as good as its bad cameras allow.
@@ -52,7 +54,9 @@ def focal_error_percent(rig: Rig, expected: Rig) -> float:
 
 
 def projection_error_px(rig: Rig, expected: Rig) -> float:
-    """RMS distance of projections, sensor pixels, of points all over each image and as far away as the subject.
+    """RMS distance of projections all over each image, sensor pixels.
+
+    The points are as far away as the subject.
 
     Counts what an image sees of all errors together: of pose, focal length and distortion that make up for each other
     nothing is left.
@@ -74,7 +78,10 @@ def projection_error_px(rig: Rig, expected: Rig) -> float:
 def light_error_in_rig_m(
     lights: Float64[np.ndarray, "lights 3"], rig: Rig, expected: Float64[np.ndarray, "lights 3"], expected_rig: Rig
 ) -> float:
-    """RMS distance of lights, metres, once the cameras lie over the expected ones: what lighting the subject needs."""
+    """RMS distance of lights, metres, once the cameras lie over the expected ones.
+
+    That is what lighting the subject needs.
+    """
     return rms(np.linalg.norm(align_rigs(rig, expected_rig).apply(lights) - expected, axis=1))
 
 

@@ -1,4 +1,6 @@
-"""Mean textures of a chunk of frames: what the cameras saw of each texel when all lights were on.
+"""Bake mean textures of a chunk of frames.
+
+They are what the cameras saw of each texel when all lights were on.
 
 Images of training cameras in fully lit frames are looked up at the tracked mesh's texels and averaged, weighted by
 visibility and the cosine of the view. Other frames lie between fully lit ones and get what lies between their textures;
@@ -38,6 +40,8 @@ def run(
     frames: Path, out: Path, settings: BakeTextures = BakeTextures(),
 ) -> None:  # fmt: skip
     """Average what fully lit frames of a chunk show of each texel.
+
+    So many arguments because a command line names each file that it reads.
 
     Args:
         capture: folder of the capture, for its images.
@@ -98,7 +102,9 @@ def booked_frames(chunk: TrackedChunk, frames: Path, tracking: Path) -> pd.DataF
 
 
 def training_images(index: Path, shown: list[int], calibrated: Collection[str], cameras: Path) -> pd.DataFrame:
-    """Images of some frames by cameras that are not held out: what is learned from may show nothing of these.
+    """Images of some frames by cameras that are not held out.
+
+    What is learned from may show nothing of the held-out ones.
 
     Raises:
         InputError: if a camera is not calibrated, or there is no such image.

@@ -1,4 +1,6 @@
-"""Pack a chunk of frames for training and evaluation: foreground crops per image, light and geometry per frame.
+"""Pack a chunk of frames for training and evaluation.
+
+Images become foreground crops, frames light and geometry.
 
 Images lose their black level, get the colour of the average camera and the geometry of a pinhole (each only if
 `plan_effects` found that it matters here) and are cut to the subject. Captures without masks get the silhouette of the
@@ -57,6 +59,8 @@ def run(
     settings: PackShards = PackShards(),
 ) -> None:
     """Pack the images and frames of one chunk.
+
+    So many arguments because a command line names each file that it reads.
 
     Args:
         capture: folder of the capture, for its images and masks.
@@ -150,12 +154,14 @@ class Inputs:
 
 
 def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
-    """Raises:
-    InputError: naming everything that is missing, before any image is read.
+    """Refuse a chunk whose inputs lack something, before any image is read.
+
+    Raises:
+        InputError: naming everything that is missing, before any image is read.
     """
     complaints = Complaints("pack_shards")
     for name in [name for name in EFFECTS if name not in inputs.on]:
-        complaints.add(effects, name, expected="an effect", found="none", mend="run plan_effects again")
+        complaints.add(effects, name, expected="an effect", found="none", hint="run plan_effects again")
     for camera in sorted(set(images.camera) - set(inputs.cameras)):
         complaints.add("--cameras", camera, expected="a calibrated camera, as it has images", found="none")
     if inputs.on.get("color_correction"):
@@ -176,12 +182,15 @@ def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
 
 
 def irradiance_file(folder: Path, frame: int) -> Path:
-    """Where trace_irradiance writes the map of a frame."""
+    """File of a frame's map, as trace_irradiance writes it."""
     return folder / f"{frame:06d}.exr"
 
 
 def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> Iterator[ImageRecord]:
-    """Read, correct and cut the images one by one; those without foreground are left out, with a warning."""
+    """Read, correct and cut the images one by one.
+
+    Those without foreground are left out, with a warning.
+    """
     for row in progress(list(images.itertuples()), "pack_shards"):
         image = read_image(inputs.capture / row.path, inputs.facts["transfer"], inputs.facts["black_level"])
         camera, mask, silhouette = inputs.cameras[row.camera], None, None

@@ -1,4 +1,6 @@
-"""Show an avatar in new light: what drives it, a camera path, and an environment map or point lights.
+"""Show an avatar in new light.
+
+It takes what drives the avatar, a camera path, and an environment map or point lights.
 
 In: an avatar; tracked chunks, or of a head also latent codes, and gaze (see
 `pipeline.avatar.relighting.driving_sequence`); and one light: a panorama (.hdr, .exr), which may turn, or a list of
@@ -55,6 +57,8 @@ def run(
 ) -> None:
     """Render an avatar under new light.
 
+    So many arguments because a command line names each file that it reads.
+
     Args:
         atlas: atlas.safetensors of unwrap_atlas.
         avatar: folder of train_avatar.
@@ -100,7 +104,9 @@ def run(
 
 
 def camera_path(drives: Drives, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar) -> list[Camera]:
-    """One camera per picture: through keyframes, through calibrated cameras, or around the subject.
+    """Cameras of the pictures, one each.
+
+    They go through keyframes, through calibrated cameras, or around the subject.
 
     Raises:
         InputError: for two paths at once, unknown cameras, or a centre that is no point.

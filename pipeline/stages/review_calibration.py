@@ -1,4 +1,6 @@
-"""Calibration -> what a person judges it by: verdicts, one table of all residuals, pictures, and a page of them.
+"""Draw what a person judges the calibration by.
+
+It writes verdicts, one table of all residuals, pictures, and a page of them.
 
 Nothing here changes the calibration. Pictures for which a capture has nothing (known cameras, known lights, no chart)
 are left out, and the page says why.

@@ -1,4 +1,6 @@
-"""Make a complete native capture (lightstage-capture/1) of a procedural subject, and the truth beside it.
+"""Make a native capture of a procedural subject, and the truth beside it.
+
+It is complete (lightstage-capture/1).
 
 A skinned figure or an unrigged head moves in a dome of lights; Mitsuba path-traces it from a ring of cameras with lens
 distortion, colour responses and noise, together with every calibration image the format asks for. `<out>/truth` holds

@@ -46,7 +46,10 @@ def run(
     *, capture: Path, index: Path, cameras: Path, chunk: int, out: Path, chunk_size: int = 64,
     patterns: Path | None = None, lights: Path | None = None, settings: TrackMesh = TrackMesh(),
 ) -> None:  # fmt: skip
-    """Pose the template in every frame of one chunk, from 2D keypoints, masks and fully lit images.
+    """Pose the template in every frame of one chunk.
+
+    It is fitted to 2D keypoints, masks and fully lit images. So many arguments because a command line names each file
+    that it reads.
 
     Args:
         capture: the capture folder, to which the index's paths are relative.

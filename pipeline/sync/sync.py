@@ -183,8 +183,8 @@ def _judge_lights(model: BrightnessModel, faults: list[Fault], powers: Powers, s
     verdicts = []
     for light, dead, stuck in zip(model.log.lights, powers.dead, powers.stuck, strict=True):
         if light in broken:
-            mend = "replace it; set book_patterns.on_desync to fix to book it as it was"
-            verdicts.append(Verdict("light", light, "failed", f"{broken[light].why}; {mend}"))
+            hint = "replace it; set book_patterns.on_desync to fix to book it as it was"
+            verdicts.append(Verdict("light", light, "failed", f"{broken[light].why}; {hint}"))
             continue
         seen = f"dead would show by {dead:.1f} sigma, always on by {stuck:.1f}"
         if min(dead, stuck) >= sigmas:

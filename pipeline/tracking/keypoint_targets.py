@@ -46,7 +46,7 @@ def read_keypoint_targets(path: Path, template: Template) -> KeypointTargets:
         raise InputError(f"{path}: columns: expected keypoint,node_index or keypoint,vertex, found {found}")
     complaints = Complaints(path)
     for name in table.keypoint[table.keypoint.duplicated()]:
-        complaints.add(path, str(name), expected="one row", found="several", mend="delete all but one")
+        complaints.add(path, str(name), expected="one row", found="several", hint="delete all but one")
     numbers = table["vertex" if "vertex" in columns else "node_index"].to_numpy()
     names = tuple(str(name) for name in table.keypoint)
     if "vertex" in columns:

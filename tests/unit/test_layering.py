@@ -6,14 +6,14 @@ import ast
 
 import pytest
 
-from pipeline.base.code_digest import direct_imports
+from pipeline.base.code_digest import direct_imports, imported_modules
 
 LAYERS = [
     {"base"},
     {"config", "geometry"},
     {"eyes", "metrics", "rendering", "synthesis"},
     {"budget", "capture"},
-    {"calibration", "lighting"},
+    {"calibration", "lighting", "workflow"},
     {"sync", "tracking"},
     {"effects"},
     {"avatar"},
@@ -62,6 +62,13 @@ def test_stages_never_import_stages(modules):
         f"{name} imports {target}" for name in stages for target in direct_imports(name, modules[name]) & stages
     }
     assert not crossing
+
+
+def test_no_stage_depends_on_the_workflow(modules):
+    """Which jobs there are decides nothing about what a stage does: its code digest leaves that out."""
+    stages = [name for name, path in modules.items() if path.parent.name == "stages"]
+    bound = {name for name in stages for used in imported_modules(name) if used.startswith("pipeline.workflow")}
+    assert len(stages) > 20 and not bound
 
 
 def test_no_module_imports_what_is_forbidden(modules):

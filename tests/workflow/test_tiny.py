@@ -171,7 +171,7 @@ def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
         "results/tiny/calibration/review",
         "results/tiny/tracking/review",
         "results/tiny/accuracy_cost.csv",
-        "growth",
+        "scaling",
         "hard-cases",
     ]
     assert all(f">{stage}<" in page for stage in STAGES)

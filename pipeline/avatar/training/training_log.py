@@ -19,7 +19,7 @@ from pipeline.avatar.training.training import Position
 from pipeline.capture.images import write_png
 from pipeline.capture.records import ImageRecord
 from pipeline.config.train_avatar import TrainAvatar
-from pipeline.metrics.comparison import displayed, side_by_side
+from pipeline.metrics.comparison import preview_srgb, side_by_side
 
 log = logging.getLogger("train_avatar")
 
@@ -86,6 +86,6 @@ def preview(
     except ValueError as error:
         log.warning("no preview of step %d: %s", step, error)
         return None
-    captured = displayed(image.image * image.mask[..., None])
-    rendered = np.nan_to_num(displayed(rgb.cpu().numpy()))
+    captured = preview_srgb(image.image * image.mask[..., None])
+    rendered = preview_srgb(rgb.cpu().numpy())
     return side_by_side(captured, rendered, f"step {step}, {image.camera}, frame {image.frame}")

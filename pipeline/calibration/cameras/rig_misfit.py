@@ -40,15 +40,15 @@ def complain_of_misfits(
     """
     for movement in inspection.movements:
         if movement.shift_px > largest_shift_px:
-            mend = f"remove or record again the views before {movement.shot}, or those from it on"
+            hint = f"remove or record again the views before {movement.shot}, or those from it on"
             expected = "cameras that stand still"
             if not is_knock(movement):
-                expected, mend = "views that fit together", f"{MIXED}; or {mend}"
+                expected, hint = "views that fit together", f"{MIXED}; or {hint}"
             told = describe_movement(movement, [names[suspect] for suspect in movement.suspects])
-            complaints.add(section, "views", expected=expected, found=told, mend=mend)
+            complaints.add(section, "views", expected=expected, found=told, hint=hint)
     for camera, told in too_many_gross_outliers(inspection, views).items():
-        mend = f"{MIXED}; or remove these views"
-        complaints.add(section, f"camera {names[camera]}", expected="views that fit together", found=told, mend=mend)
+        hint = f"{MIXED}; or remove these views"
+        complaints.add(section, f"camera {names[camera]}", expected="views that fit together", found=told, hint=hint)
 
 
 def too_many_gross_outliers(inspection: Inspection, views: Sequence[int]) -> dict[int, str]:

@@ -91,8 +91,8 @@ def _camera(image: pycolmap.Image) -> Camera:
     lens, pose = image.camera, np.asarray(image.cam_from_world().matrix())
     where = f"image {image.name}: COLMAP camera {lens.camera_id}"
     if lens.model_name not in MODELS:
-        mend = "calibrate with one of those, or undistort the images"
-        raise InputError(f"{where}: model: expected one of {', '.join(MODELS)}, found {lens.model_name}; {mend}")
+        hint = "calibrate with one of those, or undistort the images"
+        raise InputError(f"{where}: model: expected one of {', '.join(MODELS)}, found {lens.model_name}; {hint}")
     names = [OPENCV_TERMS.get(name, name) for name in lens.params_info.split(", ")]
     if len(names) != len(lens.params):
         raise InputError(f"{where}: expected the parameters {lens.params_info}, found {len(lens.params)} numbers")

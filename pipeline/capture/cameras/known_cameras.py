@@ -104,10 +104,10 @@ def _check(path: str, image: SourceImage, size: tuple[int, int], complaints: Com
     key = image.owner if image.name == image.owner else f"{image.owner}: image {image.name}"
     if (camera.width, camera.height) != size:
         expected, found = f"the sensor's {size[0]} x {size[1]}", f"{camera.width} x {camera.height}"
-        mend = "" if camera.width * size[1] != camera.height * size[0] else (
+        hint = "" if camera.width * size[1] != camera.height * size[0] else (
             f"multiply its f and c (pixels) by {size[0] / camera.width:g} and give the sensor's size"
         )  # fmt: skip
-        complaints.add(path, f"{key}: width x height", expected=expected, found=found, mend=mend)
+        complaints.add(path, f"{key}: width x height", expected=expected, found=found, hint=hint)
     error = float(np.abs(camera.R @ camera.R.T - np.eye(3)).max())
     if error > ROTATION_TOLERANCE or np.linalg.det(camera.R) < 0:
         found = "a mirrored one" if error <= ROTATION_TOLERANCE else f"rows off by {error:.2g}"
@@ -129,8 +129,8 @@ def _check_agreement(path: str, images: list[SourceImage], complaints: Complaint
     if differences[worst] > AGREEMENT_PX:
         expected = f"one pose and lens for all of its {len(images)} images"
         found = f"{images[0].name} and {images[worst].name} {differences[worst]:.2f} px apart"
-        mend = "calibrate the stage's cameras as a rig that does not move, or keep one image per camera"
-        complaints.add(path, images[0].owner, expected=expected, found=found, mend=mend)
+        hint = "calibrate the stage's cameras as a rig that does not move, or keep one image per camera"
+        complaints.add(path, images[0].owner, expected=expected, found=found, hint=hint)
 
 
 def _difference_px(a: Camera, b: Camera) -> float:

@@ -102,12 +102,12 @@ def _lens(values: Mapping[str, Any]) -> SourceLens:
     if values.get("is_fisheye") and name != "OPENCV_FISHEYE":  # instant-ngp's key, which says nothing of the terms
         name = "is_fisheye"
     if name not in MODELS:
-        mend = "undistort the images and calibrate with one of those"
-        raise InputError(f"camera_model: expected one of {', '.join(MODELS)}, found {name}; {mend}")
+        hint = "undistort the images and calibrate with one of those"
+        raise InputError(f"camera_model: expected one of {', '.join(MODELS)}, found {name}; {hint}")
     model = MODELS[name]
     if "fl_x" not in values and "camera_angle_x" in values:
-        mend = "give fl_x = w / (2 tan(camera_angle_x / 2)), fl_y, cx, cy"
-        raise InputError(f"fl_x: expected a number of pixels, found none, only camera_angle_x; {mend}")
+        hint = "give fl_x = w / (2 tan(camera_angle_x / 2)), fl_y, cx, cy"
+        raise InputError(f"fl_x: expected a number of pixels, found none, only camera_angle_x; {hint}")
     terms = {name: float(_numbers(values, key, ())) for name, key in
              {"fx": "fl_x", "fy": "fl_y", "cx": "cx", "cy": "cy"}.items()}  # fmt: skip
     terms |= {key: float(_numbers(values, key, ())) for key in TERMS if key in values}

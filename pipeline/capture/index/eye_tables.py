@@ -51,8 +51,8 @@ def read_eyes_csv(
     if table is None:
         return empty
     if table.empty:
-        mend = "leave the key out if there are no eyes"
-        complaints.add(path, "eye", expected="at least one row", found="none", mend=mend)
+        hint = "leave the key out if there are no eyes"
+        complaints.add(path, "eye", expected="at least one row", found="none", hint=hint)
     _complain_names(complaints, path, table)
     complain_repeats(complaints, path, table, ["vertex"])
     if faces is not None:

@@ -136,7 +136,7 @@ def _pattern_columns(root: Path, path: str, complaints: Complaints) -> Mapping[s
     if colored and "intensity" in names:
         complaints.add(
             path, "columns", expected=f"intensity (white lights), or {', '.join(INTENSITIES)} (coloured ones)",
-            found="both", mend="keep one of the two",
+            found="both", hint="keep one of the two",
         )  # fmt: skip
     return COLORED_PATTERN_COLUMNS if colored else WHITE_PATTERN_COLUMNS
 
@@ -185,8 +185,8 @@ def read_keypoints_parquet(
         return empty
     for column in ("x", "y", "confidence"):
         if count := int((~np.isfinite(table[column])).sum()):
-            mend = "leave out rows that the detector did not find"
-            complaints.add(path, column, expected="finite numbers", found=f"{count} rows of NaN or infinity", mend=mend)
+            hint = "leave out rows that the detector did not find"
+            complaints.add(path, column, expected="finite numbers", found=f"{count} rows of NaN or infinity", hint=hint)
     if count := int((table["confidence"] < 0).sum()):
         complaints.add(path, "confidence", expected="0 or more", found=f"{count} negative rows")
     complain_repeats(complaints, path, table, ["frame", "camera", "keypoint"])

@@ -92,8 +92,8 @@ def _check_places(path: str, table: pd.DataFrame, vertices: int, joints: set[int
                 complaints, path, "vertex", bad, f"a vertex of the template, 0 to {vertices - 1}", table["vertex"]
             )
     elif not joints:
-        mend = "place keypoints by vertex"
-        complaints.add(path, "node_index", expected="a template with a skin", found="a template without one", mend=mend)
+        hint = "place keypoints by vertex"
+        complaints.add(path, "node_index", expected="a template with a skin", found="a template without one", hint=hint)
     else:
         bad = ~table["node_index"].isin(joints)
         if bad.any():

@@ -122,7 +122,7 @@ def _check_stage_frame(
         complaints.add(
             MANIFEST, "calibration.lights.method",
             expected="mirror_ball for cameras in a frame of their own", found="known",
-            mend="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
+            hint="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
             "cameras in the frame of the lights",
         )  # fmt: skip
 

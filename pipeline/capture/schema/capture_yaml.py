@@ -125,11 +125,11 @@ class Capture(Section):
     subject: str = Field(pattern=NAME_PATTERN, description="name of the subject: letters, digits, _ and -")
     kind: Literal["body", "head"] = Field(description="what of the subject is captured")
     units: Literal["m"] = Field(
-        description="unit of every position", json_schema_extra={"mend": "convert lights.csv to metres and say m"}
+        description="unit of every position", json_schema_extra={"hint": "convert lights.csv to metres and say m"}
     )
     up: Literal["+y"] = Field(
         description="the world's up axis",
-        json_schema_extra={"mend": "rotate the world of lights.csv and of known cameras so that +y is up and say +y"},
+        json_schema_extra={"hint": "rotate the world of lights.csv and of known cameras so that +y is up and say +y"},
     )
     fps: float = Field(gt=0, allow_inf_nan=False, description="frames per second")
     images: Images = Field(description="images of the subject")

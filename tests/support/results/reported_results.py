@@ -21,7 +21,7 @@ CAPTURED, RENDERED = (0.9, 0.1, 0.1), (0.1, 0.8, 0.1)
 
 PROTOCOL = {"color_space": "sRGB", "region": "psnr: <planted>", "lpips_net": "alex", "lpips_weights": "none"}
 OPTIONAL = ("accuracy_cost.csv", "accuracy_cost.png", "calibration/review", "tracking/review", "relit")
-OF_THE_PROJECT = ("hard_cases.csv", "effects_comparison.csv", "growth")
+OF_THE_PROJECT = ("hard_cases.csv", "effects_comparison.csv", "scaling")
 
 
 def plot(path: Path, seed: int = 0) -> None:
@@ -66,13 +66,13 @@ def write_results(folder: Path, variants: dict[str, float] | None = None) -> Pat
     cases = {"case": ["q = -p", "a < b"], "group": "lobes", "value_error": [1e-9, 2e-3], "value_bound": 1e-6}
     more = {"gradient_error": 1e-8, "gradient_bound": 1e-5, "verdict": ["PASS", "FAIL"], "naive_error": [np.inf, 1]}
     pd.DataFrame(cases | more).to_csv(folder.parent / "hard_cases.csv", index=False)
-    _write_growth(folder.parent / "growth")
+    _write_scaling(folder.parent / "scaling")
     _write_effects(folder.parent / "effects_comparison.csv")
     return folder.parent
 
 
-def _write_growth(folder: Path) -> None:
-    plot(folder / "growth.png")
+def _write_scaling(folder: Path) -> None:
+    plot(folder / "scaling.png")
     sizes = {"stage": "pack_shards", "varied": "images", "smallest": 4, "largest": 256, "held": "9216 pixels"}
     costs = {"cost": ["CPU seconds", "peak MB"], "predicted": [1.0, 0.0], "exponent": [0.98, 0.31], "low": [0.9, 0.2]}
     more = {"high": [1.1, 0.4], "verdict": ["as predicted", "more than predicted"], "reason": "one <b> by one"}

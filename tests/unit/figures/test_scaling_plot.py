@@ -1,4 +1,4 @@
-"""The picture of growth: every case has its panel, its exponents and its predictions, and a miss is bold."""
+"""The picture of scaling: every case has its panel, its exponents and its predictions, and a miss is bold."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import torch
 
 from benchmarks.bench_splatting import make_scene as make_gaussians
 from benchmarks.bench_splatting import step as splatting_step
-from benchmarks.growth_inputs import CAMERAS, packed, photographed, stage_of_size, walked
+from benchmarks.scaling_inputs import CAMERAS, packed, photographed, stage_of_size, walked
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.pose import FrameInputs, texel_spacing
 from pipeline.avatar.spec import read_plan, spec_of

@@ -22,7 +22,7 @@ CHUNK = 64
 
 @dataclass(frozen=True)
 class Work:
-    """A stage's part of a capture: how often which sizes. Sizes are those of `benchmarks.growth_cases`."""
+    """A stage's part of a capture: how often which sizes. Sizes are those of `benchmarks.scaling_cases`."""
 
     jobs: float
     sizes: Mapping[str, float]
@@ -98,7 +98,7 @@ def project(runs: pd.DataFrame, exponents: pd.DataFrame) -> pd.DataFrame:
     """A row per capture and stage.
 
     Args:
-        runs, exponents: of `benchmarks.bench_growth`.
+        runs, exponents: of `benchmarks.bench_scaling`.
 
     Returns:
         Columns capture, stage, jobs, sizes, beyond (how many times the largest that was measured, all sizes

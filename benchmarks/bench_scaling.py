@@ -1,12 +1,12 @@
 """Does cost grow as predicted? Time and memory against frames, lights, texels, Gaussians and pixels.
 
-    python -m benchmarks.bench_growth [--out results/growth] [--repeats 3] [--only trace_irradiance]
+    python -m benchmarks.bench_scaling [--out results/scaling] [--repeats 3] [--only trace_irradiance]
 
-Stages run in this process, on one thread, again and again at doubling sizes (`benchmarks.growth_cases`), all sizes in
+Stages run in this process, on one thread, again and again at doubling sizes (`benchmarks.scaling_cases`), all sizes in
 turn; a first run of each, which compiles, does not count, nor does the interpreter's start. CPU seconds are of the
 process, which its neighbours on the machine hardly change; memory is what a run's peak adds to what was there before.
 `pipeline.metrics.scaling` fits the exponents. Writes exponents.csv (a row per stage, size and cost, with the verdict),
-runs.csv (all runs), projection.csv (what the papers' captures would take), and growth.png.
+runs.csv (all runs), projection.csv (what the papers' captures would take), and scaling.png.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ import numba
 import pandas as pd
 import torch
 
-from benchmarks.growth_cases import CASES, COUNTED, Case
-from benchmarks.growth_projection import project
+from benchmarks.scaling_cases import CASES, COUNTED, Case
+from benchmarks.scaling_projection import project
 from pipeline.base.files import write_table
 from pipeline.figures.scaling_plot import draw_scaling
 from pipeline.metrics.cost import interleaved
-from pipeline.metrics.scaling import fit_growth
+from pipeline.metrics.scaling import fit_scaling
 
-log = logging.getLogger("bench_growth")
+log = logging.getLogger("bench_scaling")
 
 LEAST_MB = 0.05
 """What a peak adds is read in pages of 4 kB, and grows by the allocator's steps: less than this is as good as this."""
@@ -43,7 +43,7 @@ SHORTEST_S = 0.02
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("results/growth"), help="folder to write to")
+    parser.add_argument("--out", type=Path, default=Path("results/scaling"), help="folder to write to")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each size")
     parser.add_argument("--only", default="", help="cases whose stage begins so")
     options = parser.parse_args()
@@ -52,7 +52,7 @@ def main() -> None:
     torch.set_num_threads(1)
     numba.set_num_threads(1)
     runs = []
-    with tempfile.TemporaryDirectory(prefix="bench_growth_") as folder:
+    with tempfile.TemporaryDirectory(prefix="bench_scaling_") as folder:
         for case in CASES:
             if case.stage.startswith(options.only):
                 runs += measure(case, Path(folder), options.repeats)
@@ -65,7 +65,7 @@ def write_results(out: Path, runs: pd.DataFrame) -> None:
     write_table(out / "runs.csv", runs)
     write_table(out / "exponents.csv", exponents)
     write_table(out / "projection.csv", project(runs, exponents))
-    draw_scaling(out / "growth.png", runs, exponents)
+    draw_scaling(out / "scaling.png", runs, exponents)
     print(exponents.drop(columns=["reason", "factor", "held"]).round(3).to_string(index=False))
 
 
@@ -114,16 +114,16 @@ def exponent_table(runs: pd.DataFrame) -> pd.DataFrame:
         for cost, (predicted, reason) in {"CPU seconds": case.seconds, "peak MB": case.memory}.items():
             if own.empty:
                 continue
-            growth = fit_growth(own["size"].to_numpy(float), own[cost].to_numpy(float), with_fixed=predicted > 0)
+            law = fit_scaling(own["size"].to_numpy(float), own[cost].to_numpy(float), with_fixed=predicted > 0)
             held = own[[name for name in COUNTED if name in own]].iloc[0].dropna()
             medians = own.groupby("size")[cost].median()
             rows.append({
                 "stage": case.stage, "varied": case.varied, "smallest": medians.index[0], "largest": medians.index[-1],
                 "held": ", ".join(sized(value, name) for name, value in held.items()), "cost": cost,
                 "at_smallest": medians.iloc[0], "at_largest": medians.iloc[-1],
-                "fixed": growth.fixed, "factor": growth.factor,
-                "predicted": predicted, "exponent": growth.exponent, "low": growth.low, "high": growth.high,
-                "verdict": growth.verdict(predicted, medians.index[-1] / medians.index[0]), "reason": reason,
+                "fixed": law.fixed, "factor": law.factor,
+                "predicted": predicted, "exponent": law.exponent, "low": law.low, "high": law.high,
+                "verdict": law.verdict(predicted, medians.index[-1] / medians.index[0]), "reason": reason,
             })  # fmt: skip
     return pd.DataFrame(rows)
 

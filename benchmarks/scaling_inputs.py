@@ -1,4 +1,4 @@
-"""Inputs of a wanted size for `benchmarks.growth_cases`: made once, cheaply, of known content."""
+"""Inputs of a wanted size for `benchmarks.scaling_cases`: made once, cheaply, of known content."""
 
 from __future__ import annotations
 
@@ -69,6 +69,6 @@ def packed(folder: Path, side: int, atlas_size: int) -> dict[str, Path]:
 def walked(folder: Path) -> dict[str, Path]:
     """A figure's capture, its index, and its true cameras."""
     capture, index = folder / "walker", folder / "walker_index"
-    synthesize_capture.run(subject="growth", out=capture, workers=1, settings=TRACKED)
+    synthesize_capture.run(subject="scaling", out=capture, workers=1, settings=TRACKED)
     index_capture.run(capture=capture, out=index)
     return {"capture": capture, "index": index, "cameras": capture / "truth/cameras.json"}
