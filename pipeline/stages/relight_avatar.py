@@ -82,10 +82,10 @@ def run(
     def show() -> Iterator[np.ndarray]:
         driven, shaded = None, None
         for picture in progress(range(sequence.pictures), "pictures"):
-            driver = sequence.at(picture)
-            codes.append(driver.code)
-            if driver is not driven or not light.still:
-                driven, shaded = driver, light.frame(driver, picture)
+            signal = sequence.at(picture)
+            codes.append(signal.code)
+            if signal is not driven or not light.still:
+                driven, shaded = signal, light.frame(signal, picture)
             if settings.splats == "all" or (settings.splats == "first" and picture == 0):
                 write_splats(folder / f"splats/{picture:06d}.ply", splats_of(shaded, settings.exposure))
             rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(shaded, path[picture]))

@@ -140,7 +140,7 @@ class AvatarSpec:
 
     @property
     def pixel_depth(self) -> DepthSource | None:
-        """Where the depth of pixels comes from, if anything asks for it."""
+        """Source of the depth of pixels, if anything asks for it."""
         return self.depth if self.lobe and self.deferred else None
 
     @property

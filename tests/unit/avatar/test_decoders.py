@@ -93,7 +93,7 @@ def test_every_network_learns_and_every_gradient_is_finite():
         if name.startswith("networks."):
             assert not torch.equal(parameter, new[name]), name
     poses = [avatar.prepare(FrameInputs(atlas, frame)) for frame in frames]
-    assert not torch.equal(poses[0]["transfer_color"], poses[1]["transfer_color"])
+    assert not torch.equal(poses[0].parameters.transfer_color, poses[1].parameters.transfer_color)
 
 
 def test_decoder_follows_a_pose_between_those_it_learned():

@@ -32,7 +32,7 @@ def head():
 
 
 def means(relighter, driver):
-    return relighter.under_lights(driver, LAMP)["means"]
+    return relighter.under_lights(driver, LAMP).gaussians.means
 
 
 def test_a_frames_own_code_drives_as_the_frame_does(head):
