@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -19,9 +20,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.shading import points_of_pixels
-from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.geometry.pixel_depth import depth_of_pixels, points_of_pixels
+from pipeline.avatar.training.checkpoint import LoadedAvatar, camera_view, load_avatar
 from pipeline.base.files import read_arrays
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import read_frame_shards, read_image_shards
@@ -42,22 +43,19 @@ def true_vertices(results: Path, truth: Path) -> dict[int, np.ndarray]:
     return dict(zip(tracked["frames"].tolist(), vertices, strict=True))
 
 
+@torch.no_grad()
 def depths_of(
     loaded: LoadedAvatar, frame: FrameRecord, image: ImageRecord
 ) -> Iterator[tuple[DepthSource, Tensor, Tensor]]:
-    """Every source with its depth and the picture's alpha, as the avatar's own view asks for them."""
-    avatar, seen = loaded.avatar, []
-
-    def record(pixels, picture, prepared, R, center, K):
-        depth = depth_of_pixels(avatar.spec.depth, picture, prepared.get("mesh"), R, center, K)
-        seen.append((depth, picture.alpha))
-        return pixels["color"]
-
-    avatar.shade_pixels = record
+    """Every source with its depth and the picture's alpha, as the avatar's own view has them."""
+    inputs, camera = FrameInputs(loaded.atlas, frame), camera_view(image)
     for source in get_args(DepthSource):
-        avatar.spec = replace(avatar.spec, depth=source)
-        LoadedAvatar(avatar, loaded.atlas).render(frame, image)
-        yield source, *seen[-1]
+        primitives = copy(loaded.avatar.built.primitives)
+        primitives.options = replace(primitives.options, median_depth=source == "median")
+        avatar = loaded.avatar.variant(primitives=primitives)
+        prepared = avatar.prepare(inputs)
+        picture = avatar.draw(prepared, avatar.layers(prepared, camera.center), camera)
+        yield source, depth_of_pixels(source, picture, inputs.mesh, camera), picture.alpha
 
 
 def main() -> None:
@@ -78,11 +76,10 @@ def main() -> None:
         R, t, K = (np.asarray(array, np.float64) for array in (image.R, image.t, image.K))
         camera = Camera(R, t, K, np.zeros(5), image.width, image.height)
         true = torch.as_tensor(draw_depth(camera, vertices[image.frame], loaded.atlas.faces.astype(np.int64)))
-        view = tuple(torch.as_tensor(array, dtype=torch.float32) for array in (R, camera.center, K))
         lights = torch.tensor(frames[image.frame].light_positions)
         for source, depth, alpha in depths_of(loaded, frames[image.frame], image):
             row, column = torch.nonzero((alpha > 0.5) & torch.isfinite(true), as_tuple=True)
-            found, wanted = (points_of_pixels(row, column, d[row, column], *view) for d in (depth, true))
+            found, wanted = (points_of_pixels(row, column, d[row, column], camera_view(image)) for d in (depth, true))
             chord = (unit(lights - found[:, None]) - unit(lights - wanted[:, None])).norm(dim=-1)
             turned = torch.rad2deg(2 * torch.asin(chord / 2)).mean(1)
             errors[source].append((1e3 * (depth - true)[row, column].abs(), turned))

@@ -32,7 +32,7 @@ from pipeline.geometry.texels import Atlas
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, draw_lights, light_scene
 from pipeline.lighting.irradiance import trace_irradiance as trace
-from pipeline.lighting.light_sampling import spread_uniforms
+from pipeline.lighting.light_sampling import pattern_uniforms
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, light_blocks
 from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits
@@ -121,7 +121,7 @@ def rays_of(pose: Pose, lights: Lights, samples: int | None) -> tuple[Occluders,
         return scene.occluders, [aim(scene.receivers, scene.lights, block=block) for block in blocks]
     rng, rays = np.random.default_rng(0), []
     for n in range(samples):
-        uniform = (n + spread_uniforms("low_discrepancy", pose.atlas.texel, rng)) / samples
+        uniform = (n + pattern_uniforms("low_discrepancy", pose.atlas.texel, rng)) / samples
         chosen, _ = draw_lights(scene, "power", uniform)
         rays.append(aim(scene.receivers, scene.lights, chosen=chosen))
     return scene.occluders, rays
@@ -205,7 +205,7 @@ def shared_against_all(repeats: int) -> None:
         tracers = {name: FrameTracer(pose.atlas, stage, settings) for name, settings in ways.items()}
 
         def one(tracer: FrameTracer) -> np.ndarray:
-            return tracer.trace(0, pose.vertices, np.random.default_rng(0)).falling
+            return tracer.trace(0, pose.vertices, np.random.default_rng(0)).cosine_visibility
 
         seconds = interleaved({name: functools.partial(one, tracer) for name, tracer in tracers.items()}, repeats)
         exact = one(tracers["all"])

@@ -29,6 +29,7 @@ from pipeline.rendering.splat_reference import (
     project_footprints,
     splat_reference,
 )
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
 from pipeline.rendering.supersample import splat_supersampled
 
 CHANNELS = 12
@@ -52,12 +53,9 @@ def make_scene(count: int, size: int) -> tuple[dict[str, Tensor], dict]:
     return {name: a.requires_grad_() for name, a in gaussians.items()}, camera
 
 
-def splat_tiled_torch(means, quaternions, scales, opacities, features, R, t, K, width, height) -> Splatted:
+def splat_tiled_torch(gaussians: Gaussians, features: Tensor, view: CameraView) -> Splatted:
     """What the kernels do, in torch operations and autograd: per tile, its Gaussians against its pixels."""
-    seen = project_footprints(
-        means, quaternions, scales, opacities, R, t, K, width, height,
-        dilation_px2=0.1, compensate_opacity=False, near_m=0.01,
-    )  # fmt: skip
+    seen, width, height = project_footprints(gaussians, view, SplatOptions()), view.width, view.height
     channels = torch.cat([features[seen.index], seen.depth_m[:, None]], dim=1)
     with torch.no_grad():
         variance = (seen.factor**2).sum(dim=2) + seen.dilation_px2
@@ -95,10 +93,13 @@ def step(render: Callable[..., Splatted], gaussians: dict, camera: dict, backwar
     upstream = torch.rand(camera["height"], camera["width"], CHANNELS, generator=torch.Generator().manual_seed(0))
     upstream = upstream.to(camera["K"].device)
 
+    scene = Gaussians(*(gaussians[name] for name in ("means", "quaternions", "scales", "opacities")))
+    view = CameraView(**camera)
+
     def run() -> None:
         numba.set_num_threads(threads)
         torch.set_num_threads(threads)
-        out = render(**gaussians, **camera)
+        out = render(scene, gaussians["features"], view)
         if backward:
             torch.autograd.backward(
                 [out.features, out.alpha, out.depth], [upstream, upstream[..., 0], upstream[..., 1]]

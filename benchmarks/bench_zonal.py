@@ -20,6 +20,7 @@ import torch
 from pipeline.lighting.distant import LIGHTS_THAT_PAY, far_lights, gather_distant, light_harmonics
 from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
 from pipeline.lighting.lobes import unit
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import DEGREES, gather_light
 
 COUNTS = (1, 4, 8, 16, 24, 32, 48, 64, 96, 128, 256, 512)
@@ -67,10 +68,10 @@ def main() -> None:
         light = torch.rand(count, options.channels, generator=generator)
 
         def by_legendre(d: torch.Tensor = directions, e: torch.Tensor = light) -> None:
-            gather_light(points, axes, *far_lights(here, d, e)).sum().backward()
+            gather_light(points, axes, far_lights(here, PointLights(d, e))).sum().backward()
 
         def by_harmonics(d: torch.Tensor = directions, e: torch.Tensor = light) -> None:
-            gather_distant(axes, light_harmonics(here, still, d, e)).sum().backward()
+            gather_distant(axes, light_harmonics(here, still, PointLights(d, e))).sum().backward()
 
         sides = {"legendre": by_legendre, "harmonics": by_harmonics}
         seconds = seconds_of(sides, options.repeats)
@@ -82,7 +83,7 @@ def main() -> None:
         lights = 2.4 * unit(torch.randn(count, 3, generator=generator))
         light = torch.rand(count, options.channels, generator=generator)
         sides = {
-            "legendre": lambda p=lights, e=light: gather_light(points, axes.detach(), p, e),
+            "legendre": lambda p=lights, e=light: gather_light(points, axes.detach(), PointLights(p, e)),
             "harmonics": lambda p=lights, e=light: gather_near_by_harmonics(points, axes.detach(), p, e),
         }
         seconds = seconds_of(sides, options.repeats)

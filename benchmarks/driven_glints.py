@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.mirror_glints import centroid
 from benchmarks.true_eyes import TrueEyes
+from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.relighting.driving_signal import from_record
 from pipeline.avatar.relighting.film import Relighter
@@ -129,14 +130,14 @@ def look_for(scene: Scene, record: FrameRecord, looks: np.ndarray, light: str, r
                 row |= compare(scene, record, view, mirrored, light, row)
 
 
-def prepare(scene: Scene, record: FrameRecord, looks: np.ndarray, light: str) -> dict:
+def prepare(scene: Scene, record: FrameRecord, looks: np.ndarray, light: str) -> PreparedFrame:
     """The avatar as tracked in a frame, with another gaze, under one light."""
     driver = from_record(record)
     driver = replace(driver, gaze=np.tile(looks, (len(driver.gaze), 1)).astype(np.float32))
     return scene.relighter.under_lights(driver, FrameLights(scene.lights[light][None], np.full((1, 3), 2.0)))
 
 
-def mirrored_light(scene: Scene, prepared: dict, view: Camera) -> np.ndarray:
+def mirrored_light(scene: Scene, prepared: PreparedFrame, view: Camera) -> np.ndarray:
     """What of a picture [h, w] eyes mirror."""
     whole = scene.relighter.view(prepared, view)[0]
     with without_mirrors(scene.relighter.avatar):

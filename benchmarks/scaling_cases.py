@@ -16,9 +16,10 @@ import torch
 from benchmarks.bench_splatting import make_scene as make_gaussians
 from benchmarks.bench_splatting import step as splatting_step
 from benchmarks.scaling_inputs import CAMERAS, packed, photographed, stage_of_size, walked
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import read_plan, spec_of
+from pipeline.avatar.spec.planned import read_plan, resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.training import Training
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.trace_irradiance import TraceIrradiance
@@ -164,7 +165,7 @@ def training_steps(folder: Path, side: int, atlas_size: int) -> Job:
     inputs = FrameInputs(atlas, records[int(images.table.frame[0])])
     own = [image for image in images if image.frame == inputs.record.frame][: settings.cameras_per_step]
     torch.manual_seed(0)
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, read_plan(files["effects"])))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, read_plan(files["effects"])))
     training = Training(avatar, settings)
 
     def run() -> None:

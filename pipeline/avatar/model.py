@@ -1,142 +1,189 @@
-"""The avatar of a body or a head: one Gaussian per atlas texel, relit by learned transfer or microfacets, splatted.
+"""The avatar of a body or a head: one primitive per texel, relit by composed parts.
 
 RFGCA 3-16, RGCA 3-9. Every texel has parameters of its own, which are optimised directly; networks may add to them
-what changes with pose, expression and view. Only what `AvatarSpec` asks for is built. What all cameras of a frame share
-is made by `pipeline.avatar.shaded_texels`, what each sees here.
+what changes with pose, expression and view. `prepare` makes what all cameras of a frame share, `view` what each sees.
+The parts are listed in `pipeline.avatar.build`.
 """
 
 from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.avatar.eyes.eye_glints import mirror_pixels
-from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.shaded_texels import LitTexels
-from pipeline.avatar.shading import (
-    points_of_pixels,
-    shade_gloss,
-    shade_halfway,
-    shade_near_mirrors,
-    shade_specular,
-    shade_viewed,
-)
-from pipeline.lighting.lobes import angular_gaussian, cosine_gaussian
+from pipeline.avatar.appearance.layers import Layers
+from pipeline.avatar.appearance.lobes import SMALLEST_ALPHA
+from pipeline.avatar.build import build_parts
+from pipeline.avatar.eyes.corneal_reflections import mirror_pixels
+from pipeline.avatar.eyes.explicit_eyes import Eyes
+from pipeline.avatar.frames.inputs import FrameInputs, white_once
+from pipeline.avatar.frames.light_fields import IncidentLight
+from pipeline.avatar.frames.prepared import Decoded, PosedEyes, PreparedFrame, Shading, Surface, ViewedParameters
+from pipeline.avatar.networks.body_networks import BodyNetworks
+from pipeline.avatar.networks.head_networks import HeadNetworks
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.texel_store import TexelStore
+from pipeline.eyes.eye_fit import FittedEye
+from pipeline.geometry.texels import Atlas
 from pipeline.rendering.splat_conventions import Splatted
-from pipeline.rendering.supersample import splat_supersampled
-
-LOBES = {"angular": angular_gaussian, "cosine": cosine_gaussian, "half": angular_gaussian}
-"""Of what is mirrored about a mirror direction: near-mirrors, as eyes are, know no other angle."""
-
-SMALLEST_ALPHA = 1 / 255
-"""Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
+from pipeline.rendering.splat_types import CameraView
 
 
-class Avatar(LitTexels):
-    """Parameters of every texel, and what renders them for a pose, a light and a camera: `prepare` a frame, then `view`
-    it with each camera. Arguments: see `LitTexels`."""
+@dataclass(frozen=True)
+class Picture:
+    """One camera's picture of a frame.
 
-    def view(self, frame: dict, R: Tensor, t: Tensor, K: Tensor, width: int, height: int) -> dict[str, Tensor]:
-        """One camera's picture of a prepared frame: linear RGB [h, w, 3] over black, alpha [h, w] and, if the lobe is
-        deferred, the blended normals [h, w, 3]."""
-        center = -R.T @ t
-        # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
-        facing = (frame["normals"] * (center - frame["means"].detach())).sum(-1) > 0
-        layers = self.layers(frame, center)
-        picture = splat_supersampled(
-            frame["means"], frame["quaternions"], frame["scales"], frame["opacities"] * facing,
-            torch.cat(list(layers.values()), -1), R, t, K, width, height,
-            factor=self.spec.supersample, filter=self.spec.pixel_filter, filter_std_px=self.spec.filter_std_px,
-            dilation_px2=self.spec.dilation_px2, compensate_opacity=self.spec.compensate_opacity,
-            median_depth=self.spec.pixel_depth == "median",
-        )  # fmt: skip
-        widths = [layer.shape[-1] for layer in layers.values()]
-        pixels = dict(zip(layers, picture.features.split(widths, -1), strict=True))
-        shown = {"rgb": self.shade_pixels(pixels, picture, frame, R, center, K), "alpha": picture.alpha}
-        return {**shown, "normal": pixels["normal"]} if "normal" in pixels else shown
+    Attributes:
+        rgb: linear RGB over black.
+        alpha: coverage in [0, 1).
+        normal: blended shading normals, if a lobe is evaluated per pixel.
+    """
 
-    def layers(self, frame: dict, center: Float[Tensor, " 3"]) -> dict[str, Float[Tensor, "texels _"]]:
-        """What is splatted for one camera. The light that the shadow network's factor dims is a layer of its own."""
-        spec, color = self.spec, frame["diffuse"]
+    rgb: Float[Tensor, "h w 3"]
+    alpha: Float[Tensor, "h w"]
+    normal: Float[Tensor, "h w 3"] | None = None
+
+
+class Avatar(TexelStore):
+    """Parameters of every texel, and what renders them for a pose, a light and a camera.
+
+    Args:
+        atlas: the texels the primitives sit on.
+        spacing: size of each texel on the rest surface along tangent and bitangent, metres [texels, 2].
+        spec: what is built.
+        eyes: of eyes.json, by name, for an avatar with explicit eyes.
+    """
+
+    def __init__(
+        self, atlas: Atlas, spacing: Float[Tensor, "texels 2"], spec: AvatarSpec,
+        eyes: Mapping[str, FittedEye] | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(atlas, spacing)
+        self.spec, self.networks, self.eyes = spec, None, None
+        self.built = build_parts(self, spec)
+        if spec.decoded:
+            build = HeadNetworks if spec.head else BodyNetworks
+            self.networks = build(atlas, spec, self.shared(), float(spacing.mean()))
         if spec.eyes:
+            self.eyes = Eyes(atlas, eyes or {}, self.log_scale.detach().exp())
+            with torch.no_grad():
+                for name, values in self.eyes.start(spec, dict(self.named_parameters())).items():
+                    getattr(self, name)[self.eyes.chosen] = values
+
+    def variant(self, **parts: object) -> Avatar:
+        """An avatar of the same parameters, some of whose parts are others. See `Parts` for their names."""
+        other = copy.copy(self)
+        other.built = replace(self.built, **parts)
+        return other
+
+    def prepare(self, inputs: FrameInputs, **expression: Tensor) -> PreparedFrame:
+        """Place and light everything of a frame that no camera changes (RFGCA 5-10, 15).
+
+        Args:
+            inputs: pose and light.
+            expression: of a head, `noise` or `code`, see `HeadNetworks.decode`.
+        """
+        built, eyes = self.built, None
+        lights = white_once(built.field.lights(inputs))
+        decoded = self.decode(inputs, **expression)
+        if self.eyes is not None:
+            decoded, eyes = self.eyes.place(decoded, inputs)
+        gaussians, axes = built.primitives.place(decoded.parameters, decoded.posed)
+        lights = replace(lights, visibility_bits=built.shadow.bits(inputs))
+        normals = built.normals.bend(decoded.parameters, axes, decoded.posed)
+        surface = Surface(gaussians, axes, decoded.posed, normals)
+        harmonics = built.field.harmonics(inputs) if built.diffuse.reads_harmonics else None
+        if eyes is not None and eyes.harmonics is not None:
+            harmonics = harmonics.index_copy(0, self.eyes.chosen, eyes.harmonics)
+        incident = IncidentLight(built.field, inputs, lights, harmonics)
+        shading = self.shade(decoded, surface, incident, eyes)
+        return PreparedFrame(surface, decoded, incident, shading, eyes)
+
+    def decode(self, inputs: FrameInputs, **expression: Tensor) -> Decoded:
+        """Parameters of the texels in the pose or expression of a frame, and their anchors."""
+        if self.networks is None:
+            return Decoded(self.shared(), inputs.posed)
+        return self.networks.decode(self.shared(), inputs, **expression)
+
+    def shade(self, decoded: Decoded, surface: Surface, incident: IncidentLight, eyes: PosedEyes | None) -> Shading:
+        """Light that leaves texels alike in all directions."""
+        diffuse = self.built.diffuse.shade(decoded.parameters, surface, incident)
+        if eyes is not None:
+            diffuse = self.eyes.under_lids(eyes, diffuse)
+        shadow = self.built.shadow.factor(incident.inputs)
+        return Shading(diffuse, shadow, self.built.indirect.shade(surface, incident, diffuse, shadow))
+
+    def view(self, frame: PreparedFrame, camera: CameraView) -> Picture:
+        """Show a prepared frame to one camera."""
+        layers = self.layers(frame, camera.center)
+        picture = self.draw(frame, layers, camera)
+        images = layers.images(picture.features)
+        return Picture(self.shade_pixels(images, picture, frame, camera), picture.alpha, images.normal)
+
+    def draw(self, frame: PreparedFrame, layers: Layers, camera: CameraView) -> Splatted:
+        """Blend layers of the primitives that face the camera."""
+        gaussians = frame.gaussians
+        # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
+        toward = camera.center - gaussians.means.detach()
+        facing = (frame.surface.posed.normals * toward).sum(-1) > 0
+        shown = replace(gaussians, opacities=gaussians.opacities * facing)
+        return self.built.primitives.draw(shown, layers.stacked(), camera)
+
+    def viewed(self, frame: PreparedFrame, center: Float[Tensor, "3"]) -> ViewedParameters:
+        """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9)."""
+        if self.networks is None:
+            return ViewedParameters()
+        return self.networks.viewed(frame.decoded, frame.surface, center)
+
+    def layers(self, frame: PreparedFrame, center: Float[Tensor, " 3"]) -> Layers:
+        """Layers that are blended for one camera. Light that the shadow network dims is a layer of its own."""
+        specular, color, lobe, mirrors = self.built.specular, frame.shading.diffuse, {}, None
+        if frame.eyes is not None:
             color = self.eyes.seen_from(frame, center, color)
-        if spec.gloss:
-            width = self.log_ggx_width.exp()
-            color = color + self.log_gloss.exp()[:, None] * shade_gloss(width, frame, center)
-        viewed, layers = self.viewed(frame, center), {}
-        if spec.viewed_harmonics:
-            color = color + shade_viewed(viewed["specular_harmonics"], frame["harmonics"])
-        if spec.shading == "linear":
-            color = color + self.albedo * self.networks.linear_color(frame, center)
-        if spec.lobe:
-            roughness = frame.get("log_roughness", self.log_roughness).exp()
-            visibility = self.specular_visibility(viewed)
-            if spec.eyes:
-                visibility, eyes = self.eyes.split_mirrors(frame, roughness, visibility)
-            normals = self.bend(frame, viewed["normal_offset"]) if spec.viewed_normals else frame["bent_normals"]
-            if spec.eyes:  # or skin beside an eye would shine as the eye does
-                normals = self.eyes.without(normals)
-            if spec.deferred:
-                layers = {"normal": normals, "roughness": roughness[:, None], "visibility": visibility[:, None]}
+        viewed = self.viewed(frame, center)
+        added = specular.texel_light(frame, viewed, center)
+        color = color if added is None else color + added
+        samples = specular.samples(frame, viewed)
+        if samples is not None:
+            if frame.eyes is not None:
+                samples, mirrors = self.eyes.split_mirrors(frame.eyes, samples)
+            if viewed.normal_offset is not None:
+                around = (frame.parameters, frame.surface.axes, frame.surface.posed)
+                samples = replace(samples, normals=self.built.normals.bend(*around, viewed.normal_offset))
+            if frame.eyes is not None:  # or skin beside an eye would shine as the eye does
+                samples = replace(samples, normals=self.eyes.without(samples.normals))
+            if specular.deferred:
+                lobe = {"normal": samples.normals, "roughness": samples.roughness[:, None]}
+                lobe["visibility"] = samples.visibility[:, None]
             else:
-                lights = (frame["light_positions"], frame["intensities"])
-                points = frame["means"].detach()
-                color = color + self.shade_lobe(points, normals, roughness, visibility, center, *lights)
-        if spec.shadow_net:
-            layers["shadow"] = frame["shadow"][:, None]
-            if spec.indirect != "none":
-                layers["indirect"] = frame["indirect"]
-        elif spec.indirect != "none":
-            color = color + frame["indirect"]
-        if spec.eyes and spec.lobe:
-            layers["eyes"] = eyes
-        return {"color": color, **layers}
-
-    def viewed(self, frame: dict, center: Float[Tensor, "3"]) -> dict[str, Tensor]:
-        """What a camera changes in the parameters of texels (RFGCA 14, RGCA 9)."""
-        return self.networks.viewed(frame, center) if self.spec.view_decoder else {}
-
-    def specular_visibility(self, viewed: dict[str, Tensor]) -> Float[Tensor, " texels"]:
-        """v_k as the camera of `viewed` sees it."""
-        return torch.sigmoid(self.visibility + viewed.get("visibility", 0))
-
-    def shade_lobe(self, points: Tensor, normals: Tensor, *lobe_and_lights: Tensor) -> Float[Tensor, "n channels"]:
-        """The specular lobe of points that are texels or pixels, see `shade_specular`."""
-        if self.spec.highlight == "half":
-            return shade_halfway(points, normals, *lobe_and_lights)
-        return shade_specular(points, normals, *lobe_and_lights, LOBES[self.spec.highlight])
-
-    def reflect(
-        self, frame: dict, center: Tensor, points: Tensor, normals: Tensor, roughness: Tensor, visibility: Tensor
-    ) -> Float[Tensor, "pixels channels"]:
-        """What mirrors show a camera at `center`, all of them near each other: see `shade_near_mirrors`."""
-        lights = frame["light_positions"], frame["intensities"]
-        return shade_near_mirrors(points, normals, roughness, visibility, center, *lights, LOBES[self.spec.highlight])
+                color = color + specular.shade(samples, frame, center)
+        shadow, indirect = frame.shading.shadow, frame.shading.indirect
+        if shadow is None and indirect is not None:
+            color, indirect = color + indirect, None
+        shadow = None if shadow is None else shadow[:, None]
+        return Layers(color, **lobe, shadow=shadow, indirect=indirect, mirrors=mirrors)
 
     def shade_pixels(
-        self, pixels: dict, picture: Splatted, frame: dict, R: Tensor, center: Tensor, K: Tensor
-    ) -> Tensor:
-        """(c_d + c_s) shadow (RFGCA 16), the specular lobe evaluated once per covered pixel (RFGCA 11-12)."""
-        color, alpha = pixels["color"], picture.alpha
-        if "normal" in pixels:
-            row, column = torch.nonzero(alpha.detach() > SMALLEST_ALPHA, as_tuple=True)
-            normal, roughness, visibility = (
-                pixels[name][row, column] for name in ("normal", "roughness", "visibility")
-            )
-            weight = alpha[row, column].clamp_min(SMALLEST_ALPHA)
-            depth = depth_of_pixels(self.spec.depth, picture, frame.get("mesh"), R, center, K)
-            points = points_of_pixels(row, column, depth[row, column], R, center, K)
-            lobe = (roughness[:, 0] / weight, visibility[:, 0])
-            specular = self.shade_lobe(points, normal, *lobe, center, frame["light_positions"], frame["intensities"])
-            color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
-        if "eyes" in pixels:
-            row, column, points, normals, width, visibility = mirror_pixels(
-                pixels["eyes"], frame["eye_balls"], R, center, K
-            )
-            visibility = visibility * frame["lids"].pass_mirrored(points, normals, center)
-            specular = self.reflect(frame, center, points, normals, width, visibility)
-            color = color.index_put((row, column), specular.expand(-1, 3), accumulate=True)
-        if "shadow" in pixels:
-            color = color * (pixels["shadow"] / alpha[..., None].clamp_min(SMALLEST_ALPHA))
-        return color + pixels["indirect"] if "indirect" in pixels else color
+        self, images: Layers, picture: Splatted, frame: PreparedFrame, camera: CameraView
+    ) -> Float[Tensor, "h w 3"]:
+        """Shade pixels: (c_d + c_s) shadow (RFGCA 16).
+
+        The specular lobe is evaluated once per covered pixel (RFGCA 11-12).
+        """
+        specular, color, alpha = self.built.specular, images.color, picture.alpha
+        if images.normal is not None:
+            row, column, light = specular.shade_pixels(images, picture, frame, camera)
+            color = color.index_put((row, column), light.expand(-1, 3), accumulate=True)
+        if images.mirrors is not None:
+            row, column, mirrors = mirror_pixels(images.mirrors, frame.eyes, camera)
+            passed = frame.eyes.lids.pass_mirrored(mirrors.points, mirrors.normals, camera.center)
+            mirrors = replace(mirrors, visibility=mirrors.visibility * passed)
+            light = specular.reflect(mirrors, frame, camera.center)
+            color = color.index_put((row, column), light.expand(-1, 3), accumulate=True)
+        if images.shadow is not None:
+            color = color * (images.shadow / alpha[..., None].clamp_min(SMALLEST_ALPHA))
+        return color if images.indirect is None else color + images.indirect

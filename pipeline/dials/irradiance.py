@@ -10,7 +10,7 @@ import pandas as pd
 from pipeline.base.files import read_table
 from pipeline.capture.images import read_exr_channel
 from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
-from pipeline.lighting.light_sampling import Spread
+from pipeline.lighting.light_sampling import SamplePattern
 
 TOLERANCE = 0.01
 """RMS error of irradiance, fully lit and unoccluded being 1: 1 % of full scale, the noise of a capture (40 dB)."""
@@ -61,7 +61,7 @@ IRRADIANCE_DIALS = [
     # As the papers draw them: each texel by itself.
     Dial("irradiance_alone", IRRADIANCE, "samples", _samples, {"sampling": "power", "share_rays": False}),
     Dial(
-        "irradiance_spread", IRRADIANCE, "spread", lambda subject: get_args(Spread), {"samples": "1"},
+        "irradiance_spread", IRRADIANCE, "spread", lambda subject: get_args(SamplePattern), {"samples": "1"},
         reference={"samples": "full"},
     ),
     Dial("irradiance_visibility", IRRADIANCE, "visibility", lambda subject: ("cached", "traced")),

@@ -11,6 +11,7 @@ from pipeline.effects.seen_texels import SeenTexels
 from pipeline.effects.texel_light import TexelLight, as_float32
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.lighting.microfacet import gather_reflections
+from pipeline.lighting.point_lights import PointLights
 
 GLOSS_WIDTHS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.63)
 """Widths of GGX that are tried together: a factor 1.6 apart, from nearly a mirror to nearly matte."""
@@ -30,10 +31,10 @@ def gloss_columns(
         point = seen.point[rows]
         bits = np.packbits(light.seen[:, point], axis=1)
         places = as_float32(seen.points[f, point], seen.normals[f, point], seen.to_camera[rows])
-        powers = as_float32(lamps.positions, lamps.intensities)
+        lamps_in_torch = PointLights(*as_float32(lamps.positions, lamps.intensities), bits)
         for k, width in enumerate(GLOSS_WIDTHS):
             alpha = as_float32(np.full(len(rows), width))[0]
-            out[rows, k] = gather_reflections(*places, alpha, *powers, bits).numpy()
+            out[rows, k] = gather_reflections(*places, alpha, lamps_in_torch).numpy()
     return out
 
 

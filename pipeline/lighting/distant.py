@@ -1,4 +1,6 @@
-"""Distant lights: one direction each, whatever the place, so that a frame's light is 81 numbers for all texels.
+"""Distant lights: one direction each, whatever the place.
+
+A frame's light is 81 numbers for all texels.
 
 `gather_distant` is `pipeline.lighting.zonal.gather_light` without distances, by the addition theorem read backwards
 (`pipeline.lighting.environment_sh`): its cost does not depend on the number of lights. Its slow twin is
@@ -18,6 +20,7 @@ from torch import Tensor
 
 from pipeline.lighting.environment_sh import COEFFICIENTS, gather_environment, spherical_harmonics
 from pipeline.lighting.lobes import unit
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2
 
 LIGHTS_THAT_PAY = 7
@@ -29,29 +32,53 @@ FAR_M = 1e5
 2e-5."""
 
 
-def _seen_from(center: Tensor, light_positions: Tensor, intensities: Tensor) -> tuple[Tensor, Tensor]:
+def _seen_from(center: Tensor, lights: PointLights) -> tuple[Tensor, Tensor]:
     """Unit directions to the lights, and their irradiances I / d^2."""
-    offset = light_positions - center
-    return unit(offset), intensities / offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
+    offset = lights.positions_m - center
+    distance2 = offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
+    return unit(offset), lights.intensities / distance2
 
 
-def far_lights(
-    center: Float[Tensor, "3"], light_positions: Float[Tensor, "lights 3"], intensities: Float[Tensor, "lights c"]
-) -> tuple[Float[Tensor, "lights 3"], Float[Tensor, "lights c"]]:
-    """The lights moved away from `center` to `FAR_M`, as bright as they were there: positions, radiant intensities."""
-    toward, irradiances = _seen_from(center, light_positions, intensities)
-    return center + FAR_M * toward, FAR_M**2 * irradiances
+def far_lights(center: Float[Tensor, "3"], lights: PointLights) -> PointLights:
+    """Move lights away from `center` to `FAR_M`, as bright as they were there."""
+    toward, irradiances = _seen_from(center, lights)
+    return PointLights(center + FAR_M * toward, FAR_M**2 * irradiances, lights.visibility_bits)
 
 
 def light_harmonics(
-    center: Float[Tensor, "3"],
-    turn: Float[Tensor, "3 3"],
-    light_positions: Float[Tensor, "lights 3"],
-    intensities: Float[Tensor, "lights c"],
-) -> Float[Tensor, "81 c"]:
-    """L_lm = sum_j I_j / d_j^2 Y_lm(w_j) as seen from `center`, the directions w_j turned by `turn`."""
-    toward, irradiances = _seen_from(center, light_positions, intensities)
+    center: Float[Tensor, "3"], turn: Float[Tensor, "3 3"], lights: PointLights
+) -> Float[Tensor, "81 channels"]:
+    """Project lights on harmonics, L_lm = sum_j I_j / d_j^2 Y_lm(w_j), as seen from `center`.
+
+    Args:
+        turn: turns the directions w_j.
+    """
+    toward, irradiances = _seen_from(center, lights)
     return spherical_harmonics(toward @ turn.T).T @ irradiances
+
+
+@torch.no_grad()
+def gather_harmonics(
+    points: Float[Tensor, "points 3"], turn: Float[Tensor, "3 3"], lights: PointLights
+) -> Float[Tensor, "points 81 channels"]:
+    """Project lights on harmonics at every point, sum_j I_j / d_j^2 Y_lm(w_j).
+
+    The directions w_j are turned by `turn`.
+    """
+    out = points.new_zeros(len(points), COEFFICIENTS, lights.intensities.shape[1])
+    for position, intensity in zip(lights.positions_m, lights.intensities, strict=True):
+        offset = position - points
+        distance2 = offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
+        harmonics = spherical_harmonics(unit(offset) @ turn.T) / distance2
+        out += harmonics[..., None] * intensity
+    return out
+
+
+@torch.no_grad()
+def arriving_light(points: Float[Tensor, "points 3"], lights: PointLights) -> Float[Tensor, "points channels"]:
+    """Sum I / d^2 over all lights, seen or not."""
+    distance2 = torch.cdist(points, lights.positions_m).square().clamp_min(float(SMALLEST_DISTANCE2_M2))
+    return (1 / distance2) @ lights.intensities
 
 
 def gather_distant(

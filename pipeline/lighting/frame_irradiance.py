@@ -1,4 +1,4 @@
-"""The irradiance map of one tracked frame, by whichever way is cheaper: rays to its lights, or bits of its pose."""
+"""The irradiance map of one tracked frame, by whichever way is cheaper. Rays to its lights, or bits of its pose."""
 
 from __future__ import annotations
 
@@ -20,8 +20,15 @@ from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, light_scene, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, face_rows
-from pipeline.lighting.visibility_bits import VisibilityBits, bits_are_cheaper, irradiance_from_bits, trace_bits
-from pipeline.lighting.visibility_cache import keep_bits, load_bits, visibility_key
+from pipeline.lighting.visibility_bits import (
+    VisibilityBits,
+    bits_are_cheaper,
+    irradiance_from_bits,
+    keep_bits,
+    load_bits,
+    trace_bits,
+    visibility_key,
+)
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,7 @@ class StageLights:
         return Lights(self.places, self.luminances.get(frame, np.zeros(len(self.places))), self.distant)
 
     def lit_count(self, frame: int) -> int:
-        """How many lights are on."""
+        """Number of lights that are on."""
         return int((self.at(frame).luminances > 0).sum())
 
 
@@ -86,12 +93,12 @@ class FrameTracer:
 
     @cached_property
     def blocks(self) -> TexelBlocks:
-        """Where the texels lie on the map."""
+        """Blocks of the map that the texels lie in."""
         return TexelBlocks(self.atlas.texel)
 
     @cached_property
     def neighbours(self) -> Neighbours:
-        """Which texels lend each other their rays."""
+        """Texels that lend each other their rays."""
         return Neighbours(self.atlas)
 
     def trace(self, frame: int, vertices: Float[np.ndarray, "v 3"], random: np.random.Generator) -> IrradianceMap:

@@ -16,7 +16,7 @@ CHANNELS = ["intensity_r", "intensity_g", "intensity_b"]
 
 @dataclass(frozen=True)
 class FrameLights:
-    """The lit lights of one frame: positions in the stage frame, metres, and radiant intensities, linear RGB."""
+    """The lit lights of one frame. Positions in the stage frame, metres, and radiant intensities, linear RGB."""
 
     positions: Float64[np.ndarray, "m 3"]
     intensities: Float64[np.ndarray, "m 3"]

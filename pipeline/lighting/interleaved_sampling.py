@@ -22,7 +22,7 @@ from jaxtyping import Float64, Int32
 
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.irradiance import IrradianceMap, Samples, Scene, draw_lights
-from pipeline.lighting.light_sampling import spread_uniforms
+from pipeline.lighting.light_sampling import pattern_uniforms
 from pipeline.lighting.ray_kernels import kernel
 
 REACH = 0.5
@@ -43,7 +43,7 @@ BLOCKED, CLEAR, BELOW_HORIZON = 0, 1, 2
 
 
 class Neighbours:
-    """Which texels lie around each texel of an atlas, in its own chart: the same for all frames."""
+    """Texels around each texel of an atlas, in its own chart: the same for all frames."""
 
     def __init__(self, atlas: Atlas) -> None:
         self.texel, self.chart = atlas.texel.astype(np.int32), atlas.chart.astype(np.int32)
@@ -60,7 +60,7 @@ class Neighbours:
 
 
 def lights_that_count(scene: Scene, samples: Samples) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Probability of each light, the same for all texels, and the number of equal lights that vary as much."""
+    """Probability of each light, and the number of equal lights that vary as much. Both are the same for all texels."""
     weights = np.ones_like(scene.luminances) if samples.sampling == "uniform" else scene.luminances
     probability = weights / weights.sum()
     return probability, 1 / float((probability**2).sum())
@@ -81,7 +81,7 @@ def share_rays(scene: Scene, samples: Samples, neighbours: Neighbours) -> Irradi
     per_arriving = scene.per_arriving()[0] if samples.sampling == "arriving" else None
     rays = 0
     for n in range(count):
-        uniform = (n + spread_uniforms(samples.spread, samples.blocks.texel, samples.random)) / count
+        uniform = (n + pattern_uniforms(samples.pattern, samples.blocks.texel, samples.random)) / count
         chosen[n], _ = draw_lights(scene, samples.sampling, uniform, per_arriving)
         aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, chosen=chosen[n])
         state[n, aimed.rows[:, 0]] = np.where(scene.occluders.occluded(aimed) == -1, CLEAR, BLOCKED)
@@ -89,22 +89,22 @@ def share_rays(scene: Scene, samples: Samples, neighbours: Neighbours) -> Irradi
     probability, effective = lights_that_count(scene, samples)
     deviation = REACH * math.sqrt(effective / count)
     steps, shares = neighbours.window(min(max(deviation, LEAST_TEXELS), MOST_TEXELS))
-    values, falling, error = np.empty((3, texels))
+    values, cosine_visibility, error = np.empty((3, texels))
     draws = np.arange(count * len(steps) + 1)[:, None]
     certainty = -np.expm1(draws * np.log1p(-np.minimum(probability, ALMOST_SURE)))
     gather(
         scene.receivers.points, scene.normals, scene.receivers.normals, np.ascontiguousarray(scene.lights.T),
         scene.luminances, scene.distant, scene.least2, neighbours.number, neighbours.texel, neighbours.chart, steps,
-        shares, chosen, state, certainty, values, falling, error,
+        shares, chosen, state, certainty, values, cosine_visibility, error,
     )  # fmt: skip
-    return IrradianceMap(values, falling, error, rays, texels * count - rays, False)
+    return IrradianceMap(values, cosine_visibility, error, rays, texels * count - rays, False)
 
 
 @kernel
 @no_type_check
 def gather(
     points, normals, face_normals, lights, luminances, distant, least2, number, texel, chart, steps, shares, chosen,
-    state, certainty, values, falling, error,
+    state, certainty, values, cosine_visibility, error,
 ):  # fmt: skip
     """Fill the three maps; see the module's docstring.
 
@@ -159,7 +159,7 @@ def gather(
         # Where no ray says anything, nothing is known to be in the way.
         ratio = seen / known if known > 0 else 1.0
         values[i] = ratio * above / sent
-        falling[i] = (
+        cosine_visibility[i] = (
             (seen_fall / known_fall if known_fall > 0 else ratio) * fallen_above / fallen if fallen > 0 else 0.0
         )
         variance = max(noise - 2 * ratio * mixed + ratio * ratio * missing, 0.0)
@@ -169,8 +169,9 @@ def gather(
 @kernel
 @no_type_check
 def strengths(point, normal, face_normal, lights, luminances, distant, least2, light, fall):
-    """L_j and L_j max(0, n . w_j) of every light, 0 below the face's horizon; returns the sums of L_j over all lights
-    and over those above the horizon, then both of the other.
+    """L_j and L_j max(0, n . w_j) of every light, 0 below the face's horizon.
+
+    Returns the sums of L_j over all lights and over those above the horizon, then both of the other.
 
     Without branches, so that four lights are computed at a time.
     """

@@ -1,4 +1,6 @@
-"""Normalised irradiance per texel (RFGCA 15-16, A.1-A.3): how much of the light sent to a point arrives there.
+"""Normalised irradiance per texel (RFGCA 15-16, A.1-A.3).
+
+It says how much of the light sent to a point arrives there.
 
     Irradiance(v) = sum_j L_j(v) Vis_j(v) / sum_j L_j(v),   L_j(v) = I_j / |v - x_j|^2, luminance, no cosine.
 
@@ -21,7 +23,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
-from pipeline.lighting.light_sampling import Spread, spread_uniforms
+from pipeline.lighting.light_sampling import SamplePattern, pattern_uniforms
 from pipeline.lighting.ray_kernels import add_clear_rays, draw_by_arrival, draw_by_weight, share_of_arriving
 from pipeline.lighting.standard_error import BlockVariance, TexelBlocks
 from pipeline.lighting.visibility import Occluders, Rays, Receivers, light_blocks
@@ -54,25 +56,25 @@ class Lights:
     distant: bool = False
 
     def lit(self) -> Lights:
-        """Those that shine: a light at zero is off, and costs nothing."""
+        """The lights that shine: one at zero is off, and costs nothing."""
         on = self.luminances > 0
         return Lights(self.places[on], self.luminances[on], self.distant)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """How lights are drawn.
+    """Number, probabilities and pattern of drawn lights.
 
     Attributes:
         count: per texel.
         sampling: probability of a light: the same for all; by luminance; by what would arrive at the point unoccluded.
-        spread: how the draws of neighbouring texels hang together, see `pipeline.lighting.light_sampling`.
+        pattern: how the draws of neighbouring texels hang together, see `pipeline.lighting.light_sampling`.
         blocks: where the points lie on the map.
     """
 
     count: int
     sampling: Sampling
-    spread: Spread
+    pattern: SamplePattern
     blocks: TexelBlocks
     random: np.random.Generator
 
@@ -83,7 +85,7 @@ class IrradianceMap:
 
     Attributes:
         values: the papers' normalised irradiance.
-        falling: the same weighted by the cosine; 0 where no light is above the horizon.
+        cosine_visibility: the same weighted by the cosine; 0 where no light is above the horizon.
         error: standard error of `values`; 0 if no lights were drawn.
         rays: how many were traced.
         below_horizon: rays that would have been traced, had their light not been below their face's horizon.
@@ -91,7 +93,7 @@ class IrradianceMap:
     """
 
     values: Float64[np.ndarray, " t"]
-    falling: Float64[np.ndarray, " t"]
+    cosine_visibility: Float64[np.ndarray, " t"]
     error: Float64[np.ndarray, " t"]
     rays: int
     below_horizon: int
@@ -115,20 +117,20 @@ class Scene:
     distant: bool
     least2: float
 
-    def share(
-        self, arrived: Float64[np.ndarray, " t"], fallen: Float64[np.ndarray, " t"], number: type = np.float64
-    ) -> None:
-        """Divide sums over what is seen by those over all lights, summed in the type `number`; in place."""
+    def shares(
+        self, arrived: Float64[np.ndarray, " t"], cosine_arrived: Float64[np.ndarray, " t"], number: type = np.float64
+    ) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
+        """Sums over what is seen, divided by those over all lights, summed in the type `number`."""
         axes, luminances = np.ascontiguousarray(self.lights.T, number), self.luminances.astype(number)
+        arrived, cosine_arrived = arrived.copy(), cosine_arrived.copy()
         share_of_arriving(
-            self.receivers.points, self.normals, axes, luminances, self.distant, self.least2, arrived, fallen
+            self.receivers.points, self.normals, axes, luminances, self.distant, self.least2, arrived, cosine_arrived
         )
+        return arrived, cosine_arrived
 
     def per_arriving(self) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
         """One over the sums of L_j, and of L_j max(0, n . w_j), over all lights."""
-        arrived, fallen = np.ones((2, len(self.receivers)))
-        self.share(arrived, fallen)
-        return arrived, fallen
+        return self.shares(*np.ones((2, len(self.receivers))))
 
 
 def trace_irradiance(
@@ -162,7 +164,7 @@ def unlit_map(points: int) -> IrradianceMap:
 def light_scene(
     occluders: Occluders, points: np.ndarray, face_normals: np.ndarray, lights: Lights, normals: np.ndarray | None
 ) -> Scene | None:
-    """What the sums need, or None if no light is lit."""
+    """Points and lights as the sums need them, or None if no light is lit."""
     lit = lights.lit()
     if not len(lit.luminances):
         return None
@@ -178,53 +180,55 @@ def light_scene(
 
 def _trace_all(scene: Scene) -> IrradianceMap:
     """A few lights at a time: neighbouring rays then run side by side, and memory does not grow with the lights."""
-    arrived, fallen, rays = *np.zeros((2, len(scene.receivers))), 0
+    arrived, cosine_arrived, rays = *np.zeros((2, len(scene.receivers))), 0
     for block in light_blocks(len(scene.receivers), len(scene.lights)):
         aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, block=block)
-        rays += _add(scene, aimed, arrived, fallen)
-    return exact_map(scene, arrived, fallen, rays, arrived.size * len(scene.lights))
+        rays += _add(scene, aimed, arrived, cosine_arrived)
+    return exact_map(scene, arrived, cosine_arrived, rays, arrived.size * len(scene.lights))
 
 
-def exact_map(scene: Scene, arrived: np.ndarray, fallen: np.ndarray, rays: int, pairs: int) -> IrradianceMap:
-    """The map from the sums over what is seen; `pairs`: of point and light that rays were asked for."""
-    scene.share(arrived, fallen)
-    return IrradianceMap(arrived, fallen, np.zeros_like(arrived), rays, pairs - rays, False)
+def exact_map(scene: Scene, arrived: np.ndarray, cosine_arrived: np.ndarray, rays: int, pairs: int) -> IrradianceMap:
+    """Make the map from the sums over what is seen. `pairs`: of point and light that rays were asked for."""
+    values, cosine_visibility = scene.shares(arrived, cosine_arrived)
+    return IrradianceMap(values, cosine_visibility, np.zeros_like(values), rays, pairs - rays, False)
 
 
 def _trace_drawn(scene: Scene, samples: Samples) -> IrradianceMap:
     """A single draw often brings nothing, and then no sum over all lights is needed; several mostly bring something."""
-    values, fallen, rays = *np.zeros((2, len(scene.receivers))), 0
+    values, cosine_arrived, rays = *np.zeros((2, len(scene.receivers))), 0
     variance, count = BlockVariance(samples.blocks), samples.count
     single = count == 1 and samples.sampling != "arriving"
-    per_arriving, per_falling = (None, None) if single else scene.per_arriving()
+    per_arriving, per_cosine_arriving = (None, None) if single else scene.per_arriving()
     for n in range(count):
-        uniform = spread_uniforms(samples.spread, samples.blocks.texel, samples.random)
+        uniform = pattern_uniforms(samples.pattern, samples.blocks.texel, samples.random)
         if count > 1:
             uniform = (n + uniform) / count
         chosen, probability = draw_lights(scene, samples.sampling, uniform, per_arriving)
         aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, chosen=chosen)
         one = np.zeros_like(values)
-        rays += _add(scene, aimed, one, fallen, probability)
+        rays += _add(scene, aimed, one, cosine_arrived, probability)
         if single:
             # The draw's own error hides that of float32.
-            scene.share(one, fallen, np.float32)
+            one, cosine_arrived = scene.shares(one, cosine_arrived, np.float32)
         else:
             one *= per_arriving
         values += one
         variance.add(one)
     if not single:
         values /= count
-        fallen *= per_falling / count
+        cosine_arrived *= per_cosine_arriving / count
     error = np.sqrt(variance.total, out=variance.total)
     error /= count
-    return IrradianceMap(values, fallen, error, rays, values.size * count - rays, False)
+    return IrradianceMap(values, cosine_arrived, error, rays, values.size * count - rays, False)
 
 
-def _add(scene: Scene, rays: Rays, arrived: np.ndarray, fallen: np.ndarray, probability: np.ndarray = NOT_DRAWN) -> int:
+def _add(
+    scene: Scene, rays: Rays, arrived: np.ndarray, cosine_arrived: np.ndarray, probability: np.ndarray = NOT_DRAWN
+) -> int:
     """Trace rays and add what arrives along the clear ones; returns how many there were."""
     add_clear_rays(
         scene.receivers.points, scene.normals, scene.lights, scene.luminances, scene.distant, scene.least2,
-        probability, rays.rows, scene.occluders.occluded(rays), arrived, fallen,
+        probability, rays.rows, scene.occluders.occluded(rays), arrived, cosine_arrived,
     )  # fmt: skip
     return len(rays.rows)
 
@@ -235,7 +239,9 @@ def draw_lights(
     uniform: Float64[np.ndarray, " t"],
     per_arriving: Float64[np.ndarray, " t"] | None = None,
 ) -> tuple[Int[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
-    """One light per point, by inversion of the cumulative distribution, and the probability it had.
+    """Draw one light per point, and tell the probability it had.
+
+    By inversion of the cumulative distribution.
 
     Args:
         uniform: numbers in [0, 1), one per point.

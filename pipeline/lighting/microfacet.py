@@ -1,5 +1,6 @@
-"""Matte and glossy reflection of point lights that a surface point sees: Lambert, and Cook-Torrance with GGX or, as
-learned lobes have it, with a Gaussian of the half vector's angle.
+"""Matte and glossy reflection of point lights that a surface point sees.
+
+Lambert, and Cook-Torrance with GGX or, as learned lobes have it, with a Gaussian of the half vector's angle.
 
 Every pair of point and light has its own visibility bit, so a shadow has an edge, and each highlight is shadowed by
 itself: what one shadow factor per point (RFGCA 16) cannot do. Rows of bits are packed as np.packbits does
@@ -9,16 +10,18 @@ itself: what one shadow factor per point (RFGCA 16) cannot do. Rows of bits are 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import no_type_check
 
 import numba
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
 from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, angle_between
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import FAST_MATH, SMALLEST_DISTANCE2_M2
 
 DIELECTRIC_F0 = 0.04
@@ -35,36 +38,36 @@ the light; the guard keeps the 1 / cosine of the masking term in float32's range
 def arriving_vectors(
     points: Float[Tensor, "points 3"],
     normals: Float[Tensor, "points 3"],
-    light_positions: Float[Tensor, "lights 3"],
-    intensities: Float[Tensor, "lights channels"],
-    seen: UInt8[np.ndarray, "lights bytes"],
+    lights: PointLights,
 ) -> Float[Tensor, "points channels 3"]:
-    """Vector irradiance: sum of I_j / d_j^2 w_j over the lights seen and above the horizon of the normal.
+    """Gather vector irradiance.
+
+    Sum of I_j / d_j^2 w_j over the lights seen and above the horizon of the normal.
 
     Its product with the normal is the irradiance sum_j V_j I_j / d_j^2 max(0, n . w_j), and it is also that sum's
     derivative with respect to n. No gradient flows through it.
     """
-    tensors = [tensor.detach().contiguous() for tensor in (points, normals, light_positions, intensities)]
+    inputs = (points, normals, lights.positions_m, lights.intensities)
+    tensors = [tensor.detach().contiguous() for tensor in inputs]
     if points.device.type != "cpu":
-        return arriving_vectors_in_torch(*tensors, seen)
-    out = torch.empty(len(points), intensities.shape[1], 3)
-    _arriving_vectors(*(tensor.numpy() for tensor in tensors), seen, out.numpy())
+        return arriving_vectors_in_torch(*tensors[:2], replace(lights, positions_m=tensors[2], intensities=tensors[3]))
+    out = torch.empty(len(points), lights.intensities.shape[1], 3)
+    _arriving_vectors(*(tensor.numpy() for tensor in tensors), lights.bits_for(len(points)), out.numpy())
     return out
 
 
-def arriving_vectors_in_torch(
-    points: Tensor, normals: Tensor, light_positions: Tensor, intensities: Tensor, seen: np.ndarray
-) -> Tensor:
+def arriving_vectors_in_torch(points: Tensor, normals: Tensor, lights: PointLights) -> Tensor:
     """`arriving_vectors` on any device, without the kernel."""
 
     def vectors(points: Tensor, normals: Tensor, seen: Tensor | None) -> Tensor:
-        offset = light_positions - points[:, None]
+        offset = lights.positions_m - points[:, None]
         distance2 = offset.square().sum(-1).clamp_min(float(SMALLEST_DISTANCE2_M2))
         lit = (offset * normals[:, None]).sum(-1) > 0
         weight = 1 / (distance2 * distance2.sqrt()) * (lit if seen is None else lit & seen)
-        return torch.einsum("pn,nc,pnd->pcd", weight, intensities, offset)
+        return torch.einsum("pn,nc,pnd->pcd", weight, lights.intensities, offset)
 
-    return sum_in_pieces(vectors, (points, normals, unpacked(seen, len(points), points.device)), len(seen))
+    mask = unpacked(lights.bits_for(len(points)), len(points), points.device)
+    return sum_in_pieces(vectors, (points, normals, mask), len(lights))
 
 
 def gather_reflections(
@@ -72,12 +75,12 @@ def gather_reflections(
     normals: Float[Tensor, "points 3"],
     to_camera: Float[Tensor, "points 3"],
     alpha: Float[Tensor, " points"],
-    light_positions: Float[Tensor, "lights 3"],
-    intensities: Float[Tensor, "lights channels"],
-    seen: UInt8[np.ndarray, "lights bytes"],
+    lights: PointLights,
     gaussian: bool = False,
 ) -> Float[Tensor, "points channels"]:
-    """sum_j V_j I_j / d_j^2 D G F / (4 (n . w_j) (n . w_o)) max(0, n . w_j): radiance of a dielectric's gloss.
+    """Radiance of a dielectric's gloss under point lights.
+
+    sum_j V_j I_j / d_j^2 D G F / (4 (n . w_j) (n . w_o)) max(0, n . w_j)
 
     D and G of GGX, G correlated in height (Heitz 2014, eqs. 71, 99), F by Schlick's approximation. Differentiable in
     `normals` and `alpha`; points that face away from the camera have 0.
@@ -91,17 +94,14 @@ def gather_reflections(
         points: metres.
         normals, to_camera: unit vectors.
         alpha: widths of GGX, positive.
-        light_positions: metres.
-        intensities: radiant intensity, linear.
-        seen: row j has the points that see light j.
+        lights: V_j are their visibility bits.
         gaussian: as above; if not, GGX.
     """
     if points.device.type != "cpu":
-        lights = (light_positions, intensities, seen)
-        return gather_reflections_in_torch(points, normals, to_camera, alpha, *lights, gaussian)
-    inputs = (points, normals, to_camera, alpha, light_positions, intensities)
+        return gather_reflections_in_torch(points, normals, to_camera, alpha, lights, gaussian)
+    inputs = (points, normals, to_camera, alpha, lights.positions_m, lights.intensities)
     arrays = [tensor.detach().contiguous().numpy() for tensor in inputs]
-    channels = intensities.shape[1]
+    channels, seen = lights.intensities.shape[1], lights.bits_for(len(points))
     value, slope = torch.empty(len(points), channels), torch.empty(len(points), channels, 4)
     _gather_reflections(*arrays, seen, gaussian, value.numpy(), slope.numpy())
     variable = torch.cat([normals, alpha[:, None]], -1)
@@ -113,7 +113,7 @@ def gather_reflections_reference(
     points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
     seen: Tensor | None = None, gaussian: bool = False,
 ) -> Tensor:  # fmt: skip
-    """Slow twin of `gather_reflections` in plain torch, `seen` as a mask [lights, points]: its oracle."""
+    """Slow twin of `gather_reflections` in plain torch, its oracle. `seen` is a mask [lights, points]."""
     offset = light_positions - points[:, None]
     distance2 = offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
     to_light = offset / distance2.sqrt()
@@ -137,19 +137,18 @@ def gather_reflections_reference(
 
 
 def gather_reflections_in_torch(
-    points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
-    seen: np.ndarray, gaussian: bool = False,
-) -> Tensor:  # fmt: skip
+    points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, lights: PointLights, gaussian: bool = False
+) -> Tensor:
     """`gather_reflections` on any device, without the kernel."""
 
     def reflections(points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, seen: Tensor | None) -> Tensor:
-        lights = (light_positions, intensities)
+        sources = (lights.positions_m, lights.intensities)
         return gather_reflections_reference(
-            points, normals, to_camera, alpha, *lights, None if seen is None else seen.T, gaussian
+            points, normals, to_camera, alpha, *sources, None if seen is None else seen.T, gaussian
         )
 
-    mask = unpacked(seen, len(points), points.device)
-    return sum_in_pieces(reflections, (points.detach(), normals, to_camera.detach(), alpha, mask), len(seen))
+    mask = unpacked(lights.bits_for(len(points)), len(points), points.device)
+    return sum_in_pieces(reflections, (points.detach(), normals, to_camera.detach(), alpha, mask), len(lights))
 
 
 F0, ONE, PI = np.float32(DIELECTRIC_F0), np.float32(1.0), np.float32(math.pi)

@@ -1,7 +1,9 @@
-"""Specular light from point sources through the angular spherical Gaussian (RFGCA 12-13), summed over all lights.
+"""Specular light of point sources through a spherical Gaussian (RFGCA 12-13).
+
+Summed over all lights.
 
 A kernel, because pixels times lights times the dozen operations of a lobe is the largest tensor of a training step if
-written in torch. Its slow twin is `gather_glints_reference`.
+written in torch. Its slow twin is `gather_specular_reference`.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces
 from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, Lobe, angular_gaussian, unit
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
 
 REACH_SIGMAS = 6.0
@@ -24,61 +27,61 @@ REACH_SIGMAS = 6.0
 the peak."""
 
 
-def gather_glints_reference(
+def gather_specular_reference(
     points: Tensor, lobe_centers: Tensor, sigma: Tensor, light_positions: Tensor, intensities: Tensor,
     lobe: Lobe = angular_gaussian,
 ) -> Tensor:  # fmt: skip
-    """Slow twin of `gather_glints`, any float type: its oracle, forward and backward."""
+    """Slow twin of `gather_specular`, any float type: its oracle, forward and backward."""
     to_light = light_positions - points[:, None]
     distance2 = to_light.square().sum(-1).clamp_min(float(SMALLEST_DISTANCE2_M2))
     return (lobe(unit(to_light), lobe_centers[:, None], sigma[:, None]) / distance2) @ intensities
 
 
-def gather_glints(
+def gather_specular(
     points: Float[Tensor, "pixels 3"],
     lobe_centers: Float[Tensor, "pixels 3"],
     sigma: Float[Tensor, " pixels"],
-    light_positions: Float[Tensor, "lights 3"],
-    intensities: Float[Tensor, "lights channels"],
+    lights: PointLights,
     lobe: Lobe = angular_gaussian,
 ) -> Float[Tensor, "pixels channels"]:
-    """sum_j I_j / d_j^2 G(w_j; q, sigma), differentiable in `lobe_centers` and `sigma` (not in `points`); the angular
-    lobe by a kernel on the CPU.
+    """Gather specular light of point sources, sum_j I_j / d_j^2 G(w_j; q, sigma).
+
+    Differentiable in `lobe_centers` and `sigma` (not in `points`); the angular lobe by a kernel on the CPU.
 
     Args:
         points: metres.
         lobe_centers: unit mirror directions q.
         sigma: lobe widths, radians, positive.
-        light_positions: metres.
-        intensities: radiant intensity, linear.
+        lights: all of them, seen or not.
         lobe: G.
     """
     if points.requires_grad:
-        raise ValueError("gather_glints: expected points without gradient (detach them), found points that require it")
+        raise ValueError(
+            "gather_specular: expected points without gradient (detach them), found points that require it"
+        )
     if points.device.type != "cpu" or lobe is not angular_gaussian:
-        return gather_glints_in_torch(points, lobe_centers, sigma, light_positions, intensities, lobe)
-    return _GatherGlints.apply(points, lobe_centers, sigma, light_positions, intensities)
+        return gather_specular_in_torch(points, lobe_centers, sigma, lights, lobe)
+    return _GatherSpecular.apply(points, lobe_centers, sigma, lights.positions_m, lights.intensities)
 
 
-def gather_glints_in_torch(
-    points: Tensor, lobe_centers: Tensor, sigma: Tensor, light_positions: Tensor, intensities: Tensor,
-    lobe: Lobe = angular_gaussian,
-) -> Tensor:  # fmt: skip
-    """`gather_glints` on any device, without the kernel."""
+def gather_specular_in_torch(
+    points: Tensor, lobe_centers: Tensor, sigma: Tensor, lights: PointLights, lobe: Lobe = angular_gaussian
+) -> Tensor:
+    """`gather_specular` on any device, without the kernel."""
     return sum_in_pieces(
-        lambda *piece: gather_glints_reference(*piece, light_positions, intensities, lobe),
+        lambda *piece: gather_specular_reference(*piece, lights.positions_m, lights.intensities, lobe),
         (points, lobe_centers, sigma),
-        len(light_positions),
+        len(lights),
     )
 
 
-class _GatherGlints(torch.autograd.Function):
+class _GatherSpecular(torch.autograd.Function):
     @staticmethod
     def forward(ctx, *inputs):
         inputs = [tensor.detach().contiguous() for tensor in inputs]
         ctx.save_for_backward(*inputs)
         out = torch.empty(len(inputs[0]), inputs[-1].shape[1])
-        _glints_forward(*(tensor.numpy() for tensor in inputs), out.numpy())
+        _specular_forward(*(tensor.numpy() for tensor in inputs), out.numpy())
         return out
 
     @staticmethod
@@ -86,7 +89,7 @@ class _GatherGlints(torch.autograd.Function):
         inputs = ctx.saved_tensors
         grad_centers, grad_sigma = torch.empty_like(inputs[1]), torch.empty_like(inputs[2])
         arrays = [tensor.numpy() for tensor in (*inputs, grad_out.contiguous())]
-        _glints_backward(*arrays, grad_centers.numpy(), grad_sigma.numpy())
+        _specular_backward(*arrays, grad_centers.numpy(), grad_sigma.numpy())
         return None, grad_centers, grad_sigma, None, None
 
 
@@ -97,7 +100,7 @@ NO_LIMIT = np.float32(-2.0)
 
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "nsz"})
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _glints_forward(points, centers, sigmas, lights, intensities, out):
+def _specular_forward(points, centers, sigmas, lights, intensities, out):
     for p in numba.prange(points.shape[0]):
         qx, qy, qz, sigma = centers[p, 0], centers[p, 1], centers[p, 2], sigmas[p]
         limit = math.cos(REACH * sigma) if REACH * sigma < math.pi else NO_LIMIT
@@ -119,7 +122,7 @@ def _glints_forward(points, centers, sigmas, lights, intensities, out):
 
 @numba.njit(parallel=True, cache=True, fastmath={"contract", "nsz"})
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _glints_backward(points, centers, sigmas, lights, intensities, grad_out, grad_centers, grad_sigma):
+def _specular_backward(points, centers, sigmas, lights, intensities, grad_out, grad_centers, grad_sigma):
     for p in numba.prange(points.shape[0]):
         qx, qy, qz, sigma = centers[p, 0], centers[p, 1], centers[p, 2], sigmas[p]
         limit = math.cos(REACH * sigma) if REACH * sigma < math.pi else NO_LIMIT

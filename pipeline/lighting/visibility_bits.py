@@ -1,19 +1,24 @@
-"""Visibility of every texel to every light, one bit each: traced once per pose, then any pattern costs no rays.
+"""Visibility of every texel to every light, one bit each.
+
+Traced once per pose, then any pattern costs no rays.
 
 A light's bits say which texels see it. Changing which lights are on, or how bright they are, then is a masked sum
-(`irradiance_from_bits`); only moving the mesh or a light calls for new rays.
+(`irradiance_from_bits`); only moving the mesh or a light calls for new rays. Bits may be kept in files, found again by
+what they were traced from: never stale, and safe to delete.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
 
+from pipeline.base.files import digest_bytes, read_arrays, write_arrays
 from pipeline.lighting.irradiance import IrradianceMap, Lights, exact_map, light_scene, unlit_map
 from pipeline.lighting.ray_kernels import add_seen_bits
-from pipeline.lighting.visibility import Occluders, Receivers, light_blocks
+from pipeline.lighting.visibility import LIGHT_CLEARANCE, ORIGIN_OFFSET, Occluders, Receivers, light_blocks
 
 RAY_NS, PAIR_NS, BIT_NS = 130.0, 2.0, 1.5
 """Cost of a shadow ray with its set-up, of adding a light at a point, and of adding it by its bit. Measured on two
@@ -43,7 +48,10 @@ def trace_bits(
     places: Float64[np.ndarray, "m 3"],
     distant: bool = False,
 ) -> VisibilityBits:
-    """Visibility of all points to all lights (`places`: positions, or directions of distant ones), lit or not."""
+    """Visibility of all points to all lights, lit or not.
+
+    `places` are their positions, or directions of distant ones.
+    """
     points, face_normals, places = (np.ascontiguousarray(a, np.float64) for a in (points, face_normals, places))
     receivers, count = Receivers(points, face_normals), len(points)
     bits, traced = np.zeros((len(places), (count + 7) // 8), np.uint8), 0
@@ -72,19 +80,19 @@ def irradiance_from_bits(
     scene = light_scene(occluders, points, face_normals, lights, normals)
     if scene is None:
         return unlit_map(len(points))
-    arrived, fallen = np.zeros(len(points)), np.zeros(len(points))
+    arrived, cosine_arrived = np.zeros(len(points)), np.zeros(len(points))
     for place, luminance, light in zip(
         scene.lights, scene.luminances, np.flatnonzero(lights.luminances > 0), strict=True
     ):
         add_seen_bits(
             scene.receivers.points, scene.normals, place, luminance, scene.distant, scene.least2,
-            visibility.bits[light], arrived, fallen,
+            visibility.bits[light], arrived, cosine_arrived,
         )  # fmt: skip
-    return exact_map(scene, arrived, fallen, 0, 0)
+    return exact_map(scene, arrived, cosine_arrived, 0, 0)
 
 
 def bits_are_cheaper(lights: int, lit: list[int], samples: int | None) -> bool:
-    """Whether bits pay for the patterns of one pose.
+    """Bits pay for the patterns of one pose.
 
     Args:
         lights: of the stage, all of which get bits.
@@ -94,3 +102,27 @@ def bits_are_cheaper(lights: int, lit: list[int], samples: int | None) -> bool:
     traced = sum(FACING * RAY_NS * (n if samples is None else samples) + PAIR_NS * n for n in lit)
     cached = FACING * RAY_NS * lights + sum(BIT_NS * n + PAIR_NS * n for n in lit)
     return cached < traced
+
+
+def visibility_key(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, places: np.ndarray) -> str:
+    """Digest of all that visibility depends on. Points and mesh, lights, and the offsets of the rays."""
+    offsets = np.array([ORIGIN_OFFSET, LIGHT_CLEARANCE])
+    parts = [np.ascontiguousarray(array, dtype) for array, dtype in (
+        (points, np.float64), (vertices, np.float64), (faces, np.int64), (places, np.float64), (offsets, np.float64)
+    )]  # fmt: skip
+    return digest_bytes(b"".join(str(part.shape).encode() + part.tobytes() for part in parts))
+
+
+def load_bits(folder: Path, key: str) -> VisibilityBits | None:
+    """The bits of that key, if they were kept."""
+    path = folder / f"{key}.safetensors"
+    if not path.is_file():
+        return None
+    arrays = read_arrays(path)
+    return VisibilityBits(arrays["bits"], int(arrays["points"][0]), int(arrays["points"][1]))
+
+
+def keep_bits(folder: Path, key: str, visibility: VisibilityBits) -> None:
+    """Write the bits under their key."""
+    counts = np.array([visibility.points, visibility.rays], np.int64)
+    write_arrays(folder / f"{key}.safetensors", {"bits": visibility.bits, "points": counts})

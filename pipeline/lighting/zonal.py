@@ -1,4 +1,4 @@
-"""Light from point sources, gathered by Legendre degree along a Gaussian's three axes (RFGCA 7-9).
+"""Light of point sources by Legendre degree along a Gaussian's axes (RFGCA 7-9).
 
 A transfer lobe that is zonal about axis a, with coefficients z_l, reflects from a light of direction w
 
@@ -17,10 +17,11 @@ from typing import no_type_check
 import numba
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
+from pipeline.lighting.point_lights import PointLights
 
 FAST_MATH = {"contract", "nsz", "arcp"}
 """Not "reassoc": numba optimises what it stores once more than what it has just compiled, and sums in another order
@@ -37,7 +38,7 @@ SMALLEST_DISTANCE2_M2 = np.float32(1e-8)
 
 
 def clamped_cosine_coefficients() -> Float[np.ndarray, "degrees"]:
-    """Zonal coefficients of max(0, cos) / pi, the Lambertian lobe: 2 pi integral_0^1 t P_l(t) dt / pi (Funk-Hecke)."""
+    """Zonal coefficients of max(0, cos) / pi, the Lambertian lobe. 2 pi integral_0^1 t P_l(t) dt / pi (Funk-Hecke)."""
     nodes, weights = np.polynomial.legendre.leggauss(DEGREES + 1)  # exact for polynomials to degree 2 * 10 - 1
     t, weight = (nodes + 1) / 2, weights / 2
     return 2 * np.stack([np.sum(weight * t * np.polynomial.Legendre.basis(n)(t)) for n in range(DEGREES)])
@@ -51,8 +52,10 @@ def gather_light_reference(
     seen: Tensor | None = None,
     degrees: int = DEGREES,
 ) -> Tensor:
-    """Slow twin of `gather_light` in plain torch, any float type, `seen` as a mask [points, lights]: its oracle,
-    forward and backward."""
+    """Slow twin of `gather_light` in plain torch: its oracle, forward and backward.
+
+    Any float type; `seen` is a mask [points, lights].
+    """
     to_light = light_positions - points[:, None]
     distance2 = to_light.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
     cosine = torch.einsum("pda,pnd->pna", axes, to_light / distance2.sqrt())
@@ -69,41 +72,33 @@ def gather_light_reference(
 def gather_light(
     points: Float[Tensor, "points 3"],
     axes: Float[Tensor, "points 3 3"],
-    light_positions: Float[Tensor, "lights 3"],
-    intensities: Float[Tensor, "lights channels"],
-    seen: UInt8[np.ndarray, "lights bytes"] | None = None,
+    lights: PointLights,
     degrees: int = DEGREES,
-) -> Float[Tensor, "points 3 {degrees} channels"]:
-    """Incident light per axis and degree, differentiable in `points` and `axes`; by a kernel on the CPU.
+) -> Float[Tensor, "points 3 {degrees} _"]:
+    """Gather incident light per axis and degree, differentiable in `points` and `axes`.
+
+    By a kernel on the CPU.
 
     Args:
         points: positions in the world, metres.
         axes: rotation matrices; column a is the axis of lobe a.
-        light_positions: metres.
-        intensities: radiant intensity, linear; one channel for white lights, three for coloured ones.
-        seen: row j has the points that see light j, packed as np.packbits does; not given: all of them do.
+        lights: with as many channels as the result.
         degrees: 0, 1 and so on to one less than this, at least 2.
     """
-    if seen is None:
-        seen = np.full((len(light_positions), (len(points) + 7) // 8), 255, np.uint8)
     if points.device.type != "cpu":
-        return gather_light_in_torch(points, axes, light_positions, intensities, seen, degrees)
-    return _GatherLight.apply(points, axes, light_positions, intensities, seen, degrees)
+        return gather_light_in_torch(points, axes, lights, degrees)
+    seen = lights.bits_for(len(points))
+    return _GatherLight.apply(points, axes, lights.positions_m, lights.intensities, seen, degrees)
 
 
-def gather_light_in_torch(
-    points: Tensor,
-    axes: Tensor,
-    light_positions: Tensor,
-    intensities: Tensor,
-    seen: np.ndarray,
-    degrees: int = DEGREES,
-) -> Tensor:
+def gather_light_in_torch(points: Tensor, axes: Tensor, lights: PointLights, degrees: int = DEGREES) -> Tensor:
     """`gather_light` on any device, without the kernel."""
+    sources = lights.positions_m, lights.intensities
+    mask = unpacked(lights.bits_for(len(points)), len(points), points.device)
     return sum_in_pieces(
-        lambda *piece: gather_light_reference(*piece[:2], light_positions, intensities, piece[2], degrees),
-        (points, axes, unpacked(seen, len(points), points.device)),
-        len(light_positions),
+        lambda *piece: gather_light_reference(*piece[:2], *sources, piece[2], degrees),
+        (points, axes, mask),
+        len(lights),
     )
 
 

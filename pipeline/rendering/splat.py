@@ -1,4 +1,6 @@
-"""Differentiable Gaussian splatting: on the CPU tiled, in parallel, the same numbers on every run; on a GPU by gsplat.
+"""Differentiable Gaussian splatting.
+
+On the CPU tiled, in parallel, the same numbers on every run; on a GPU by gsplat.
 
 The slow twin that says what it computes is `pipeline.rendering.splat_reference`; the conventions and their constants
 are in `pipeline.rendering.splat_conventions`. Tensors on a GPU go to `pipeline.rendering.splat_gsplat`.
@@ -20,7 +22,8 @@ from pipeline.rendering.blending_gradient_kernels import blend_backward
 from pipeline.rendering.blending_kernels import blend
 from pipeline.rendering.projection_gradient_kernels import project_backward
 from pipeline.rendering.projection_kernels import FOOTPRINT_COLUMNS, MOMENT_COLUMNS, TILE, project
-from pipeline.rendering.splat_conventions import MIN_DILATION_PX2, Splatted, check_splat_inputs
+from pipeline.rendering.splat_conventions import MIN_DILATION_PX2, Splatted
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, check_splat_arguments
 from pipeline.rendering.tile_kernels import depth_order, list_tiles
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -28,43 +31,19 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def splat(
-    means: Float[Tensor, "g 3"],
-    quaternions: Float[Tensor, "g 4"],
-    scales: Float[Tensor, "g 3"],
-    opacities: Float[Tensor, " g"],
-    features: Float[Tensor, "g d"],
-    R: Float[Tensor, "3 3"],
-    t: Float[Tensor, " 3"],
-    K: Float[Tensor, "3 3"],
-    width: int,
-    height: int,
-    *,
-    dilation_px2: float = 0.1,
-    compensate_opacity: bool = False,
-    near_m: float = 0.01,
-    median_depth: bool = False,
+    gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions = SplatOptions()
 ) -> Splatted:
-    """Splat Gaussians into one image, with gradients to the first five arguments.
+    """Splat Gaussians into one image, with gradients to the Gaussians and their features.
 
     On the CPU computed in float32, the projection in float64. Gaussians fainter than MIN_ALPHA everywhere (opacity 0:
     culled by the caller) cost next to nothing and have gradient 0. Memory of the backward pass: (d + 7) floats per
     Gaussian and 16 x 16 tile within its bounding box.
 
     Args:
-        means: world, m.
-        quaternions: (w, x, y, z) of any length; zero means no rotation.
-        scales: standard deviations along the rotated axes, m; may be zero.
-        opacities: in [0, 1].
+        gaussians: what is drawn.
         features: blended as they are; any number of channels.
-        R, t: camera from world, m. No gradient.
-        K: intrinsics in pixels without skew; the first pixel centre is (0.5, 0.5). No gradient.
-        width, height: of the image, pixels.
-        dilation_px2: variance added to every footprint, px^2. 0.3 is gsplat's; it makes texels about a pixel wide
-            cover each other.
-        compensate_opacity: make opacities smaller, so that the dilation spreads a footprint without adding to it; see
-            `pipeline.rendering.splat_conventions`.
-        near_m: Gaussians whose mean is nearer to the camera plane, or behind it, are not drawn.
-        median_depth: what `depth` is; see `Splatted`. Not on a GPU.
+        view: the camera; without gradient.
+        options: how the Gaussians are drawn.
 
     Returns:
         features [h, w, d], alpha [h, w] and depth [h, w]; see `Splatted`.
@@ -73,25 +52,17 @@ def splat(
         ValueError: for lengths or devices that differ, numbers that are not finite, a K with skew.
         InputError: for tensors on a GPU where gsplat is not installed, or with a median depth.
     """
-    tensors = {
-        "means": means,
-        "quaternions": quaternions,
-        "scales": scales,
-        "opacities": opacities,
-        "features": features,
-    }
-    check_splat_inputs({**tensors, "R": R, "t": t}, K, width, height, dilation_px2, near_m)
-    if means.device.type == "cuda":
+    check_splat_arguments(gaussians, features, view, options)
+    if gaussians.means.device.type == "cuda":
         from pipeline.rendering.splat_gsplat import splat_gsplat  # gsplat is only there where a GPU is
 
-        return splat_gsplat(
-            means, quaternions, scales, opacities, features, R, t, K, width, height, dilation_px2=dilation_px2,
-            compensate_opacity=compensate_opacity, near_m=near_m, median_depth=median_depth,
-        )  # fmt: skip
-    size = np.array([width, height], np.float64)
-    view = (*(_float64(a) for a in (R, t, K)), size, float(max(dilation_px2, MIN_DILATION_PX2)))
-    floats = [tensor.float() for tensor in tensors.values()]
-    return Splatted(*_Splat.apply(*floats, view, bool(compensate_opacity), float(near_m), bool(median_depth)))
+        return splat_gsplat(gaussians, features, view, options)
+    size = np.array([view.width, view.height], np.float64)
+    camera = (*(_float64(a) for a in (view.R, view.t, view.K)), size)
+    floats = [tensor.float() for tensor in (*gaussians.named().values(), features)]
+    dilation = float(max(options.dilation_px2, MIN_DILATION_PX2))
+    modes = (bool(options.compensate_opacity), float(options.near_m), bool(options.median_depth))
+    return Splatted(*_Splat.apply(*floats, (*camera, dilation), *modes))
 
 
 def _float64(tensor: Tensor) -> np.ndarray:

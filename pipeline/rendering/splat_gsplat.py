@@ -1,4 +1,6 @@
-"""Splatting on a GPU: `pipeline.rendering.splat.splat` by gsplat 1.5.3, with this project's conventions.
+"""Splatting on a GPU.
+
+`pipeline.rendering.splat.splat` by gsplat 1.5.3, with this project's conventions.
 
 gsplat and `pipeline.rendering.splat_conventions` agree on EWA projection with J held within 0.3 of the half width
 outside the image, pixel centres at 0.5, quaternions w first, the camera's z as depth and as order (ties by index), on
@@ -17,61 +19,48 @@ from torch import Tensor
 
 from pipeline.base.errors import InputError
 from pipeline.rendering.splat_conventions import MIN_DILATION_PX2, MIN_QUATERNION_NORM, Splatted
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
 
 FARTHEST_M = torch.finfo(torch.float32).max
 """gsplat's far plane: none."""
 
 
 def splat_gsplat(
-    means: Float[Tensor, "g 3"],
-    quaternions: Float[Tensor, "g 4"],
-    scales: Float[Tensor, "g 3"],
-    opacities: Float[Tensor, " g"],
-    features: Float[Tensor, "g d"],
-    R: Float[Tensor, "3 3"],
-    t: Float[Tensor, " 3"],
-    K: Float[Tensor, "3 3"],
-    width: int,
-    height: int,
-    *,
-    dilation_px2: float,
-    compensate_opacity: bool,
-    near_m: float,
-    median_depth: bool,
+    gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions
 ) -> Splatted:
-    """As `pipeline.rendering.splat.splat`, which checks the arguments; in float32.
+    """Splat by gsplat, in float32, as `splat` does, which checks the arguments.
 
     Raises:
         InputError: if gsplat is not installed, and for a median depth.
     """
-    if median_depth:
+    if options.median_depth:
         raise InputError("expected another depth than median on a GPU; set train_avatar.depth, or stay on the CPU")
     try:
         from gsplat import rasterization
     except ImportError as error:
         message = "expected gsplat for tensors on a GPU, found none; run pip install '.[gpu]', or stay on the CPU"
         raise InputError(message) from error
-    if len(means) == 0:
-        black = features.new_zeros(height, width, features.shape[1], dtype=torch.float32)
-        return Splatted(black, black.new_zeros(height, width), black.new_zeros(height, width))
-    view = torch.eye(4, device=means.device)
-    view[:3, :3], view[:3, 3] = R.detach(), t.detach()
+    if len(gaussians) == 0:
+        black = features.new_zeros(view.height, view.width, features.shape[1], dtype=torch.float32)
+        return Splatted(black, black.new_zeros(view.height, view.width), black.new_zeros(view.height, view.width))
+    camera_from_world = torch.eye(4, device=features.device)
+    camera_from_world[:3, :3], camera_from_world[:3, 3] = view.R.detach(), view.t.detach()
     images, alphas, _ = rasterization(
-        means=means.float(),
-        quats=_usable(quaternions.float()),
-        scales=scales.float(),
-        opacities=opacities.float(),
+        means=gaussians.means.float(),
+        quats=_usable(gaussians.quaternions.float()),
+        scales=gaussians.scales.float(),
+        opacities=gaussians.opacities.float(),
         colors=features.float(),
-        viewmats=view[None],
-        Ks=K.detach().float()[None],
-        width=width,
-        height=height,
-        near_plane=near_m,
+        viewmats=camera_from_world[None],
+        Ks=view.K.detach().float()[None],
+        width=view.width,
+        height=view.height,
+        near_plane=options.near_m,
         far_plane=FARTHEST_M,
-        eps2d=max(dilation_px2, MIN_DILATION_PX2),
+        eps2d=max(options.dilation_px2, MIN_DILATION_PX2),
         packed=False,
         render_mode="RGB+D",
-        rasterize_mode="antialiased" if compensate_opacity else "classic",
+        rasterize_mode="antialiased" if options.compensate_opacity else "classic",
     )
     return Splatted(images[0, ..., :-1], alphas[0, ..., 0], images[0, ..., -1])
 

@@ -1,4 +1,6 @@
-"""Slow, readable twin of `pipeline.rendering.splat`: every pixel against every Gaussian, gradients by autograd.
+"""Slow, readable twin of `pipeline.rendering.splat`.
+
+Every pixel against every Gaussian, gradients by autograd.
 
 It is the oracle of the kernels and may run in float64. Conventions: `pipeline.rendering.splat_conventions`.
 """
@@ -21,8 +23,8 @@ from pipeline.rendering.splat_conventions import (
     MIN_QUATERNION_NORM,
     MIN_TRANSMITTANCE,
     Splatted,
-    check_splat_inputs,
 )
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, check_splat_arguments
 
 PAIRS_AT_ONCE = 1 << 22
 """Pixels x Gaussians handled together: about 100 MB of float64 per intermediate with three components."""
@@ -49,45 +51,14 @@ class Footprints(NamedTuple):
 
 
 def splat_reference(
-    means: Float[Tensor, "g 3"],
-    quaternions: Float[Tensor, "g 4"],
-    scales: Float[Tensor, "g 3"],
-    opacities: Float[Tensor, " g"],
-    features: Float[Tensor, "g d"],
-    R: Float[Tensor, "3 3"],
-    t: Float[Tensor, " 3"],
-    K: Float[Tensor, "3 3"],
-    width: int,
-    height: int,
-    *,
-    dilation_px2: float = 0.1,
-    compensate_opacity: bool = False,
-    near_m: float = 0.01,
-    median_depth: bool = False,
+    gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions = SplatOptions()
 ) -> Splatted:
-    """Splat Gaussians into one image, in the dtype of `means`; otherwise as `pipeline.rendering.splat.splat`."""
-    gaussians = {
-        "means": means,
-        "quaternions": quaternions,
-        "scales": scales,
-        "opacities": opacities,
-        "features": features,
-    }
-    check_splat_inputs({**gaussians, "R": R, "t": t}, K, width, height, dilation_px2, near_m)
-    footprints = project_footprints(
-        means,
-        quaternions,
-        scales,
-        opacities,
-        *(a.detach().to(means.dtype) for a in (R, t, K)),
-        width,
-        height,
-        dilation_px2=dilation_px2,
-        compensate_opacity=compensate_opacity,
-        near_m=near_m,
-    )
+    """Splat Gaussians into one image, in the dtype of their means. Otherwise as `pipeline.rendering.splat.splat`."""
+    check_splat_arguments(gaussians, features, view, options)
+    footprints = project_footprints(gaussians, view.to(gaussians.means.dtype), options)
+    width, height, median_depth = view.width, view.height, options.median_depth
     channels = torch.cat([features[footprints.index], footprints.depth_m[:, None]], dim=1)
-    pixels = pixel_centers(width, height).to(means.dtype)
+    pixels = pixel_centers(width, height).to(gaussians.means.dtype)
     blended, alpha = [], []
     for chunk in pixels.split(max(1, PAIRS_AT_ONCE // max(1, len(channels)))):
         weights, transmittance = blend_weights(footprint_alphas(footprints, chunk))
@@ -103,7 +74,9 @@ def splat_reference(
 
 
 def middle_depth(weights: Float[Tensor, "p v"], depth_m: Float[Tensor, " v"]) -> Float[Tensor, " p"]:
-    """Depth of the last Gaussian drawn that more than MEDIAN_TRANSMITTANCE of the light comes to; 0 without any.
+    """Median depth: that of the last Gaussian drawn that enough of the light comes to.
+
+    More than MEDIAN_TRANSMITTANCE; 0 without any Gaussian.
 
     What comes to Gaussian i is what the ones before it let through, 1 - sum of their weights.
     """
@@ -122,7 +95,7 @@ def pixel_centers(width: int, height: int) -> Float64[Tensor, "pixels 2"]:
 
 
 def rotations_from_quaternions(quaternions: Float[Tensor, "g 4"]) -> Float[Tensor, "g 3 3"]:
-    """Rotation matrices of (w, x, y, z) quaternions of any length; a zero quaternion is no rotation."""
+    """Rotation matrices of (w, x, y, z) quaternions of any length. A zero quaternion is no rotation."""
     norm_squared = (quaternions**2).sum(dim=1, keepdim=True)
     usable = norm_squared > MIN_QUATERNION_NORM**2
     unit = torch.where(usable, quaternions, torch.zeros_like(quaternions))
@@ -136,36 +109,25 @@ def rotations_from_quaternions(quaternions: Float[Tensor, "g 4"]) -> Float[Tenso
     return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
 
 
-def project_footprints(
-    means: Float[Tensor, "g 3"],
-    quaternions: Float[Tensor, "g 4"],
-    scales: Float[Tensor, "g 3"],
-    opacities: Float[Tensor, " g"],
-    R: Float[Tensor, "3 3"],
-    t: Float[Tensor, " 3"],
-    K: Float[Tensor, "3 3"],
-    width: int,
-    height: int,
-    *,
-    dilation_px2: float,
-    compensate_opacity: bool,
-    near_m: float,
-) -> Footprints:
-    """Perspective projection of the means, its Jacobian there applied to the Gaussians' factors, sorted by depth."""
-    dilation_px2 = max(dilation_px2, MIN_DILATION_PX2)
+def project_footprints(gaussians: Gaussians, view: CameraView, options: SplatOptions) -> Footprints:
+    """Project means in perspective, and factors by its Jacobian there; sorted by depth."""
+    means, R, t, K = gaussians.means, view.R, view.t, view.K
+    dilation_px2 = max(options.dilation_px2, MIN_DILATION_PX2)
     depth64 = means.detach().double() @ R[2].double() + t[2].double()
     order = torch.argsort(depth64.float(), stable=True)
-    order = order[depth64[order] >= near_m]
+    order = order[depth64[order] >= options.near_m]
     x, y, z = (means[order] @ R.T + t).unbind(dim=1)
     focal, principal = torch.stack([K[0, 0], K[1, 1]]), torch.stack([K[0, 2], K[1, 2]])
     slope = torch.stack([x / z, y / z], dim=1)
-    size = torch.tensor([width, height], dtype=means.dtype)
+    size = torch.tensor([view.width, view.height], dtype=means.dtype)
     margin = FRUSTUM_MARGIN * 0.5 * size / focal
     clamped = torch.minimum(torch.maximum(slope, -principal / focal - margin), (size - principal) / focal + margin)
     jacobian = torch.cat([torch.diag_embed(focal / z[:, None]), (-focal * clamped / z[:, None])[:, :, None]], dim=2)
-    factor = (jacobian @ R @ rotations_from_quaternions(quaternions[order])) * scales[order][:, None, :]
-    opacity = opacities[order]
-    if compensate_opacity:
+    factor = (jacobian @ R @ rotations_from_quaternions(gaussians.quaternions[order])) * gaussians.scales[order][
+        :, None, :
+    ]
+    opacity = gaussians.opacities[order]
+    if options.compensate_opacity:
         area_squared = (torch.linalg.cross(factor[:, 0], factor[:, 1]) ** 2).sum(dim=1)
         visible = area_squared > 0
         area = torch.where(visible, torch.sqrt(torch.where(visible, area_squared, torch.ones_like(z))), 0 * z)
@@ -180,7 +142,9 @@ def _determinant(factor: Float[Tensor, "v 2 3"], dilation_px2: float) -> Float[T
 
 
 def footprint_alphas(footprints: Footprints, pixels: Float[Tensor, "p 2"]) -> Float[Tensor, "p v"]:
-    """opacity exp(-q / 2) of every Gaussian at every pixel, before the limits MAX_ALPHA and MIN_ALPHA.
+    """Opacity exp(-q / 2) of every Gaussian at every pixel.
+
+    Before the limits MAX_ALPHA and MIN_ALPHA.
 
     q = d^T adj(covariance) d / det, and the numerator is |a d_y - b d_x|^2 + dilation |d|^2: again no cancellation.
     """
@@ -193,7 +157,7 @@ def footprint_alphas(footprints: Footprints, pixels: Float[Tensor, "p 2"]) -> Fl
 
 
 def blend_weights(alphas: Float[Tensor, "p v"]) -> tuple[Float[Tensor, "p v"], Float[Tensor, " p"]]:
-    """Front-to-back blending weights w_i = alpha_i T_i and the transmittance left behind the last Gaussian.
+    """Front-to-back blending weights w_i = alpha_i T_i, and the transmittance left at the end.
 
     Args:
         alphas: as `footprint_alphas` returns them, front to back.

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.avatar.pose import texel_spacing
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_json

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.avatar.relighting.driving_sequence import Drives, read_poses
+from pipeline.avatar.frames.prepared import PreparedFrame
+from pipeline.avatar.relighting.driving_sequence import DrivingSequence, read_poses
 from pipeline.avatar.relighting.driving_tables import code_table
 from pipeline.avatar.relighting.film import Relighter, view_independent_color
 from pipeline.avatar.relighting.light_sources import ListedLights, TurningSky
@@ -75,38 +76,38 @@ def run(
     if (environment is None) == (lights is None):
         raise InputError("expected either --environment or --lights, found both or neither; name one light")
     relighter = Relighter(load_avatar(avatar, atlas), TraceIrradiance(samples=settings.shadow_samples))
-    drives = Drives(relighter, read_poses(relighter, tracking, textures, index, settings), settings)
-    path, codes = camera_path(drives, cameras, keyframes, settings), []
+    sequence = DrivingSequence(relighter, read_poses(relighter, tracking, textures, index, settings), settings)
+    path, codes = camera_path(sequence, cameras, keyframes, settings), []
     if environment is None:
         light = ListedLights(relighter, read_light_list(lights))
     else:
-        light = TurningSky(relighter, read_environment(environment), settings, drives.pictures)
+        light = TurningSky(relighter, read_environment(environment), settings, sequence.pictures)
 
     def show() -> Iterator[np.ndarray]:
-        driven, lit = None, {}
-        for picture in progress(range(drives.pictures), "pictures"):
-            driver = drives.at(picture)
-            codes.append(driver.code)
-            if driver is not driven or not light.still:
-                driven, lit = driver, light.frame(driver, picture)
+        driven, shaded = None, None
+        for picture in progress(range(sequence.pictures), "pictures"):
+            signal = sequence.at(picture)
+            codes.append(signal.code)
+            if signal is not driven or not light.still:
+                driven, shaded = signal, light.frame(signal, picture)
             if settings.splats == "all" or (settings.splats == "first" and picture == 0):
-                write_splats(folder / f"splats/{picture:06d}.ply", splats_of(lit, settings.exposure))
-            rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(lit, path[picture]))
+                write_splats(folder / f"splats/{picture:06d}.ply", splats_of(shaded, settings.exposure))
+            rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(shaded, path[picture]))
             yield write_stills(folder / "stills", picture, rgb, alpha, light.behind(path[picture], picture), settings)
 
     with written_whole(out) as folder:
         folder.mkdir()
         write_video(folder / "film.mp4", show(), settings.fps)
-        write_table(folder / "pictures.parquet", picture_table(drives, path))
+        write_table(folder / "pictures.parquet", picture_table(sequence, path))
         if relighter.avatar.spec.head:
             write_table(folder / "codes.csv", code_table(np.stack(codes)))
-    log.info("%d pictures of %d tracked frames in %s", drives.pictures, len(drives.frames), out)
+    log.info("%d pictures of %d tracked frames in %s", sequence.pictures, len(sequence.frames), out)
 
 
-def camera_path(drives: Drives, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar) -> list[Camera]:
-    """Cameras of the pictures, one each.
-
-    They go through keyframes, through calibrated cameras, or around the subject.
+def camera_path(
+    sequence: DrivingSequence, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar
+) -> list[Camera]:
+    """One camera per picture: through keyframes, through calibrated cameras, or around the subject.
 
     Raises:
         InputError: for two paths at once, unknown cameras, or a centre that is no point.
@@ -114,19 +115,19 @@ def camera_path(drives: Drives, cameras: Path | None, keyframes: Path | None, se
     if keyframes is not None and settings.camera_names:
         raise InputError("expected either --keyframes or --camera-names, found both; name one path")
     if keyframes is not None:
-        return through_keyframes(keyframes, settings.width, settings.height, drives.pictures)
+        return through_keyframes(keyframes, settings.width, settings.height, sequence.pictures)
     if settings.camera_names:
         known = read_cameras(cameras) if cameras is not None else {}
         unknown = [name for name in settings.camera_names if name not in known]
         if unknown:
             raise InputError(f"--camera-names: expected cameras of {cameras}: {listed(known)}; found {listed(unknown)}")
-        return through_cameras([known[name] for name in settings.camera_names], settings.height, drives.pictures)
+        return through_cameras([known[name] for name in settings.camera_names], settings.height, sequence.pictures)
     if len(settings.orbit_center) not in (0, 3):
         raise InputError(f"--orbit-center: expected three numbers, found {settings.orbit_center}")
-    center = np.array(settings.orbit_center, np.float64) if settings.orbit_center else drives.middle()
+    center = np.array(settings.orbit_center, np.float64) if settings.orbit_center else sequence.middle()
     return orbit(
         center, settings.orbit_radius, settings.orbit_rise, settings.orbit_turns, settings.fov_y_degrees,
-        settings.width, settings.height, drives.pictures,
+        settings.width, settings.height, sequence.pictures,
     )  # fmt: skip
 
 
@@ -144,17 +145,17 @@ def write_stills(
     return shown
 
 
-def splats_of(frame: dict, exposure: float) -> Splats:
+def splats_of(frame: PreparedFrame, exposure: float) -> Splats:
     """The frame's Gaussians with the colour that all sides share."""
-    rgb = exposure * view_independent_color(frame)
-    names = ("opacities", "scales", "quaternions")
-    return Splats(frame["means"], frame["normals"], rgb, *(frame[name] for name in names))
+    rgb, gaussians = exposure * view_independent_color(frame), frame.gaussians
+    shapes = (gaussians.opacities, gaussians.scales, gaussians.quaternions)
+    return Splats(gaussians.means, frame.surface.posed.normals, rgb, *shapes)
 
 
-def picture_table(drives: Drives, path: list[Camera]) -> pd.DataFrame:
+def picture_table(sequence: DrivingSequence, path: list[Camera]) -> pd.DataFrame:
     """Picture, its tracked frame if there are any, and the camera's centre in metres."""
-    shown = [drives.pose_of(picture) for picture in range(drives.pictures)]
-    frames = {"frame": drives.frames[shown]} if len(drives.frames) else {}
+    shown = [sequence.pose_of(picture) for picture in range(sequence.pictures)]
+    frames = {"frame": sequence.frames[shown]} if len(sequence.frames) else {}
     centers = np.stack([camera.center for camera in path])
     return pd.DataFrame({"picture": np.arange(len(path)), **frames, **dict(zip("xyz", centers.T, strict=True))})
 

@@ -87,7 +87,7 @@ def run(
         folder.mkdir()
         for row, traced in zip(rows, progress(pool.map(trace, rows.tolist()), "frames", len(rows)), strict=True):
             frame, path = int(chunk.frames[row]), folder / f"{int(chunk.frames[row]):06d}.exr"
-            maps = {"Y": traced.values, "falling": traced.falling, "error": traced.error}
+            maps = {"Y": traced.values, "falling": traced.cosine_visibility, "error": traced.error}
             images = {name: texels.to_map(values) for name, values in maps.items()}
             write_exr(path, images)
             table.append({**describe(frame, traced, stage, texels), "digest": digest_file(path)})

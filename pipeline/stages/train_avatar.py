@@ -18,14 +18,16 @@ from pathlib import Path
 import pandas as pd
 import torch
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import AvatarSpec, read_plan, spec_of
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.spec.planned import read_plan, resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
 from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule, chosen_images
-from pipeline.avatar.training.training_log import Monitor
+from pipeline.avatar.training.training_log import TrainingLog
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, write_table
@@ -80,7 +82,7 @@ def run(
         inputs = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
         planned = read_plan(effects)
         is_head = any(frame.record.head_from_world is not None for frame in inputs.values())
-        spec = spec_of(settings, planned, "head" if is_head else "body")
+        spec = resolve_spec(settings, planned, "head" if is_head else "body")
         if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in inputs.values()):
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
         if spec.eyes and fitted_eyes is None:
@@ -99,7 +101,7 @@ def run(
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
         training = Training(avatar, settings, processes, subject)
         done = train(subject, training, images, chosen, inputs, out, fingerprint)
-        if processes.leads:
+        if processes.is_main:
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
             facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
@@ -133,8 +135,8 @@ def train(
         log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
     schedule = Schedule(subject, images.table.frame.iloc[chosen].tolist(), settings.cameras_per_step)
     steps, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
-    with StopRequests() as stop, monitor_of(out, images, chosen, frames, training, at) as monitor:
-        for step in progress(steps, "train_avatar") if processes.leads else steps:
+    with StopRequests() as stop, open_log(out, images, chosen, frames, training, at) as training_log:
+        for step in progress(steps, "train_avatar") if processes.is_main else steps:
             batch = [chosen[i] for i in schedule[step]]
             mine, frame = [images[i] for i in processes.share(batch)], frames[int(images.table.frame[batch[0]])]
             try:
@@ -144,8 +146,8 @@ def train(
                 names = ", ".join(f"{row.camera}/{row.frame}" for row in images.table.iloc[batch].itertuples())
                 raise InputError(f"step {step}, {names}: {error}; before it: {out / BROKEN}") from error
             at.step, at.seconds = step + 1, before + time.monotonic() - started
-            if monitor:
-                monitor.see(step, at, values, training.avatar)
+            if training_log:
+                at.rows += training_log.record(step, at.seconds, values, training.avatar)
             if at.step < settings.steps and (stopping or at.step % settings.checkpoint_every == 0):
                 write_state(training, out / CHECKPOINT, at, fingerprint)
                 if stopping:
@@ -168,26 +170,20 @@ def require_same_start(step: int, processes: Processes) -> None:
         )
 
 
-def monitor_of(
+def open_log(
     out: Path, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], training: Training, at: Position
-) -> AbstractContextManager[Monitor | None]:
-    """Leader's view of the training: the middle one of its images.
-
-    It is a fully lit one if there is any.
-    """
-    if not training.processes.leads:
+) -> AbstractContextManager[TrainingLog | None]:
+    """The main process' log of the training, with previews of its middle image, a fully lit one if there is any."""
+    if not training.processes.is_main:
         return nullcontext()
     shown = [i for i in chosen if images.table.fully_lit.iloc[i]] or chosen
     image = images[shown[len(shown) // 2]]
-    return Monitor(out, image, frames[image.frame], training.settings, at.step)
+    return TrainingLog(out, image, frames[image.frame], training.settings, at.step)
 
 
 def write_state(training: Training, path: Path, at: Position, fingerprint: str) -> None:
-    """Write the state, by the leader; all go on once it has.
-
-    So none ends before, which would end the others, too.
-    """
-    if training.processes.leads:
+    """Write in the main process; all go on once it has, so that none ends, and has the others ended, before."""
+    if training.processes.is_main:
         training.save(path, at, fingerprint)
     training.processes.wait()
 

@@ -15,6 +15,7 @@ import torch
 
 from pipeline.rendering.splat import splat
 from pipeline.rendering.splat_conventions import MAX_ALPHA, MIN_ALPHA, MIN_DILATION_PX2
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
 from tests.support.results.hard_case import HardCase, worst
 
 SIZE, FOCAL, DEPTH_M, OPACITY = 24, 60.0, 2.0, 0.7
@@ -77,7 +78,8 @@ def test_needles_of_rank_1(case: HardCase, long_px: float, wide_px: float, dilat
         torch.tensor([OPACITY], requires_grad=True), torch.ones(1, 1, requires_grad=True),
     )  # fmt: skip
     K = torch.tensor([[FOCAL, 0, SIZE / 2], [0, FOCAL, SIZE / 2], [0, 0, 1]])
-    found = splat(*gaussian, torch.eye(3), torch.zeros(3), K, SIZE, SIZE, dilation_px2=dilation)
+    view = CameraView(torch.eye(3), torch.zeros(3), K, SIZE, SIZE)
+    found = splat(Gaussians(*gaussian[:4]), gaussian[4], view, SplatOptions(dilation_px2=dilation))
     slopes = torch.autograd.grad(found.alpha.sum(), gaussian[:4])
     assert all(torch.isfinite(slope).all() for slope in slopes)
     used = max(dilation, MIN_DILATION_PX2)

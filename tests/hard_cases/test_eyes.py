@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -10,12 +11,16 @@ import pytest
 import torch
 
 from benchmarks.mirror_glints import project
-from pipeline.avatar.eyes.eye_glints import GRAZING, PIXEL_STD, mirror_pixels, trace_spheres
-from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.shading import shade_specular
-from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS
+from pipeline.avatar.appearance.glossy import shade_specular
+from pipeline.avatar.appearance.penalties import ROUGHNESS_BOUNDS
+from pipeline.avatar.eyes.corneal_reflections import GRAZING, PIXEL_STD, mirror_pixels, trace_spheres
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import LidOcclusion, PosedEyes, Shading, ViewedParameters
+from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.eyes.eye_shape import EyeShape, eye_surface, turn_to
 from pipeline.lighting.lobes import LOBE_CONSTANT
+from pipeline.lighting.point_lights import PointLights
+from pipeline.rendering.splat_types import CameraView
 from tests.support.avatars.eyeballs import (
     AHEAD,
     CENTERS,
@@ -153,12 +158,11 @@ def test_closed_lids(case: HardCase) -> None:
     avatar = make_avatar(atlas, make_eyes())
     frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, np.array([[0.1, 0.1, 1.5]]))))
     eyes = avatar.eyes.chosen
-    _, layer = avatar.eyes.split_mirrors(frame, avatar.log_roughness.exp(), torch.sigmoid(avatar.visibility))
-    light = torch.cat([frame["lids"].opening, frame["diffuse"][eyes].flatten(), layer[eyes].flatten()])
+    _, layer = avatar.eyes.split_mirrors(frame.eyes, avatar.built.specular.samples(frame, ViewedParameters()))
+    light = torch.cat([frame.eyes.lids.opening, frame.shading.diffuse[eyes].flatten(), layer[eyes].flatten()])
     image = make_image(np.array([0.0, 0.01, 1.0]), np.array([0.0, 0.01, 0.07]), 1.0, 96)
-    camera = [torch.tensor(array, dtype=torch.float32) for array in (image.R, image.t, image.K)]
-    picture = avatar.view(frame, *camera, 96, 96)
-    gradients = torch.autograd.grad(picture["rgb"].sum() + light.sum(), [avatar.eyes.shift, avatar.log_roughness])
+    picture = avatar.view(frame, camera_view(image))
+    gradients = torch.autograd.grad(picture.rgb.sum() + light.sum(), [avatar.eyes.shift, avatar.log_roughness])
     finite = all(torch.isfinite(gradient).all() for gradient in gradients)
     case.check(light.detach().abs().max(), 0.0, 0.0 if finite else math.nan, 0.0)
     case.naive_fails((layer[eyes, 1].sum() / layer[eyes, 0].sum()).item())  # blended roughness over blended visibility
@@ -171,9 +175,10 @@ def test_light_exactly_in_the_mirror_direction(case: HardCase, sigma: float) -> 
     at, width = cornea.clone().requires_grad_(), torch.tensor([[[0.5, 0.5 * sigma]]], requires_grad=True)
     K = torch.tensor([[focal, 0, 0.5], [0, focal, 0.5], [0, 0, 1.0]])
     R = torch.diag(torch.tensor([1.0, -1.0, -1.0]))
-    _, _, *mirror = mirror_pixels(width, (at, torch.tensor([radius])), R, center, K)
+    eyes = PosedEyes(torch.eye(3)[None], at, torch.tensor([radius]), LidOcclusion(torch.ones(1), None))
+    mirror = mirror_pixels(width, eyes, CameraView(R, center, K, 1, 1))[2]
     light, power = torch.tensor([[0.0, 0.0, 0.5]]), torch.full((1, 1), 3.0)
-    out = shade_specular(*mirror, center, light, power)
+    out = shade_specular(mirror, center, PointLights(light, power))
     by_place, by_layer = torch.autograd.grad(out.sum(), (at, width))
     with mpmath.workdps(40):
         far = 1 - mpmath.mpf(radius)
@@ -200,9 +205,8 @@ def test_light_behind_the_head(case: HardCase) -> None:
     avatar = make_avatar(atlas, make_eyes())
     frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, np.array([[0.0, 0.01, -1.2]]))))
     image = make_image(np.array([0.0, 0.01, 1.2]), np.array([0.0, 0.01, 0.07]), 0.5, 200)
-    camera = [torch.tensor(array, dtype=torch.float32) for array in (image.R, image.t, image.K)]
-    frame["diffuse"] = torch.zeros_like(frame["diffuse"])
-    rgb = avatar.view(frame, *camera, 200, 200)["rgb"]
+    unlit = replace(frame, shading=Shading(torch.zeros_like(frame.shading.diffuse)))
+    rgb = avatar.view(unlit, camera_view(image)).rgb
     gradients = torch.autograd.grad(rgb.sum(), [avatar.eyes.shift, avatar.eyes.growth, avatar.log_roughness])
     finite = all(torch.isfinite(gradient).all() for gradient in gradients)
     places = [project(image, center).astype(int) for center in CENTERS.values()]

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.shading import arriving_light, gather_harmonics
+from pipeline.lighting.distant import arriving_light, gather_harmonics
 from pipeline.lighting.environment_sh import spherical_harmonics
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, gather_light
 from tests.support.results.hard_case import HardCase, worst
 
@@ -90,7 +91,7 @@ def test_light_exactly_along_an_axis(case: HardCase, along: int) -> None:
     """P_l(1) = 1 and P_l'(1) = l (l + 1) / 2; at -1 with alternating signs."""
     axes = torch.eye(3)[None].clone().requires_grad_()
     light, power = torch.tensor([[0.0, 0.0, 2.0 * along]]), torch.tensor([[8.0]])
-    found = gather_light(torch.zeros(1, 3), axes, light, power)
+    found = gather_light(torch.zeros(1, 3), axes, PointLights(light, power))
     values, slopes = found[0, 2, :, 0], []
     for degree in range(DEGREES):
         (slope,) = torch.autograd.grad(values[degree], axes, retain_graph=True)
@@ -110,7 +111,7 @@ def test_light_across_all_degrees_beside_an_axis(case: HardCase) -> None:
     """Where P_8 is steepest."""
     axes = torch.eye(3)[None]
     light = torch.tensor([[0.3, -0.2, 2.0]])
-    found = gather_light(torch.zeros(1, 3), axes, light, torch.ones(1, 1))[0, 2, :, 0]
+    found = gather_light(torch.zeros(1, 3), axes, PointLights(light, torch.ones(1, 1)))[0, 2, :, 0]
     exact_light = [mpmath.mpf(x) for x in light[0].tolist()]
     distance2 = sum(x * x for x in exact_light)
     cosine = exact_light[2] / mpmath.sqrt(distance2)
@@ -122,7 +123,7 @@ def test_light_across_all_degrees_beside_an_axis(case: HardCase) -> None:
 def test_no_light_one_light_and_lights_in_one_place(case: HardCase, count: int) -> None:
     points = torch.tensor([[0.1, 0.0, -0.2]], requires_grad=True)
     place, shares = torch.tensor([[1.0, 2.0, 2.0]]).repeat(count, 1), torch.arange(1.0, count + 1)[:, None]
-    found = gather_light(points, torch.eye(3)[None], place, shares)[0, 2, 3, 0]
+    found = gather_light(points, torch.eye(3)[None], PointLights(place, shares))[0, 2, 3, 0]
     (slope,) = torch.autograd.grad(found, points)
 
     def exact(x: mpmath.mpf, y: mpmath.mpf, z: mpmath.mpf) -> mpmath.mpf:
@@ -140,7 +141,9 @@ def test_all_lights_on_one_side(case: HardCase) -> None:
     """A ring of lights far to one side is one light there; the other side's odd degrees are negative, not empty."""
     around = 2 * np.pi * np.arange(64) / 64
     ring = torch.tensor(np.stack([np.full(64, 1e4), np.cos(around), np.sin(around)], 1), dtype=torch.float32)
-    found = gather_light(torch.zeros(1, 3), torch.eye(3)[None], ring, torch.full((64, 1), 1e8 / 64))[0, 0, :, 0]
+    found = gather_light(torch.zeros(1, 3), torch.eye(3)[None], PointLights(ring, torch.full((64, 1), 1e8 / 64)))[
+        0, 0, :, 0
+    ]
     case.check(worst(found, (2 * np.arange(DEGREES) + 1) / (4 * np.pi)), FLOAT32)
 
 
@@ -149,9 +152,11 @@ def test_a_light_on_the_texel_itself(case: HardCase, gather: str) -> None:
     """Lights nearer than a tenth of a millimetre count as that near: strong, and finite."""
     place, light, power = torch.zeros(1, 3), torch.zeros(1, 3), torch.ones(1, 1)
     found = {
-        "zonal": lambda: 4 * math.pi * gather_light(place, torch.eye(3)[None], light, power)[0, 2, 0, 0],
-        "harmonics": lambda: math.sqrt(4 * math.pi) * gather_harmonics(place, torch.eye(3), light, power)[0, 0, 0],
-        "arriving": lambda: arriving_light(place, light, power)[0, 0],
+        "zonal": lambda: 4 * math.pi * gather_light(place, torch.eye(3)[None], PointLights(light, power))[0, 2, 0, 0],
+        "harmonics": lambda: (
+            math.sqrt(4 * math.pi) * gather_harmonics(place, torch.eye(3), PointLights(light, power))[0, 0, 0]
+        ),
+        "arriving": lambda: arriving_light(place, PointLights(light, power))[0, 0],
     }[gather]()
     case.check(worst(found, 1 / float(SMALLEST_DISTANCE2_M2)), FLOAT32)
     case.naive_fails((power / (light - place).square().sum()).item())

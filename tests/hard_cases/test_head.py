@@ -9,17 +9,21 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.expression_vae import LARGEST_LOG_VARIANCE, Latent, standard_divergence
-from pipeline.avatar.head_networks import LARGEST_FACTOR
+from pipeline.avatar.appearance.glossy import GlossySamples, shade_specular
+from pipeline.avatar.appearance.penalties import ROUGHNESS_BOUNDS, negative
+from pipeline.avatar.appearance.transfer import UNTURNED_SCALE, shade_harmonics, start_harmonics
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import LARGEST_LOG_VARIANCE, Latent
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.shading import UNTURNED_SCALE, shade_harmonics, shade_specular, start_harmonics
-from pipeline.avatar.spec import spec_of
-from pipeline.avatar.training.checkpoint import camera_tensors
-from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS, negative
+from pipeline.avatar.networks.expression_vae import standard_divergence
+from pipeline.avatar.networks.head_networks import LARGEST_FACTOR
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
+from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.lobes import LOBE_CONSTANT, angle_between, cosine_gaussian, unit
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import DEGREES, clamped_cosine_coefficients
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 from tests.support.results.hard_case import HardCase, worst
@@ -85,7 +89,7 @@ def test_latent_far_outside_the_training_set(case: HardCase, anchors: str, dista
     atlas = make_sheet(8)
     torch.manual_seed(0)
     settings = SETTINGS.model_copy(update={"anchors": anchors})
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"near_field", "specular"}))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, {"near_field", "specular"}))
     for name, parameter in avatar.networks.named_parameters():
         if name.endswith("original0"):
             torch.nn.init.ones_(parameter)  # output layers start at zero
@@ -94,15 +98,15 @@ def test_latent_far_outside_the_training_set(case: HardCase, anchors: str, dista
     code = distance * unit(torch.tensor([[1.0, -2.0, 0.5]]))[0]
     code = torch.cat([code, code.new_zeros(1)]).requires_grad_()
     prepared = avatar.prepare(FrameInputs(atlas, frame), code=code)
-    picture = avatar.view(prepared, *camera_tensors(image), image.width, image.height)["rgb"]
+    picture = avatar.view(prepared, camera_view(image)).rgb
     slope = torch.autograd.grad(picture.sum(), code, allow_unused=True)[0]
     not_finite = sum(int((~torch.isfinite(tensor)).sum()) for tensor in (picture, slope))
-    ratio = (prepared["scales"].log() - avatar.log_scale).abs().max().item()
+    ratio = (prepared.gaussians.scales.log() - avatar.log_scale).abs().max().item()
     excess = max(0.0, ratio / math.log(LARGEST_FACTOR) - 1)
     case.check(excess if not not_finite else math.nan, 1e-5, 0.0 if not not_finite else math.nan, 0)
     if distance >= 1e4:
         unbounded = avatar.networks.decoder.decoder(code)[:, 7:10]  # log scales follow offset and rotation
-        case.naive_fails(worst((avatar.log_scale + unbounded).exp(), prepared["scales"], 1.0))
+        case.naive_fails(worst((avatar.log_scale + unbounded).exp(), prepared.gaussians.scales, 1.0))
 
 
 def exact_cosine_gaussian(p: list, q: list, sigma: float) -> mpmath.mpf:
@@ -165,7 +169,8 @@ def test_light_exactly_in_the_mirror_direction_at_the_smallest_roughness(case: H
     light = torch.tensor([[-3.0 * math.sin(tilt), 0.0, 3.0 * math.cos(tilt)]])
     normal = torch.tensor([Z], requires_grad=True)
     sigma = torch.tensor([SMALLEST], requires_grad=True)
-    glint = shade_specular(place, normal, sigma, torch.tensor([0.5]), camera, light, torch.tensor([[7.0]]))
+    samples = GlossySamples(place, normal, sigma, torch.tensor([0.5]))
+    glint = shade_specular(samples, camera, PointLights(light, torch.tensor([[7.0]])))
     by_normal, by_sigma = torch.autograd.grad(glint.sum(), (normal, sigma))
     width, cosine = mpmath.mpf(sigma.item()), mpmath.cos(mpmath.mpf(tilt))
     fresnel = 1 + (1 / mpmath.mpf(0.04) - 1) * (1 - cosine) ** 5

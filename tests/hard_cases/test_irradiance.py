@@ -42,7 +42,7 @@ def traced(places: np.ndarray, luminances: np.ndarray | None = None, **options: 
 
 def check_range(case: HardCase, result: IrradianceMap) -> None:
     """How far beyond [0, 1] the maps reach."""
-    for values in (result.values, result.falling):
+    for values in (result.values, result.cosine_visibility):
         assert values.min() >= 0
         case.check(max(values.max() - 1, 0.0), ROUNDING)
 
@@ -200,8 +200,8 @@ def test_shared_rays_stay_finite_under_extreme_weights() -> None:
             lights = Lights(places, np.array(weights))
             scene = light_scene(Occluders(vertices, faces), points, normals, lights, None)
             result = share_rays(scene, samples, Neighbours(atlas))
-            for values in (result.values, result.falling, result.error):
+            for values in (result.values, result.cosine_visibility, result.error):
                 assert np.isfinite(values).all(), sampling
                 assert values.min() >= 0
-            assert max(result.values.max(), result.falling.max()) <= 1 + ROUNDING
-            assert result.values[3] == result.falling[3] == 0
+            assert max(result.values.max(), result.cosine_visibility.max()) <= 1 + ROUNDING
+            assert result.values[3] == result.cosine_visibility[3] == 0

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.training.losses import ROUGHNESS_BOUNDS
+from pipeline.avatar.appearance.penalties import ROUGHNESS_BOUNDS
 from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_NORM, angle_between, angular_gaussian, unit
-from pipeline.lighting.specular_lobes import gather_glints
+from pipeline.lighting.point_lights import PointLights
+from pipeline.lighting.specular_lobes import gather_specular
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
 from tests.support.results.hard_case import HardCase, worst
 
@@ -108,7 +109,9 @@ def test_direction_of_a_vector_of_any_length(case: HardCase, length: float) -> N
 def test_light_exactly_in_the_mirror_direction(case: HardCase, sigma: float) -> None:
     """The peak of the glint is C / sigma I / d^2: no slope across it, and -1 / sigma of itself along sigma."""
     center, width = torch.tensor([X], requires_grad=True), torch.tensor([sigma], requires_grad=True)
-    out = gather_glints(torch.zeros(1, 3), center, width, torch.tensor([[2.5, 0, 0]]), torch.full((1, 1), 4.0))
+    out = gather_specular(
+        torch.zeros(1, 3), center, width, PointLights(torch.tensor([[2.5, 0, 0]]), torch.full((1, 1), 4.0))
+    )
     by_center, by_width = torch.autograd.grad(out.sum(), (center, width))
     peak = 4.0 / 2.5**2 * LOBE_CONSTANT / width.item()
     slopes = max(worst(by_center[0, 1:], [0, 0], peak / sigma), worst(by_width, -peak / width.item()))
@@ -120,7 +123,7 @@ def test_glint_of_a_light_on_the_point_itself(case: HardCase) -> None:
     """It has no direction: taken at the least distance, finite, and right about the falloff that it has."""
     center, width = torch.tensor([X], requires_grad=True), torch.tensor([0.25], requires_grad=True)
     place = torch.zeros(1, 3)
-    out = gather_glints(place, center, width, place, torch.ones(1, 1))
+    out = gather_specular(place, center, width, PointLights(place, torch.ones(1, 1)))
     slopes = torch.autograd.grad(out.sum(), (center, width))
     # Direction zero: p . q = |p x q| = 0, which is 90 degrees for any q.
     exact = lobe([mpmath.mpf(0), mpmath.mpf(1), mpmath.mpf(0)], [mpmath.mpf(1), 0, 0], mpmath.mpf(0.25))
@@ -140,7 +143,7 @@ def test_glints_of_no_light_one_light_and_lights_in_one_place(case: HardCase, co
     center, width = torch.tensor([[0.6, 0.8, 0.0]], requires_grad=True), torch.tensor([0.2], requires_grad=True)
     lights = torch.tensor([[2.0, 2.0, 0.1]]).repeat(count, 1)
     shares = torch.arange(1.0, count + 1)[:, None]
-    out = gather_glints(torch.zeros(1, 3), center, width, lights, shares)
+    out = gather_specular(torch.zeros(1, 3), center, width, PointLights(lights, shares))
     by_width = torch.autograd.grad(out.sum(), width)[0]
     q, p = ([mpmath.mpf(x) for x in v] for v in (center[0].tolist(), torch.tensor([2.0, 2.0, 0.1]).tolist()))
     scale = mpmath.mpf(count * (count + 1) // 2) / sum(x * x for x in p)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.training.losses import GGX_WIDTH_BOUNDS
+from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS
 from pipeline.lighting.lobes import LOBE_CONSTANT, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
+from pipeline.lighting.point_lights import PointLights
 from tests.support.results.hard_case import HardCase, worst
 
 DIRECTION_RAD = 1e-7
@@ -85,7 +86,9 @@ def check_reflection(
 ) -> None:
     normal, width = UP.clone().requires_grad_(), torch.tensor([alpha], requires_grad=True)
     seen = np.full((1, 1), 255, np.uint8)
-    out = gather_reflections(torch.zeros(1, 3), normal, to_camera, width, to_light, torch.ones(1, 1), seen, gaussian)
+    out = gather_reflections(
+        torch.zeros(1, 3), normal, to_camera, width, PointLights(to_light, torch.ones(1, 1), seen), gaussian
+    )
     slopes = torch.autograd.grad(out.sum(), (normal, width))
     o, i = ([mpmath.mpf(x) for x in v[0].tolist()] for v in (to_camera, to_light))
     n, a, falloff = [mpmath.mpf(x) for x in (0, 0, 1)], mpmath.mpf(width.item()), 1 / dot(i, i)
@@ -141,7 +144,7 @@ def test_lights_that_no_highlight_comes_from(case: HardCase, case_name: str, gau
     light = {"at the horizon": [[3.0, 0, 0]], "below it": [[1.0, 0, -1.0]], "on the point": [[0.0, 0, 0]]}[case_name]
     normal, width = UP.clone().requires_grad_(), torch.tensor([0.05], requires_grad=True)
     place, light, seen = torch.zeros(1, 3), torch.tensor(light), np.full((1, 1), 255, np.uint8)
-    out = gather_reflections(place, normal, direction(30), width, light, torch.ones(1, 1), seen, gaussian)
+    out = gather_reflections(place, normal, direction(30), width, PointLights(light, torch.ones(1, 1), seen), gaussian)
     slopes = torch.autograd.grad(out.sum(), (normal, width))
     case.check(worst(out, [[0]]), 0, max(float(s.abs().max()) for s in slopes), 0)
     if case_name == "at the horizon":
@@ -154,7 +157,7 @@ def test_lights_that_no_highlight_comes_from(case: HardCase, case_name: str, gau
 def test_irradiance_of_no_light_one_light_and_lights_in_one_place(case: HardCase, count: int) -> None:
     normal = unit(torch.tensor([[0.3, -0.2, 0.9]]))
     light, seen = torch.tensor([[1.0, 0.5, 2.0]]), np.full((count, 1), 255, np.uint8)
-    found = arriving_vectors(torch.zeros(1, 3), normal, light.repeat(count, 1), torch.ones(count, 1), seen)
+    found = arriving_vectors(torch.zeros(1, 3), normal, PointLights(light.repeat(count, 1), torch.ones(count, 1), seen))
     vector = [mpmath.mpf(x) for x in (1, 0.5, 2)]
     exact = [count * x / dot(vector, vector) ** mpmath.mpf(1.5) for x in vector]
     cosine = dot(exact, [mpmath.mpf(x) for x in normal[0].tolist()])

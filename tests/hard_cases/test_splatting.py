@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from pipeline.rendering.splat_comparison import compare_with_reference
+from tests.support.avatars.splat_by_names import compare_with_reference
 
 VALUE_TOLERANCE = 1e-5
 GRADIENT_TOLERANCE = 1e-5
@@ -141,7 +141,8 @@ CASES = {
 
 def check(case, scene, width, height, settings, record_property):
     K = torch.tensor([[FOCAL, 0, width / 2], [0, FOCAL, height / 2], [0, 0, 1]])
-    found = compare_with_reference(scene, torch.eye(3), torch.zeros(3), K, width, height, **settings)
+    camera = {"R": torch.eye(3), "t": torch.zeros(3), "K": K, "width": width, "height": height}
+    found = compare_with_reference(**scene, **camera, **settings)
     gradient = max(found.gradients.values())
     measured = {"value_error": found.value, "value_bound": VALUE_TOLERANCE}
     for column, number in {**measured, "gradient_error": gradient, "gradient_bound": GRADIENT_TOLERANCE}.items():

@@ -9,8 +9,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.eyes.explicit_eyes import eye_texels
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.eyes.eye_parts import eye_texels
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays, write_table

@@ -8,8 +8,8 @@ from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
 from benchmarks.effect_jobs import count_jobs
 from benchmarks.effect_scenes import SCENES, make_scene
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import texel_spacing
-from pipeline.avatar.spec import read_plan, spec_of
+from pipeline.avatar.spec.planned import read_plan, resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.base.files import read_json
 from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
@@ -56,7 +56,7 @@ def test_what_is_called_for_is_on(scene):
 def parameters(folder, settings):
     """What the plan leaves of an avatar: name -> how many numbers."""
     atlas = read_atlas(folder / "atlas.safetensors")
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, read_plan(folder / "effects.json")))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, read_plan(folder / "effects.json")))
     sizes = {}
     for name, parameter in avatar.named_parameters():
         sizes[name.split(".")[0]] = sizes.get(name.split(".")[0], 0) + parameter.numel()
@@ -89,7 +89,7 @@ def test_what_is_off_is_no_job_and_what_it_costs_is_what_it_adds(scene):
     atlas = read_atlas(folder / "atlas.safetensors")
 
     def count(on):
-        avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(deferred="auto"), on))
+        avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(TrainAvatar(deferred="auto"), on))
         return sum(parameter.numel() for parameter in avatar.parameters())
 
     everything = set(EFFECTS) - {"eyes"}  # the scenes have none

@@ -11,8 +11,9 @@ import pytest
 import torch
 
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import texel_spacing
-from pipeline.avatar.spec import AvatarSpec, spec_of
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
@@ -174,7 +175,7 @@ def test_a_head_is_driven_by_its_tracked_expressions(inputs, tmp_path):
     """Frames of a head carry its motion; without textures, its code is that of its vertices."""
     atlas = make_sheet(10)
     choices = TrainAvatar(avatar="head", deferred="off", code_size=4, decoder_channels=(8, 4), pose_points=4)
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(choices, {"near_field", "specular"}))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(choices, {"near_field", "specular"}))
     rest = torch.as_tensor(atlas.rest_vertices)
     bent = rest + torch.tensor([0.0, 0.0, 0.1]) * (torch.arange(len(rest)) == 1)[:, None]
     avatar.networks.expression.learn_statistics([rest, bent], [])

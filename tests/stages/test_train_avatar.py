@@ -15,7 +15,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import pipeline.stages.train_avatar as stage
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.avatar.training.training import Training
 from pipeline.avatar.training.training_log import MOST_PREVIEWS, preview_spacing
@@ -156,7 +156,7 @@ def test_how_it_is_watched_does_not_void_a_checkpoint(inputs, tmp_path, monkeypa
     watched = SETTINGS.model_copy(update={"preview_every": 0, "device": "cpu", "checkpoint_every": 5})
     stage.run(**{**inputs, "settings": watched}, out=tmp_path / "out")
     assert taken == [0, 1, 2, 3, 4, 4, 5]
-    spec = spec_of(SETTINGS, set())
+    spec = resolve_spec(SETTINGS, set())
     other = SETTINGS.model_copy(update={"weight_mask": 0.2})
     assert stage.fingerprint_of(other, spec, []) != stage.fingerprint_of(SETTINGS, spec, [])
 

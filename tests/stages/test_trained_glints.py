@@ -153,7 +153,7 @@ def test_glints_of_a_trained_avatar_are_where_the_mirror_law_has_them(made):
 def test_eyes_that_do_not_turn_are_found_out(made, monkeypatch):
     _, scene = made
     monkeypatch.setattr(
-        eyes, "gaze_of",
+        eyes, "frame_gaze",
         lambda inputs, parts, axes: torch.as_tensor(tracked_gaze(scene, inputs), dtype=torch.float32),
     )  # fmt: skip
     cornea, eyeball = glints_of(made)

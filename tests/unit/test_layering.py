@@ -56,6 +56,51 @@ def test_imports_point_down(modules):
     assert not upward
 
 
+def folder_of(module, modules):
+    """The package that a module lies in; root modules of a package count as the package itself."""
+    return module if modules[module].name == "__init__.py" else module.rpartition(".")[0]
+
+
+def circles(graph):
+    """Groups of nodes that reach each other, by Tarjan's algorithm."""
+    order, low, waiting, found = {}, {}, [], []
+
+    def visit(node):
+        order[node] = low[node] = len(order)
+        waiting.append(node)
+        for target in sorted(graph[node]):
+            if target not in order:
+                visit(target)
+            if target in waiting:
+                low[node] = min(low[node], low[target])
+        if low[node] == order[node]:
+            group = waiting[waiting.index(node) :]
+            del waiting[waiting.index(node) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for node in sorted(graph):
+        if node not in order:
+            visit(node)
+    return found
+
+
+def test_no_packages_of_any_depth_import_each_other_in_a_circle(modules):
+    graph = {folder_of(name, modules): set() for name in modules}
+    for name, path in modules.items():
+        own = folder_of(name, modules)
+        for target in direct_imports(name, path) & modules.keys():
+            # `from a import b` names a and a.b: of a module the package is no import of its own.
+            if modules[target].name != "__init__.py":
+                graph[own] |= {folder_of(target, modules)} - {own}
+    assert circles(graph) == []
+
+
+def test_circles_are_found():
+    graph = {"a": {"b"}, "b": {"c"}, "c": {"b", "d"}, "d": {"e"}, "e": set(), "f": {"a", "g"}, "g": {"f"}}
+    assert circles(graph) == [["b", "c"], ["f", "g"]]
+
+
 def test_stages_never_import_stages(modules):
     stages = {name for name, path in modules.items() if path.parent.name == "stages" and path.stem != "__init__"}
     crossing = {

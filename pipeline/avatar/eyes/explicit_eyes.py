@@ -1,33 +1,43 @@
-"""The explicit eyes of an avatar: Gaussians frozen on two spheres per eye that turn with the gaze (RGCA section 3.4).
+"""Explicit eyes of an avatar: Gaussians on two spheres per eye (RGCA section 3.4).
+
+They are frozen there, and turn with the gaze.
 
 Position and normal of an eye's Gaussians follow from nine numbers per eye, which training refines, and from where the
 eye looks; their albedo depends on the direction they are seen from, since the iris is seen through a cornea that
-refracts. What eyes mirror is traced per pixel (`eye_glints`), and so is what of the outside they see past the lids.
+refracts. What eyes mirror is traced per pixel (`corneal_reflections`), and so is what of the outside they see past the
+lids.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pipeline.avatar.eyes.eye_albedo import EyeAlbedo
-from pipeline.avatar.eyes.eye_glints import mirror_layer
-from pipeline.avatar.eyes.eye_texels import eye_texels
-from pipeline.avatar.eyes.gaze import gaze_of
+from pipeline.avatar.appearance.glossy import GlossySamples
+from pipeline.avatar.appearance.transfer import TRANSFER, start_harmonics
+from pipeline.avatar.eyes.eye_parts import EyeAlbedo, eye_texels, frame_gaze
 from pipeline.avatar.eyes.lid_occlusion import light_past_lids, trace_lids
-from pipeline.avatar.pose import FrameInputs, PosedTexels, pose_texels, white_once
-from pipeline.avatar.shading import start_harmonics
+from pipeline.avatar.frames.inputs import FrameInputs, white_once
+from pipeline.avatar.frames.prepared import Decoded, LidOcclusion, PosedEyes, PreparedFrame
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.eyes.eye_shape import EyeSurface, eye_surface, turn_to
 from pipeline.geometry.mesh import unit_or
 from pipeline.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from pipeline.geometry.texels import Atlas, any_tangent
 from pipeline.lighting.lobes import unit
+from pipeline.rendering.splat_types import Gaussians
+
+FROZEN = {"offset": (0.0, 0.0, 0.0), "rotation": (1.0, 0.0, 0.0, 0.0), "normal_offset": (0.0, 0.0, 0.0)}
+"""Parameters of eye texels that stay as they are."""
 
 MOST_SHIFT_M, MOST_GROWTH, MOST_TURN = 0.002, 0.1, 0.1
 """How far training may move a centre (metres), change a size (in log) and turn an axis (rad): a few times what fits are
@@ -73,7 +83,7 @@ class Eyes(nn.Module):
         self.register_buffer("eye", torch.as_tensor(eye), persistent=False)
         directions = unit_or(rest.points[chosen] - self.centers[self.eye], self.axes[self.eye])
         self.register_buffer("directions", directions, persistent=False)
-        self.register_buffer("tangents", rest.frames[chosen, :, 0], persistent=False)
+        self.register_buffer("tangents", rest.tangent_frames[chosen, :, 0], persistent=False)
         self.register_buffer("start_scales", scales[chosen].clone(), persistent=False)
         self.fitted, self.parts = dict(fitted), [np.asarray(fitted[name].vertices) for name in names]
         corners = np.isin(atlas.faces, np.concatenate(self.parts))
@@ -81,9 +91,13 @@ class Eyes(nn.Module):
         self.shift, self.growth, self.turn = (nn.Parameter(torch.zeros(len(names), 3)) for _ in range(3))
         self.albedo = EyeAlbedo(len(chosen))
         self.lit_apart = self.shadow_learned = False
+        self._traced: WeakKeyDictionary[FrameInputs, tuple[LidOcclusion, Tensor | None]] = WeakKeyDictionary()
 
     def refined(self) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
-        """Centres, sizes (r_e, r_c, d) in metres, and turns of the axes that are the same for all gazes."""
+        """Centres, sizes (r_e, r_c, d) in metres, and turns of the axes, as training has them.
+
+        The turns are the same for all gazes.
+        """
         half = MOST_TURN / 2 * torch.tanh(self.turn)
         correction = matrix_from_quaternion(torch.cat([torch.ones_like(half[:, :1]), half], -1))
         centers = self.centers + MOST_SHIFT_M * torch.tanh(self.shift)
@@ -96,7 +110,7 @@ class Eyes(nn.Module):
     def placed(
         self, head: Float[Tensor, "3 4"], gaze: Float[Tensor, "eyes 3"]
     ) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
-        """Sizes of the eyes, their centres in the world (metres), and their turns from rest to there.
+        """Sizes of the eyes, their centres in the world (metres), and their turns from rest.
 
         Args:
             head: [R | t], head from world.
@@ -119,86 +133,106 @@ class Eyes(nn.Module):
         turn = turns[self.eye]
         return (turn @ surface.points[..., None])[..., 0] + places[self.eye], turn @ frames
 
-    def place(self, frame: dict, posed: PosedTexels, inputs: FrameInputs) -> tuple[dict, PosedTexels]:
-        """The frame's parameters with those of eye texels frozen, and all texels posed, those of eyes on their spheres.
+    def place(self, decoded: Decoded, inputs: FrameInputs) -> tuple[Decoded, PosedEyes]:
+        """Freeze the parameters of eye texels, and put these texels on the spheres of their eyes.
 
         How a disc lies says little about an eye: its quaternion has no gradient, its point and its normal have.
         """
-        motion = inputs.head_from_world, gaze_of(inputs, self.parts, self.axes)
+        motion = inputs.head_from_world, frame_gaze(inputs, self.parts, self.axes)
         (sizes, places, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
         quaternions = quaternion_from_matrix(frames.detach().double().cpu().numpy())
         rows = (points, frames, torch.as_tensor(quaternions).to(points))
-        old = (posed.points, posed.frames, posed.quaternions)
+        old = (decoded.posed.points, decoded.posed.tangent_frames, decoded.posed.quaternions)
         placed = PosedTexels(*(a.index_copy(0, self.chosen, b) for a, b in zip(old, rows, strict=True)))
-        if inputs.lids is None:
-            inputs.lids = trace_lids(inputs.mesh[0], self.skin_faces, points.detach(), frames.detach())
-            if self.lit_apart:
-                own = points.detach(), frames.detach()[..., 2], turns.detach()[self.eye]
-                skin = None if self.shadow_learned else inputs.lids.skin
-                light = light_past_lids(skin, *own, inputs.lights[0], white_once(inputs.lights[1]))
-                inputs.eye_light = self.chosen, light
-        frozen = {"offset": (0.0, 0.0, 0.0), "rotation": (1.0, 0.0, 0.0, 0.0), "normal_offset": (0.0, 0.0, 0.0)}
+        if inputs not in self._traced:
+            self._traced[inputs] = self._trace(inputs, points.detach(), frames.detach(), turns.detach())
+        lids, harmonics = self._traced[inputs]
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
-        frame = frame | {"posed": placed, "eye_turns": turns, "eye_balls": balls, "lids": inputs.lids}
-        for name in frozen.keys() & frame.keys():
-            frame[name] = frame[name].index_copy(0, self.chosen, points.new_tensor(frozen[name]).repeat(len(points), 1))
-        return frame, placed
+        frozen = {
+            name: tensor.index_copy(0, self.chosen, points.new_tensor(FROZEN[name]).repeat(len(points), 1))
+            for name, tensor in decoded.parameters.named(FROZEN).items()
+        }
+        parameters = replace(decoded.parameters, **frozen)
+        return replace(decoded, parameters=parameters, posed=placed), PosedEyes(turns, *balls, lids, harmonics)
 
-    def split_mirrors(
-        self, frame: Mapping[str, Tensor], roughness: Float[Tensor, " texels"], visibility: Float[Tensor, " texels"]
-    ) -> tuple[Float[Tensor, " texels"], Float[Tensor, "texels 2"]]:
-        """Specular visibility without the eyes, and the layer of what the eyes mirror, if lids are not shut over it."""
-        seen = mirror_layer(roughness[self.chosen], visibility[self.chosen] * (frame["lids"].opening > 0))
-        layer = seen.new_zeros(len(visibility), 2).index_copy(0, self.chosen, seen)
-        return self.without(visibility), layer
+    def _trace(
+        self, inputs: FrameInputs, points: Tensor, frames: Tensor, turns: Tensor
+    ) -> tuple[LidOcclusion, Tensor | None]:
+        """Lids and, where eyes are lit apart, the light that passes them: traced once for a frame, and kept."""
+        lids = trace_lids(inputs.mesh[0], self.skin_faces, points, frames)
+        if not self.lit_apart:
+            return lids, None
+        skin = None if self.shadow_learned else lids.skin
+        return lids, light_past_lids(skin, points, frames[..., 2], turns[self.eye], white_once(inputs.lights))
+
+    def split_mirrors(self, eyes: PosedEyes, samples: GlossySamples) -> tuple[GlossySamples, Float[Tensor, "texels 2"]]:
+        """Split samples of the lobe in those without the eyes, and the layer of what eyes mirror.
+
+        The layer has visibility, and roughness as far as it is visible; neither where lids are shut over the eye.
+        """
+        visibility = samples.visibility[self.chosen] * (eyes.lids.opening > 0)
+        seen = torch.stack([visibility, visibility * samples.roughness[self.chosen]], -1)
+        layer = seen.new_zeros(len(samples), 2).index_copy(0, self.chosen, seen)
+        return replace(samples, visibility=self.without(samples.visibility)), layer
 
     def without(self, values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
         """Values of the texels with those of eyes zero."""
         return values.index_fill(0, self.chosen, 0.0)
 
-    def under_lids(self, frame: Mapping[str, Tensor], values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
-        """What of the texels' light passes the lids; all of it, where what came to them had passed already."""
-        if self.lit_apart:
+    def under_lids(self, eyes: PosedEyes, values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
+        """Light of the texels that passes the lids.
+
+        All of it, where what came to them had passed already, or where shadows are simulated.
+        """
+        if self.lit_apart or self.shadow_learned:
             return values
-        share = frame["lids"].opening.reshape(-1, *[1] * (values.ndim - 1))
+        share = eyes.lids.opening.reshape(-1, *[1] * (values.ndim - 1))
         return values.index_copy(0, self.chosen, values[self.chosen] * share)
 
     def seen_from(
-        self, frame: Mapping[str, Tensor], center: Float[Tensor, " 3"], color: Float[Tensor, "texels 3"]
+        self, frame: PreparedFrame, center: Float[Tensor, " 3"], color: Float[Tensor, "texels 3"]
     ) -> Float[Tensor, "texels 3"]:
         """Diffuse colour with the albedo that the eyes show a camera at `center`."""
-        toward = unit(center - frame["means"].detach()[self.chosen])
-        inward = (frame["eye_turns"].detach()[self.eye].mT @ toward[..., None])[..., 0]
+        toward = unit(center - frame.gaussians.means.detach()[self.chosen])
+        inward = (frame.eyes.turns.detach()[self.eye].mT @ toward[..., None])[..., 0]
         return color.index_copy(0, self.chosen, color[self.chosen] * self.albedo(inward))
 
     @torch.no_grad()
-    def start(self, avatar: nn.Module) -> None:
-        """Set what eyes start with in an avatar's own parameters: a lobe, and an open transfer, if it has them.
+    def start(self, spec: AvatarSpec, parameters: Collection[str]) -> dict[str, Tensor | float]:
+        """Values that eye texels start with, by parameter.
+
+        A lobe, and an open transfer, if there are any.
 
         Where each texel has harmonics of its own light, eyes have those of the light that passes the lids, each lamp by
         itself, in a frame that turns with the eye. Their transfer starts as that of the bare spheres: what lids hide at
         rest would count twice.
         """
-        if hasattr(avatar, "log_roughness"):
-            avatar.log_roughness[self.chosen] = math.log(START_ROUGHNESS)
-            avatar.visibility[self.chosen] = math.log(START_VISIBILITY / (1 - START_VISIBILITY))
-        spec = avatar.spec
         self.lit_apart, self.shadow_learned = spec.shading in ("harmonics", "linear") and spec.near_field, spec.shadow
+        values: dict[str, Tensor | float] = {}
+        if "log_roughness" in parameters:
+            values["log_roughness"] = math.log(START_ROUGHNESS)
+            values["visibility"] = math.log(START_VISIBILITY / (1 - START_VISIBILITY))
         if self.lit_apart:
             bare = start_harmonics(self.surface(self.sizes).normals, spec.degrees)
-            for name, values in zip(("transfer_color", "transfer_mono"), bare, strict=True):
-                if values.numel():
-                    avatar.get_parameter(name)[self.chosen] = values
-                    avatar.get_buffer(f"start_{name}")[self.chosen] = values
+            for name, start in zip(TRANSFER, bare, strict=True):
+                if start.numel():
+                    values |= {name: start, f"start_{name}": start}
+        return values
 
-    def losses(self, avatar: nn.Module, frame: Mapping[str, Tensor]) -> dict[str, Float[Tensor, ""]]:
-        """The terms of RGCA 16, unweighted: scales (mm) no larger than closes the surface, opacity and visibility 1."""
+    def losses(self, gaussians: Gaussians, visibility: Tensor | None) -> dict[str, Float[Tensor, ""]]:
+        """The terms of RGCA 16, unweighted.
+
+        Scales (mm) no larger than closes the surface, opacity and visibility 1.
+
+        Args:
+            visibility: logits of the specular visibility, if there is a lobe.
+        """
         most = (1e3 * self.start_scales).clamp_min(FILL_MM)
         terms = {
-            "eye_scale": torch.relu(1e3 * frame["scales"][self.chosen] - most).square().mean(),
-            "eye_opacity": (1 - frame["opacities"][self.chosen]).square().mean(),
+            "eye_scale": torch.relu(1e3 * gaussians.scales[self.chosen] - most).square().mean(),
+            "eye_opacity": (1 - gaussians.opacities[self.chosen]).square().mean(),
         }
-        if hasattr(avatar, "visibility"):
-            terms["eye_visibility"] = (1 - torch.sigmoid(avatar.visibility[self.chosen])).square().mean()
+        if visibility is not None:
+            terms["eye_visibility"] = (1 - torch.sigmoid(visibility[self.chosen])).square().mean()
         return terms

@@ -1,8 +1,10 @@
-"""What drives an avatar in a picture: posed vertices, and of a head also its motion, its mean texture, or a code.
+"""Driving signal of an avatar in a picture.
+
+Posed vertices, and of a head also its motion, its mean texture, or a code.
 
 A head is driven from a latent code (`from_code`), from tracked vertices (a plain array, or `from_record`), or by the
 expressions of frames of any segment, held still or moved in another way (`from_record` with a motion). The light is
-`Relighter`'s to choose. The gaze of explicit eyes is apart from the expression: `replace(driver, gaze=...)`.
+`Relighter`'s to choose. The gaze of explicit eyes is apart from the expression: `replace(signal, gaze=...)`.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ AT_REST = np.eye(3, 4, dtype=np.float32)
 
 
 @dataclass(frozen=True)
-class Driver:
+class DrivingSignal:
     """One picture's pose.
 
     Attributes:
@@ -40,15 +42,15 @@ class Driver:
     gaze: Float32[np.ndarray, "eyes 3"] | None = None
 
 
-def driver_of(pose: Float[np.ndarray, "vertices 3"] | Driver) -> Driver:
-    """Vertices alone, or what drives an avatar already."""
-    return pose if isinstance(pose, Driver) else Driver(pose)
+def as_signal(pose: Float[np.ndarray, "vertices 3"] | DrivingSignal) -> DrivingSignal:
+    """Make a driving signal of vertices alone, or keep one as it is."""
+    return pose if isinstance(pose, DrivingSignal) else DrivingSignal(pose)
 
 
 @torch.no_grad()
 def from_code(
     avatar: Avatar, code: Float[np.ndarray, " code"], head_from_world: Float[np.ndarray, "3 4"] = AT_REST
-) -> Driver:
+) -> DrivingSignal:
     """A head with the expression of a latent code.
 
     Raises:
@@ -62,28 +64,28 @@ def from_code(
         )
     code = code.astype(np.float32)
     local = avatar.networks.expression.vertices(torch.tensor(code, device=avatar.albedo.device)).cpu().numpy()
-    return Driver(moved(local, head_from_world), head_from_world.astype(np.float32), code=code)
+    return DrivingSignal(moved(local, head_from_world), head_from_world.astype(np.float32), code=code)
 
 
-def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] | None = None) -> Driver:
+def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] | None = None) -> DrivingSignal:
     """The pose of a frame; a head with the frame's expression may move in another way.
 
     Raises:
         InputError: if it shall, but the frame does not say how its head moved.
     """
-    driver = Driver(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
+    signal = DrivingSignal(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
     if head_from_world is None:
-        return driver
-    if driver.head_from_world is None:
+        return signal
+    if signal.head_from_world is None:
         raise InputError(f"frame {record.frame}: expected the motion of a head, found none; only heads move as a whole")
-    return moved_as(driver, head_from_world)
+    return moved_as(signal, head_from_world)
 
 
-def moved_as(driver: Driver, head_from_world: Float[np.ndarray, "3 4"]) -> Driver:
+def moved_as(signal: DrivingSignal, head_from_world: Float[np.ndarray, "3 4"]) -> DrivingSignal:
     """The same head, its own motion known, moved in another way."""
-    tracked = driver.head_from_world.astype(np.float64)
-    local = driver.vertices @ tracked[:, :3].T + tracked[:, 3]
-    return replace(driver, vertices=moved(local, head_from_world), head_from_world=head_from_world.astype(np.float32))
+    tracked = signal.head_from_world.astype(np.float64)
+    local = signal.vertices @ tracked[:, :3].T + tracked[:, 3]
+    return replace(signal, vertices=moved(local, head_from_world), head_from_world=head_from_world.astype(np.float32))
 
 
 def moved(

@@ -1,11 +1,12 @@
-"""What lights the pictures of relight_avatar, and what is seen behind the subject: listed lamps, or a turning sky."""
+"""Light of the pictures of relight_avatar: listed lamps, or a turning sky. And what is seen behind the subject."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from pipeline.avatar.relighting.driving_signal import Driver
+from pipeline.avatar.frames.prepared import PreparedFrame
+from pipeline.avatar.relighting.driving_signal import DrivingSignal
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.base.errors import InputError
 from pipeline.config.relight_avatar import RelightAvatar
@@ -22,7 +23,7 @@ class ListedLights:
         self.relighter, self.lights = relighter, lights
         self.still = all(len(times) == 1 for times, _ in lights.keys.values())
 
-    def frame(self, pose: Float[np.ndarray, "vertices 3"] | Driver, picture: int) -> dict:
+    def frame(self, pose: Float[np.ndarray, "vertices 3"] | DrivingSignal, picture: int) -> PreparedFrame:
         """The avatar in a pose, lit as in a picture."""
         return self.relighter.under_lights(pose, self.lights.at(picture))
 
@@ -64,7 +65,7 @@ class TurningSky:
         sine, cosine = np.sin(angle), np.cos(angle)
         return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
 
-    def frame(self, pose: Float[np.ndarray, "vertices 3"] | Driver, picture: int) -> dict:
+    def frame(self, pose: Float[np.ndarray, "vertices 3"] | DrivingSignal, picture: int) -> PreparedFrame:
         """The avatar in a pose, lit as in a picture."""
         if self.prepared is None:
             return self.relighter.under_pixels(pose, self.reduced, self.turn(picture))

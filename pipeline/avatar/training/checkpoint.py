@@ -11,21 +11,25 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, write_json, written_whole
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.eyes.eye_fit import eyes_from_json
+from pipeline.geometry.cameras import Camera
 from pipeline.geometry.texels import Atlas, read_atlas
+from pipeline.rendering.splat_types import CameraView
 
 
 def save_avatar(folder: Path, avatar: Avatar, config: Mapping) -> None:
     """Write avatar.safetensors, then config.json with what was built and how it was trained."""
     with written_whole(folder / "avatar.safetensors") as temporary:
         temporary.write_bytes(safetensors.torch.save(avatar.state_dict()))
-    eyes = {name: eye.as_json() for name, eye in avatar.eyes.fitted.items()} if avatar.spec.eyes else {}
+    eyes = {name: eye.as_json() for name, eye in avatar.eyes.fitted.items()} if avatar.eyes is not None else {}
     write_json(folder / "config.json", {"spec": avatar.spec.as_json(), "eyes": eyes, **config})
 
 
@@ -34,7 +38,7 @@ class LoadedAvatar:
 
     def __init__(self, avatar: Avatar, atlas: Atlas) -> None:
         self.avatar, self.atlas = avatar.eval(), atlas
-        self._frame: tuple[FrameRecord, dict] | None = None  # cameras of one frame share its light and shadow
+        self._frame: tuple[FrameRecord, PreparedFrame] | None = None  # cameras of one frame share its light and shadow
 
     @torch.no_grad()
     def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[Tensor, Tensor]:
@@ -42,18 +46,21 @@ class LoadedAvatar:
         device = self.avatar.albedo.device
         if self._frame is None or self._frame[0] is not frame:
             self._frame = (frame, self.avatar.prepare(FrameInputs(self.atlas, frame, device=device)))
-        picture = self.avatar.view(self._frame[1], *camera_tensors(image, device), image.width, image.height)
-        return picture["rgb"], picture["alpha"]
+        picture = self.avatar.view(self._frame[1], camera_view(image, device))
+        return picture.rgb, picture.alpha
 
 
-def camera_tensors(image: ImageRecord, device: torch.device | str = "cpu") -> tuple[Tensor, Tensor, Tensor]:
-    """R, t, K of a crop as float32 tensors."""
-    return tuple(torch.tensor(array, dtype=torch.float32, device=device) for array in (image.R, image.t, image.K))
+def camera_view(image: ImageRecord | Camera, device: torch.device | str = "cpu") -> CameraView:
+    """The camera of a crop, or one without its distortion, in float32."""
+    tensors = (torch.tensor(array, dtype=torch.float32, device=device) for array in (image.R, image.t, image.K))
+    return CameraView(*tensors, image.width, image.height)
 
 
 def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
-    """Raises:
-    InputError: if the folder holds no avatar, one of another version, or one trained on another atlas.
+    """Read an avatar that `save_avatar` wrote.
+
+    Raises:
+        InputError: if the folder holds no avatar, one of another version, or one trained on another atlas.
     """
     atlas = read_atlas(atlas_path)
     described = read_json(folder / "config.json")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.avatar.expression_vae import standard_divergence
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.networks.expression_vae import standard_divergence
 from pipeline.base.color import srgb_from_linear
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.metrics.images import SSIM_SIGMA, SSIM_WINDOW
@@ -22,7 +21,7 @@ STABLE_MEAN, STABLE_VARIANCE = 0.01**2, 0.03**2
 def structural_dissimilarity(
     rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
 ) -> Float[Tensor, ""]:
-    """(1 - SSIM) / 2 in sRGB between the picture and the capture over black, mean over subject pixels.
+    """(1 - SSIM) / 2 in sRGB between picture and capture over black, mean over the subject.
 
     The index of Wang et al. 2004 as `pipeline.metrics.images.ssim` scores it, differentiable; windows reach over the
     picture's border as if it went on black, which it is.
@@ -48,13 +47,19 @@ def blurred(image: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
     return torch.nn.functional.conv2d(down, window[None, None, None], padding=(0, half))[:, 0]
 
 
-def expression_terms(avatar: Avatar, frame: Mapping, inputs: FrameInputs, weights: TrainAvatar) -> dict[str, Tensor]:
-    """What keeps a head's code a code, weighted: L_geo, squared errors of decoded vertices over the variance of those
-    of training, and L_kl (RGCA 11, 12). Rigid tracking knows no vertices to compare with."""
-    if not avatar.spec.head:
+def expression_terms(
+    avatar: Avatar, frame: PreparedFrame, inputs: FrameInputs, weights: TrainAvatar
+) -> dict[str, Tensor]:
+    """Terms that keep a head's code a code, weighted (RGCA 11, 12).
+
+    L_kl, and L_geo: squared errors of decoded vertices over the variance of those of training. Rigid tracking knows no
+    vertices to compare with.
+    """
+    head = frame.decoded.head
+    if head is None:
         return {}
-    terms = {"kl": weights.weight_kl * standard_divergence(frame["latent"])}
+    terms = {"kl": weights.weight_kl * standard_divergence(head.latent)}
     if avatar.spec.anchors != "rigid":
-        errors = (frame["decoded_vertices"] - inputs.local_vertices) / avatar.networks.expression.scale
+        errors = (head.decoded_vertices - inputs.local_vertices) / avatar.networks.expression.scale
         terms["geometry"] = weights.weight_geometry * errors.square().mean()
     return terms

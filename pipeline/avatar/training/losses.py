@@ -1,9 +1,7 @@
-"""The terms of the training loss (RFGCA 17, 18 and Appendix B; RGCA 11-15), each as a small function of tensors."""
+"""Terms of the training loss (RFGCA 17, 18 and Appendix B; RGCA 11-15). Each is a small function of tensors."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -11,35 +9,29 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.avatar.model import SMALLEST_ALPHA, Avatar
+from pipeline.avatar.appearance.lobes import SMALLEST_ALPHA
+from pipeline.avatar.appearance.penalties import negative, outside
+from pipeline.avatar.frames.prepared import PreparedFrame
+from pipeline.avatar.model import Avatar, Picture
 from pipeline.avatar.training.head_losses import structural_dissimilarity
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import Edges, TrainAvatar
 from pipeline.lighting.lobes import unit
 from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips, open_lpips
+from pipeline.rendering.splat_types import CameraView
 
 SCALE_BOUNDS_M = (1e-4, 1e-2)
 """Bounds of Gaussian scales (RFGCA Appendix B)."""
-
-ROUGHNESS_BOUNDS = (0.01, 0.25)
-"""Bounds of the lobe width in radians (RFGCA Appendix B)."""
-
-HALFWAY_BOUNDS = (0.01, 1.0)
-"""Bounds of the lobe about half vectors, radians: sqrt(2) of the width of GGX, 0.4 for skin."""
-
-SMALLEST_VALUE = 1e-30
-"""Values are bounded as if they were no smaller: slopes, 2 log(low / v) / v, then fit into float32."""
-
-GGX_WIDTH_BOUNDS = (0.05, 1.0)
-"""Bounds of the width of GGX: at 0.05 a highlight is as wide as a lamp of the stage, at 1 it is matte."""
 
 
 def photometric(
     rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], edges: Edges
 ) -> Float[Tensor, ""]:
-    """L1 in sRGB, where the result is scored, against the capture over black; summed over the picture, per subject
-    pixel, so that the width of the crop's margin does not change the balance with the other terms.
+    """L1 in sRGB, where the result is scored, against the capture over black.
+
+    Summed over the picture, per subject pixel, so that the width of the crop's margin does not change the balance with
+    the other terms.
 
     A mask of zeros and ones cuts through pixels that the subject covers in part. Compared with black, those beyond its
     edge would teach the avatar to end half a pixel inside its outline, so `edges` says what to do with them.
@@ -75,17 +67,18 @@ def alpha_sparsity(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> F
     return (torch.minimum(alpha, 1 - alpha).abs() * inside).sum() / mask.sum().clamp_min(1)
 
 
-def normal_orient(
-    normal: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], R: Float[Tensor, "3 3"], K: Float[Tensor, "3 3"]
-) -> Float[Tensor, ""]:
-    """Mean over covered pixels of max(0, -n . w_o)^2: blended normals that face away from the camera (Appendix B).
+def normal_orient(normal: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], camera: CameraView) -> Float[Tensor, ""]:
+    """Mean over covered pixels of max(0, -n . w_o)^2.
+
+    Blended normals that face away from the camera (Appendix B).
 
     With w_o from the surface to the camera, as elsewhere in the paper, B.3 as printed, max(0, n . w_o)^2, would punish
     the normals that can be seen.
     """
     row, column = torch.nonzero(alpha.detach() > SMALLEST_ALPHA, as_tuple=True)
+    K = camera.K
     x, y = (column + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1]
-    toward = -unit(torch.stack([x, y, torch.ones_like(x)], -1) @ R)
+    toward = -unit(torch.stack([x, y, torch.ones_like(x)], -1) @ camera.R)
     away = torch.relu(-(unit(normal[row, column]) * toward).sum(-1))
     return away.square().sum() / max(1, len(row))
 
@@ -93,7 +86,7 @@ def normal_orient(
 def lpips_loss(
     lpips: Lpips, rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
 ) -> Float[Tensor, ""]:
-    """LPIPS in sRGB between the picture and the capture over black (RFGCA 17); small ones are padded with black."""
+    """LPIPS in sRGB between the picture and the capture over black (RFGCA 17). Small ones are padded with black."""
     height, width = mask.shape
     pad = (0, 0, 0, max(0, SMALLEST_SIDE - width), 0, max(0, SMALLEST_SIDE - height))
     pictures = [
@@ -117,11 +110,11 @@ def open_lpips_loss(net: str, backbone: str) -> Lpips:
 
 
 def reconstruction(
-    picture: Mapping[str, Tensor], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"],
-    R: Float[Tensor, "3 3"], K: Float[Tensor, "3 3"], weights: TrainAvatar,
+    picture: Picture, captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], camera: CameraView,
+    weights: TrainAvatar,
 ) -> dict[str, Tensor]:  # fmt: skip
-    """All terms that look at one picture of `Avatar.view`, weighted; those of weight 0 are not computed."""
-    rgb, alpha = picture["rgb"], picture["alpha"]
+    """All terms that look at one picture of `Avatar.view`, weighted. Those of weight 0 are not computed."""
+    rgb, alpha = picture.rgb, picture.alpha
     terms = {
         "photometric": weights.weight_photometric * photometric(rgb, captured, mask, weights.edges),
         "silhouette": weights.weight_mask * silhouette(alpha, mask),
@@ -130,61 +123,36 @@ def reconstruction(
         terms["ssim"] = weights.weight_ssim * structural_dissimilarity(rgb, captured, mask)
     if weights.weight_alpha_sparsity:
         terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask)
-    if weights.weight_normal_orient and "normal" in picture:
-        terms["normal_orient"] = weights.weight_normal_orient * normal_orient(picture["normal"], alpha, R, K)
+    if weights.weight_normal_orient and picture.normal is not None:
+        terms["normal_orient"] = weights.weight_normal_orient * normal_orient(picture.normal, alpha, camera)
     if weights.weight_lpips and weights.lpips_backbone:
         lpips = open_lpips_loss(weights.lpips_net, weights.lpips_backbone)
         terms["lpips"] = weights.weight_lpips * lpips_loss(lpips, rgb, captured, mask)
     return terms
 
 
-TRANSFER = ("transfer_color", "transfer_mono")
-
-
-def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
-    """Mean squared excess over bounds, in units of log: zero inside, finite slope everywhere.
-
-    The paper's lower branch, 1 / max(v, 1e-7), jumps at the bound and has slopes up to 1e14.
-    """
-    log = value.clamp_min(SMALLEST_VALUE).log()
-    return (torch.relu(math.log(low) - log).square() + torch.relu(log - math.log(high)).square()).mean()
-
-
-def negative(values: Tensor) -> Float[Tensor, ""]:
-    """Mean square of what is below zero (Appendix B)."""
-    return torch.relu(-values).square().mean()
-
-
 def normal_weight(weights: TrainAvatar, step: int) -> float:
-    """Weight of the squared normal offset after `step` steps: falls to zero in a straight line (Appendix B)."""
+    """Weight of the squared normal offset after `step` steps. Falls to zero in a straight line (Appendix B)."""
     if not weights.normal_steps:
         return weights.weight_normal
     return weights.weight_normal * max(0.0, 1 - step / weights.normal_steps)
 
 
-def regularization(avatar: Avatar, frame: Mapping, weights: TrainAvatar, step: int = 0) -> dict[str, Tensor]:
+def regularization(avatar: Avatar, frame: PreparedFrame, weights: TrainAvatar, step: int = 0) -> dict[str, Tensor]:
     """All terms that look at the parameters of a prepared frame, weighted."""
-    size = avatar.spacing.mean(-1, keepdim=True)
+    size, gaussians = avatar.spacing.mean(-1, keepdim=True), frame.gaussians
     terms = {
-        "offset": weights.weight_offset * (frame["offset"] / size).square().mean(),
-        "scale": weights.weight_scale * outside(frame["scales"], *SCALE_BOUNDS_M),
-        "size": weights.weight_size * frame["scales"].mean(),
+        "offset": weights.weight_offset * (frame.parameters.offset / size).square().mean(),
+        "scale": weights.weight_scale * outside(gaussians.scales, *SCALE_BOUNDS_M),
+        "size": weights.weight_size * gaussians.scales.mean(),
         "albedo": weights.weight_albedo * avatar.albedo.abs().mean(),
-        "negative": weights.weight_negative * (negative(frame["diffuse"]) + negative(avatar.albedo)),
+        "negative": weights.weight_negative * (negative(frame.shading.diffuse) + negative(avatar.albedo)),
     }
-    if avatar.spec.shading != "microfacet":
-        distances = [frame[name] - avatar.get_buffer(f"start_{name}") for name in TRANSFER if name in frame]
-        terms["transfer"] = weights.weight_transfer * sum(distance.square().mean() for distance in distances)
-    if avatar.spec.bent_normals:
-        terms["normal"] = normal_weight(weights, step) * frame["normal_offset"].square().mean()
-    if avatar.spec.lobe:
-        roughness = frame.get("log_roughness", avatar.log_roughness).exp()
-        bounds = HALFWAY_BOUNDS if avatar.spec.highlight == "half" else ROUGHNESS_BOUNDS
-        terms["roughness"] = weights.weight_scale * outside(roughness, *bounds)
-    if avatar.spec.eyes:
-        found = avatar.eyes.losses(avatar, frame)
+    weight_of = {"normal": normal_weight(weights, step), "roughness": weights.weight_scale}
+    for part in (avatar.built.diffuse, avatar.built.normals, avatar.built.specular):
+        for name, term in part.penalties(frame.parameters).items():
+            terms[name] = (weight_of[name] if name in weight_of else getattr(weights, f"weight_{name}")) * term
+    if avatar.eyes is not None:
+        found = avatar.eyes.losses(gaussians, getattr(avatar, "visibility", None))
         terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}
-    if avatar.spec.gloss:
-        terms["roughness"] = weights.weight_scale * outside(avatar.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS)
-        terms["gloss"] = weights.weight_gloss * avatar.log_gloss.square().mean()
     return terms

@@ -1,4 +1,4 @@
-"""What is seen of a training while it runs: rows of its log, curves and pictures for TensorBoard, pictures as files."""
+"""A log of a training while it runs: rows, curves and pictures."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ import torch
 from jaxtyping import UInt8
 from torch.utils.tensorboard import SummaryWriter
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.training.checkpoint import camera_tensors
-from pipeline.avatar.training.training import Position
+from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.capture.images import write_png
 from pipeline.capture.records import ImageRecord
 from pipeline.config.train_avatar import TrainAvatar
@@ -27,8 +26,8 @@ MOST_PREVIEWS = 40
 """Of one training, about: enough for a film of it, few enough to look through and to keep."""
 
 
-class Monitor:
-    """Writes events/ and previews/step_SSSSSS.png, and adds to the rows of the log.
+class TrainingLog:
+    """Events for TensorBoard, previews/step_SSSSSS.png, and rows of the log.
 
     Args:
         out: folder of the avatar.
@@ -45,18 +44,25 @@ class Monitor:
         if not first:
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def __enter__(self) -> Monitor:
+    def __enter__(self) -> TrainingLog:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.events.close()
 
-    def see(self, step: int, done: Position, values: dict[str, float], avatar: Avatar) -> None:
-        """Note the weighted terms of a step, and how the avatar looks after it, where the settings ask for them."""
-        last = step == self.settings.steps - 1
+    def record(self, step: int, seconds: float, values: dict[str, float], avatar: Avatar) -> list[dict]:
+        """Write the terms of a step, and a preview after it, where the settings ask for them.
+
+        Args:
+            seconds: spent on the training so far.
+
+        Returns:
+            The rows of the log that this step adds: one or none.
+        """
+        last, rows = step == self.settings.steps - 1, []
         if last or step % self.settings.log_every == 0:
-            row = {"step": step, "seconds": done.seconds, "loss": sum(values.values()), **values}
-            done.rows.append(row)
+            row = {"step": step, "seconds": seconds, "loss": sum(values.values()), **values}
+            rows.append(row)
             for name in ("loss", *values):
                 self.events.add_scalar(f"loss/{name}" if name in values else name, row[name], step)
         if self.spacing and (last or step % self.spacing == 0):
@@ -64,11 +70,14 @@ class Monitor:
             if picture is not None:
                 write_png(self.folder / f"step_{step:06d}.png", picture)
                 self.events.add_image("preview", picture, step, dataformats="HWC")
+        return rows
 
 
 def preview_spacing(settings: TrainAvatar) -> int:
-    """Steps between two previews: a multiple of the steps between two rows of the log, so that each has its row; 0 for
-    none."""
+    """Steps between two previews.
+
+    A multiple of the steps between two rows of the log, so that each has its row; 0 for none.
+    """
     if not settings.preview_every:
         return 0
     wanted = max(settings.preview_every, settings.steps / MOST_PREVIEWS)
@@ -79,10 +88,12 @@ def preview_spacing(settings: TrainAvatar) -> int:
 def preview(
     step: int, avatar: Avatar, inputs: FrameInputs, image: ImageRecord
 ) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Captured | rendered | error, in sRGB over black; none if something is not finite, which the next step tells."""
+    """Render captured, rendered and error side by side, in sRGB over black.
+
+    None if something is not finite, which the next step tells.
+    """
     try:
-        frame = avatar.prepare(inputs)
-        rgb = avatar.view(frame, *camera_tensors(image, inputs.device), image.width, image.height)["rgb"]
+        rgb = avatar.view(avatar.prepare(inputs), camera_view(image, inputs.device)).rgb
     except ValueError as error:
         log.warning("no preview of step %d: %s", step, error)
         return None

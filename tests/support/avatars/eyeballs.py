@@ -10,8 +10,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import texel_spacing
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.eyes.eye_shape import EyeShape, usual_shape

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import torch
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.training import Training
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet import make_frame, make_image
@@ -35,7 +36,7 @@ def folded(atlas, fold, number=0, lights=2):
 
 def make_head(atlas, frames=(), settings=SETTINGS, **row):
     torch.manual_seed(0)
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings.model_copy(update=row), PLANNED))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings.model_copy(update=row), PLANNED))
     inputs = [FrameInputs(atlas, frame) for frame in frames]
     if inputs and avatar.spec.head:
         known = [avatar.networks.tracked(one) for one in inputs]

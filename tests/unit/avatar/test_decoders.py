@@ -7,12 +7,14 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.decoders import AtlasDecoder, PoseDecoder, bilinear
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.pose_encoder import PoseCode
-from pipeline.avatar.pose_points import body_points, face_points, pose_offsets
-from pipeline.avatar.spec import AvatarSpec, spec_of
+from pipeline.avatar.networks.decoders import AtlasDecoder, PoseDecoder, bilinear
+from pipeline.avatar.networks.pose_encoder import PoseCode
+from pipeline.avatar.networks.pose_points import body_points, face_points, pose_offsets
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
 from pipeline.avatar.training.training import Training
 from pipeline.base.errors import InputError
@@ -38,7 +40,7 @@ def folded(atlas, fold, number=0):
 
 def make_avatar(atlas, settings, planned=PLANNED):
     torch.manual_seed(0)
-    return Avatar(atlas, texel_spacing(atlas), spec_of(settings, planned))
+    return Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, planned))
 
 
 def trained(atlas, frames, steps=3):
@@ -91,7 +93,7 @@ def test_every_network_learns_and_every_gradient_is_finite():
         if name.startswith("networks."):
             assert not torch.equal(parameter, new[name]), name
     poses = [avatar.prepare(FrameInputs(atlas, frame)) for frame in frames]
-    assert not torch.equal(poses[0]["transfer_color"], poses[1]["transfer_color"])
+    assert not torch.equal(poses[0].parameters.transfer_color, poses[1].parameters.transfer_color)
 
 
 def test_decoder_follows_a_pose_between_those_it_learned():
@@ -129,13 +131,15 @@ def test_networks_know_no_place_in_the_world():
     center = np.array([0.1, 0.2, 1.0])
     here, there = (avatar.prepare(FrameInputs(atlas, record)) for record in (frame, moved))
     seen = [
-        avatar.specular_visibility(avatar.viewed(prepared, torch.tensor(place, dtype=torch.float32)))
+        avatar.built.specular.visibility(avatar.viewed(prepared, torch.tensor(place, dtype=torch.float32)))
         for prepared, place in ((here, center), (there, turn.apply(center) + shift))
     ]
     assert (seen[0] - seen[1]).abs().max() < FLOAT32_ROUNDING
-    for name in ("log_scale", "transfer_color", "offset", "diffuse"):
-        assert (here[name] - there[name]).abs().max() < FLOAT32_ROUNDING, name
-    elsewhere = avatar.specular_visibility(avatar.viewed(here, torch.tensor([-1.0, 0.0, 0.3])))
+    for name in ("log_scale", "transfer_color", "offset"):
+        difference = getattr(here.parameters, name) - getattr(there.parameters, name)
+        assert difference.abs().max() < FLOAT32_ROUNDING, name
+    assert (here.shading.diffuse - there.shading.diffuse).abs().max() < FLOAT32_ROUNDING
+    elsewhere = avatar.built.specular.visibility(avatar.viewed(here, torch.tensor([-1.0, 0.0, 0.3])))
     assert (seen[0] - elsewhere).abs().max() > 0  # and yet it depends on the view
 
 

@@ -7,11 +7,12 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.expression_vae import Expression, Latent, standard_divergence
-from pipeline.avatar.head_networks import view_outputs
-from pipeline.avatar.light_linear import LightLinearDecoder
-from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import Latent
+from pipeline.avatar.networks.expression_vae import Expression, standard_divergence
+from pipeline.avatar.networks.head_networks import view_outputs
+from pipeline.avatar.networks.light_linear import LightLinearDecoder
+from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
 from pipeline.avatar.training.training import Position, Training, drawn_expression
 from pipeline.base.errors import InputError
@@ -74,18 +75,18 @@ def test_rows_build_what_they_say_and_nothing_else():
 
 def test_the_kind_of_the_capture_decides_and_bodies_stay_as_they_were():
     for settings in (TrainAvatar(), TrainAvatar(avatar="body")):
-        assert spec_of(settings, PLANNED).shading == "transfer"
-        assert spec_of(settings, PLANNED).normals == "learned"
-    auto = spec_of(TrainAvatar(), PLANNED, "head")
+        assert resolve_spec(settings, PLANNED).shading == "transfer"
+        assert resolve_spec(settings, PLANNED).normals == "learned"
+    auto = resolve_spec(TrainAvatar(), PLANNED, "head")
     assert (auto.head, auto.shading, auto.shadow, auto.normals) == (True, "harmonics", False, "viewed")
-    assert not spec_of(TrainAvatar(avatar="body"), PLANNED, "head").head
+    assert not resolve_spec(TrainAvatar(avatar="body"), PLANNED, "head").head
     assert TrainAvatar().reads_textures("head") and not TrainAvatar().reads_textures("body")
     assert not TrainAvatar().reads_irradiance(PLANNED, "head") and TrainAvatar().reads_irradiance(PLANNED)
     for wrong in ({"shading": "linear"}, {"highlight": "harmonics"}, {"normals": "viewed"}):
         with pytest.raises(InputError, match="which only heads have"):
-            spec_of(TrainAvatar(**wrong), PLANNED)
+            resolve_spec(TrainAvatar(**wrong), PLANNED)
     with pytest.raises(InputError, match="expected harmonics or linear for a head, found microfacet"):
-        spec_of(TrainAvatar(avatar="head", shading="microfacet"), PLANNED)
+        resolve_spec(TrainAvatar(avatar="head", shading="microfacet"), PLANNED)
 
 
 def test_a_new_head_on_its_tracked_vertices_is_the_body_with_unturned_harmonics():
@@ -178,10 +179,10 @@ def test_pictures_are_of_the_mean_code_and_come_back_from_files(tmp_path):
     assert loaded.avatar.spec == avatar.spec and torch.equal(*pictures)
     inputs = FrameInputs(atlas, frames[1])
     frame, mean = avatar.prepare(inputs), avatar.networks.encode(inputs).mean
-    assert torch.equal(frame["code"], mean)
-    assert torch.equal(avatar.prepare(inputs, code=mean)["means"], frame["means"])
+    assert torch.equal(frame.decoded.head.code, mean)
+    assert torch.equal(avatar.prepare(inputs, code=mean).gaussians.means, frame.gaussians.means)
     noise = torch.ones(4)
-    assert not torch.equal(avatar.prepare(inputs, noise=noise)["means"], frame["means"])
+    assert not torch.equal(avatar.prepare(inputs, noise=noise).gaussians.means, frame.gaussians.means)
 
 
 def test_a_head_knows_no_place_in_the_world():
@@ -204,11 +205,14 @@ def test_a_head_knows_no_place_in_the_world():
         for prepared, place in ((here, center), (there, turn.apply(center) + shift))
     ]
     for name in ("visibility", "normal_offset"):
-        assert (seen[0][name] - seen[1][name]).abs().max() < FLOAT32_ROUNDING, name
-    for name in ("log_scale", "transfer_color", "offset", "diffuse", "code"):
-        assert (here[name] - there[name]).abs().max() < FLOAT32_ROUNDING, name
+        assert (getattr(seen[0], name) - getattr(seen[1], name)).abs().max() < FLOAT32_ROUNDING, name
+    for name in ("log_scale", "transfer_color", "offset"):
+        difference = getattr(here.parameters, name) - getattr(there.parameters, name)
+        assert difference.abs().max() < FLOAT32_ROUNDING, name
+    assert (here.shading.diffuse - there.shading.diffuse).abs().max() < FLOAT32_ROUNDING
+    assert (here.decoded.head.code - there.decoded.head.code).abs().max() < FLOAT32_ROUNDING
     elsewhere = avatar.viewed(here, torch.tensor([-1.0, 0.0, 0.3]))
-    assert (seen[0]["normal_offset"] - elsewhere["normal_offset"]).abs().max() > 0  # and yet it depends on the view
+    assert (seen[0].normal_offset - elsewhere.normal_offset).abs().max() > 0  # and yet it depends on the view
 
 
 def test_without_a_motion_the_rigid_one_is_found():

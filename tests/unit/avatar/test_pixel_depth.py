@@ -8,15 +8,18 @@ import torch
 import trimesh
 from scipy.optimize import brentq
 
+from pipeline.avatar.appearance.glossy import GlossySamples, shade_specular
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.geometry.pixel_depth import depth_of_pixels, points_of_pixels
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pixel_depth import depth_of_pixels
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.shading import points_of_pixels, shade_specular
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
+from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.geometry.camera_paths import look_at
 from pipeline.geometry.rotations import quaternion_from_matrix
-from pipeline.rendering.supersample import splat_supersampled
+from pipeline.lighting.point_lights import PointLights
 from tests.support.avatars.sheet import make_frame, make_sheet
+from tests.support.avatars.splat_by_names import splat_supersampled
 
 SOURCES = ("expected", "normalised", "median", "traced")
 SIDE = 64
@@ -31,8 +34,7 @@ PIXEL_M = 0.9 / CAMERA.K[0, 0]
 """What a pixel covers at the front of the sphere."""
 
 
-def camera_tensors():
-    return tuple(torch.tensor(array, dtype=torch.float32) for array in (CAMERA.R, CAMERA.t, CAMERA.K))
+VIEW = camera_view(CAMERA)
 
 
 def discs(points, normals, spacing, opacity):
@@ -76,11 +78,11 @@ def with_wall(gaussians, mesh, behind_m=0.4):
 
 def seen(gaussians, mesh, source):
     """Picture, depth and the points of all pixels."""
-    R, t, K = camera_tensors()
-    picture = splat_supersampled(**gaussians, R=R, t=t, K=K, width=SIDE, height=SIDE, median_depth=source == "median")
-    depth = depth_of_pixels(source, picture, mesh if source == "traced" else None, R, EYE, K)
+    camera = {"R": VIEW.R, "t": VIEW.t, "K": VIEW.K, "width": SIDE, "height": SIDE}
+    picture = splat_supersampled(**gaussians, **camera, median_depth=source == "median")
+    depth = depth_of_pixels(source, picture, mesh if source == "traced" else None, VIEW)
     row, column = torch.meshgrid(torch.arange(SIDE), torch.arange(SIDE), indexing="ij")
-    points = points_of_pixels(row.flatten(), column.flatten(), depth.flatten(), R, EYE, K)
+    points = points_of_pixels(row.flatten(), column.flatten(), depth.flatten(), VIEW)
     return picture, depth, points
 
 
@@ -119,12 +121,12 @@ def glint_error_px(gaussians, mesh, source):
     _, _, points = seen(gaussians, mesh, source)
     depth, inside = sphere_depth()
     row, column = torch.meshgrid(torch.arange(SIDE), torch.arange(SIDE), indexing="ij")
-    R, _, K = camera_tensors()
     true = torch.tensor(depth.flatten(), dtype=torch.float32)
-    normals = points_of_pixels(row.flatten(), column.flatten(), true, R, EYE, K) / RADIUS_M
+    normals = points_of_pixels(row.flatten(), column.flatten(), true, VIEW) / RADIUS_M
     ones = torch.ones(SIDE * SIDE)
     light = torch.tensor(LIGHT_M, dtype=torch.float32)[None]
-    lit = shade_specular(points, normals, SIGMA * ones, ones, EYE, light, torch.ones(1, 1))
+    samples = GlossySamples(points, normals, SIGMA * ones, ones)
+    lit = shade_specular(samples, EYE, PointLights(light, torch.ones(1, 1)))
     brightness = lit[:, 0].numpy().reshape(SIDE, SIDE) * inside
     return float(np.linalg.norm(glint_pixel(brightness) - mirror_pixel_of_sphere()))
 
@@ -205,6 +207,6 @@ def test_avatar_puts_the_glint_of_a_sheet_where_the_mirror_law_does(source, near
         avatar.albedo.zero_()
         avatar.log_roughness.fill_(np.log(SIGMA))
         frame = avatar.prepare(FrameInputs(sheet, make_frame(sheet, light[None], np.ones((1, 3)))))
-        rgb = avatar.view(frame, *camera_tensors(), SIDE, SIDE)["rgb"]
+        rgb = avatar.view(frame, VIEW).rgb
     expected = CAMERA.project((light * 1.2 + CAMERA.center * 0.6) / 1.8 * [1, 1, 0])[0]
     assert nearest <= np.linalg.norm(glint_pixel(rgb.sum(-1).numpy()) - expected) < farthest

@@ -8,17 +8,12 @@ import torch
 from scipy.optimize import least_squares
 from scipy.special import eval_legendre, factorial, lpmv
 
-from pipeline.avatar.shading import (
-    COLOR_DEGREES,
-    UNTURNED_SCALE,
-    grazing_gain,
-    shade_diffuse,
-    shade_halfway,
-    shade_specular,
-)
-from pipeline.avatar.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
+from pipeline.avatar.appearance.glossy import GlossySamples, grazing_gain, shade_halfway, shade_specular
+from pipeline.avatar.appearance.transfer import COLOR_DEGREES, UNTURNED_SCALE, shade_diffuse
+from pipeline.avatar.networks.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.lighting.lobes import angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import gather_reflections_reference
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light
 from tests.support.avatars.sheet import make_sheet
 
@@ -30,7 +25,7 @@ TRUNCATION = 0.06
 def test_lambertian_transfer_gives_albedo_over_pi_cosine_over_distance2(angle):
     distance = 2.0
     light = distance * torch.tensor([[math.sin(angle), 0.0, math.cos(angle)]])
-    gathered = gather_light(torch.zeros(1, 3), torch.eye(3)[None], light, torch.tensor([[5.0, 3.0, 1.0]]))
+    gathered = gather_light(torch.zeros(1, 3), torch.eye(3)[None], PointLights(light, torch.tensor([[5.0, 3.0, 1.0]])))
     transfer = torch.zeros(1, 3, 9)
     transfer[:, 2] = torch.as_tensor(clamped_cosine_coefficients(), dtype=torch.float32)
     albedo = torch.tensor([[0.8, 0.5, 0.1]])
@@ -48,7 +43,8 @@ def test_glint_sits_where_the_mirror_law_puts_it(shade):
     normals = torch.tensor([0.0, 0, 1.0]).expand(401, 3)
     camera, light = torch.tensor([-0.7, 0, 1.0]), torch.tensor([[0.3, 0, 1.0]])
     ones = torch.ones(401)
-    radiance = shade(points, normals, 0.02 * ones, ones, camera, light, torch.ones(1, 1))
+    samples = GlossySamples(points, normals, 0.02 * ones, ones)
+    radiance = shade(samples, camera, PointLights(light, torch.ones(1, 1)))
     assert x[radiance[:, 0].argmax()].item() == pytest.approx(-0.2, abs=0.011)
 
 
@@ -110,7 +106,8 @@ def test_specular_is_finite_in_the_mirror_direction_at_the_smallest_roughness(sh
     normal = torch.tensor([[0.0, 0, 1.0]], requires_grad=True)
     sigma = torch.full((1,), 0.01, requires_grad=True)
     above = torch.tensor([0.0, 0, 2.0])
-    shade(point, normal, sigma, torch.ones(1), above, above[None], torch.ones(1, 1)).sum().backward()
+    samples = GlossySamples(point, normal, sigma, torch.ones(1))
+    shade(samples, above, PointLights(above[None], torch.ones(1, 1))).sum().backward()
     assert all(torch.isfinite(tensor.grad).all() for tensor in (normal, sigma))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 
@@ -13,7 +13,7 @@ EVERYTHING = set(EFFECTS)
 
 def test_default_is_the_papers_model_where_a_scene_calls_for_it():
     """Learned transport and deferred shading are what `full` is, not what a scene calls for."""
-    spec = spec_of(TrainAvatar(), EVERYTHING - {"learned_transport", "deferred"})
+    spec = resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport", "deferred"})
     assert (spec.shading, spec.visibility, spec.indirect) == ("transfer", "learned", "none")
     assert spec.specular
     assert spec.shadow
@@ -22,14 +22,14 @@ def test_default_is_the_papers_model_where_a_scene_calls_for_it():
 
 
 def test_nothing_is_built_that_the_plan_left_out():
-    spec = spec_of(TrainAvatar(deferred="auto"), set())
+    spec = resolve_spec(TrainAvatar(deferred="auto"), set())
     assert not (spec.specular or spec.shadow or spec.deferred or spec.near_field)
     assert spec.shading == "harmonics"
 
 
 @pytest.mark.parametrize("planned", [set(), EVERYTHING])
 def test_what_is_said_is_obeyed(planned):
-    spec = spec_of(
+    spec = resolve_spec(
         TrainAvatar(specular=False, shadow=True, near_field=True, articulation=True, deferred=False), planned
     )
     assert spec.shadow
@@ -41,15 +41,15 @@ def test_what_is_said_is_obeyed(planned):
 
 def test_analytic_shading_takes_the_place_of_learned_transport():
     auto = TrainAvatar(shading="auto")
-    assert spec_of(auto, EVERYTHING).shading == "transfer"
-    spec = spec_of(auto, EVERYTHING - {"learned_transport"})
+    assert resolve_spec(auto, EVERYTHING).shading == "transfer"
+    spec = resolve_spec(auto, EVERYTHING - {"learned_transport"})
     assert (spec.shading, spec.visibility, spec.indirect) == ("microfacet", "traced", "bounce")
-    convex = spec_of(auto, {"specular"})
+    convex = resolve_spec(auto, {"specular"})
     assert (convex.shading, convex.traced, convex.indirect) == ("microfacet", False, "none")
 
 
 def test_traced_shadows_need_transfer_that_turns():
-    assert spec_of(TrainAvatar(visibility="traced"), {"shadow"}).shading == "transfer"
+    assert resolve_spec(TrainAvatar(visibility="traced"), {"shadow"}).shading == "transfer"
 
 
 def test_irradiance_is_read_by_shadow_networks_alone():

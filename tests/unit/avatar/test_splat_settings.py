@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
+from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.geometry.camera_paths import look_at
 from tests.support.avatars.sheet import make_frame, make_sheet
 
@@ -23,8 +25,7 @@ def coverage(**settings) -> float:
     with torch.no_grad():
         avatar.opacity.fill_(-2.0)
         frame = avatar.prepare(FrameInputs(sheet, make_frame(sheet, np.array([[0, 0, 1.0]]), np.ones((1, 3)))))
-        view = (torch.tensor(array, dtype=torch.float32) for array in (CAMERA.R, CAMERA.t, CAMERA.K))
-        return float(avatar.view(frame, *view, CAMERA.width, CAMERA.height)["alpha"].sum())
+        return float(avatar.view(frame, camera_view(CAMERA)).alpha.sum())
 
 
 @pytest.mark.parametrize(("compensate", "grows_by"), [(False, (1.2, 1.6)), (True, (0.9, 1.03))])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.pose import rest_normals, texel_spacing
-from pipeline.avatar.shading import UNTURNED_SCALE, shade_harmonics, start_harmonics
-from pipeline.avatar.spec import AvatarSpec
-from pipeline.avatar.texel_parameters import TexelParameters
-from pipeline.avatar.traced_transfer import even_directions, hidden_harmonics
+from pipeline.avatar.appearance.traced_transfer import even_directions, hidden_harmonics
+from pipeline.avatar.appearance.transfer import UNTURNED_SCALE, shade_harmonics, start_harmonics
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import rest_normals, texel_spacing
 from pipeline.lighting.environment_sh import spherical_harmonics
 from tests.support.avatars.sheet import SIDE_M, make_sheet
 
@@ -63,6 +63,6 @@ def test_directions_are_even():
 def test_a_new_avatar_starts_there_and_is_held_there():
     atlas = beside_a_wall()
     spec = AvatarSpec(False, False, 4, 1, 0.1, shading="harmonics", transfer_start="traced")
-    new = TexelParameters(atlas, texel_spacing(atlas), spec)
+    new = Avatar(atlas, texel_spacing(atlas), spec)
     expected = start_harmonics(rest_normals(atlas))[1] - hidden_harmonics(atlas)[:, 16:]
     assert torch.equal(new.transfer_mono, expected) and torch.equal(new.start_transfer_mono, expected)

@@ -58,7 +58,7 @@ def test_half_space_and_ball_over_a_plane() -> None:
     sky, points = uniform(256).lights(), np.array([[0.3, 0, -0.2]])
     traced = trace_irradiance(Occluders(*plate(9, 0.0)), points, UP, sky)
     assert traced.values[0] == pytest.approx(0.5, abs=1e-3)
-    assert traced.falling[0] == pytest.approx(1.0, abs=1e-5)
+    assert traced.cosine_visibility[0] == pytest.approx(1.0, abs=1e-5)
     # Not in the zenith, where whole rows of pixels would be in or out together.
     radius, center = 0.7, (0.9, 2.0, 0.5)
     over = Occluders(*together(plate(9, 0.0), sphere(radius, center, 5)))
@@ -66,7 +66,7 @@ def test_half_space_and_ball_over_a_plane() -> None:
     distance = np.linalg.norm(center)
     sine, cosine = radius / distance, center[1] / distance
     assert traced.values[0] == pytest.approx(np.sqrt(1 - sine**2) / 2, abs=1e-3)
-    assert traced.falling[0] == pytest.approx(1 - sine**2 * cosine, abs=1e-3)
+    assert traced.cosine_visibility[0] == pytest.approx(1 - sine**2 * cosine, abs=1e-3)
 
 
 def test_between_two_plates() -> None:
@@ -78,7 +78,7 @@ def test_between_two_plates() -> None:
     traced = trace_irradiance(between, np.zeros((1, 3)), UP, uniform(256).lights())
     a = w / h
     factor = 4 / (2 * np.pi) * 2 * a / np.sqrt(1 + a * a) * np.arctan(a / np.sqrt(1 + a * a))
-    assert traced.falling[0] == pytest.approx(1 - factor, abs=1e-3)
+    assert traced.cosine_visibility[0] == pytest.approx(1 - factor, abs=1e-3)
     hidden = 4 * np.arcsin(w * w / (w * w + h * h))
     assert traced.values[0] == pytest.approx((2 * np.pi - hidden) / (4 * np.pi), abs=1e-3)
 

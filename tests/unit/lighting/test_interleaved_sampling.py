@@ -51,7 +51,7 @@ def test_where_nothing_casts_a_shadow_one_draw_is_exact(sampling: str) -> None:
     scene = (Occluders(*sphere(0.7, (0, 2, 0), 4)), 0.7001 * normals + [0, 2, 0], normals)
     exact, found = trace_irradiance(*scene, ring_of_lights()), shared(*scene, ring_of_lights(), sampling=sampling)
     np.testing.assert_allclose(found.values, exact.values, atol=ROUNDING)
-    np.testing.assert_allclose(found.falling, exact.falling, atol=ROUNDING)
+    np.testing.assert_allclose(found.cosine_visibility, exact.cosine_visibility, atol=ROUNDING)
     assert exact.values.min() < 0.2 < 0.8 < exact.values.max()
 
 
@@ -63,7 +63,7 @@ def test_one_ray_comes_near_to_all_rays() -> None:
     alone = trace_irradiance(*floor_map(), ring_of_lights(), samples=samples)
     found = shared(*floor_map(), ring_of_lights())
     assert found.rays == alone.rays == SIDE**2
-    for name in ("values", "falling"):
+    for name in ("values", "cosine_visibility"):
         assert rms(getattr(found, name) - getattr(exact, name)) < 0.15 * rms(
             getattr(alone, name) - getattr(exact, name)
         )

@@ -33,7 +33,7 @@ def test_no_light_is_one_and_is_told() -> None:
         assert traced.unlit
         assert traced.rays == 0
         np.testing.assert_array_equal(traced.values, 1)
-        np.testing.assert_array_equal(traced.falling, 1)
+        np.testing.assert_array_equal(traced.cosine_visibility, 1)
 
 
 def test_one_light_is_zero_or_one() -> None:
@@ -53,7 +53,7 @@ def test_two_lights_on_paper(scale: float) -> None:
     traced = trace_irradiance(occluders, np.zeros((1, 3)), UP[None], Lights(lights, np.array([1.0, 2.0])))
     assert traced.values[0] == pytest.approx(0.5 / 0.54, rel=1e-12)
     # On a matte floor the cosines are 1 and 1/2.
-    assert traced.falling[0] == pytest.approx(0.25 / (0.04 + 0.25), rel=1e-12)
+    assert traced.cosine_visibility[0] == pytest.approx(0.25 / (0.04 + 0.25), rel=1e-12)
     assert not traced.unlit
 
 
@@ -71,12 +71,12 @@ def test_lights_below_the_horizon_count_but_cost_no_ray() -> None:
     traced = trace_irradiance(occluders, points, normals, Lights(under, LUMINANCES[:2]))
     assert traced.rays == 0
     np.testing.assert_array_equal(traced.values, 0)
-    np.testing.assert_array_equal(traced.falling, 0)
+    np.testing.assert_array_equal(traced.cosine_visibility, 0)
     assert not traced.unlit
 
 
 def both_maps(traced: IrradianceMap) -> np.ndarray:
-    return np.concatenate([traced.values, traced.falling])
+    return np.concatenate([traced.values, traced.cosine_visibility])
 
 
 @pytest.mark.parametrize("samples", [1, 3])

@@ -15,6 +15,7 @@ from pipeline.lighting.microfacet import (
     gather_reflections_in_torch,
     gather_reflections_reference,
 )
+from pipeline.lighting.point_lights import PointLights
 
 COUNT, LIGHTS = 40, 9
 
@@ -45,7 +46,7 @@ def test_value_and_gradients_are_those_of_the_twin(scene, gaussian):
     *inputs, seen = scene
     inputs[1].requires_grad_()
     inputs[3].requires_grad_()
-    found = gather_reflections(*inputs, packed(seen), gaussian)
+    found = gather_reflections(*inputs[:4], PointLights(*inputs[4:], packed(seen)), gaussian)
     doubles = [tensor.detach().double() for tensor in inputs]
     doubles[1].requires_grad_()
     doubles[3].requires_grad_()
@@ -68,17 +69,19 @@ def test_without_the_kernel_it_is_the_same(scene, monkeypatch, gaussian):
     for bits in (packed(seen), np.full((LIGHTS, COUNT // 8), 255, np.uint8)):
         gradients = []
         for gather in (gather_reflections, gather_reflections_in_torch):
-            found = gather(*inputs, bits, gaussian)
+            found = gather(*inputs[:4], PointLights(*inputs[4:], bits), gaussian)
             gradients.append((found, *torch.autograd.grad(found.square().sum(), (normals, alpha))))
         for single, plain in zip(*gradients, strict=True):
             assert torch.allclose(single, plain, rtol=1e-3, atol=1e-4 * plain.abs().max().item())
-        few = (points, normals.detach(), lights, intensities, bits)
+        few = (points, normals.detach(), PointLights(lights, intensities, bits))
         assert torch.allclose(arriving_vectors(*few), arriving_vectors_in_torch(*few), rtol=1e-5, atol=1e-6)
 
 
 def test_irradiance_is_the_cosine_law_over_seen_lights(scene):
     points, normals, _, _, lights, intensities, seen = scene
-    found = (arriving_vectors(points, normals, lights, intensities, packed(seen)) * normals[:, None]).sum(-1)
+    found = (arriving_vectors(points, normals, PointLights(lights, intensities, packed(seen))) * normals[:, None]).sum(
+        -1
+    )
     offset = lights - points[:, None]
     cosine_over_distance2 = (offset * normals[:, None]).sum(-1).clamp_min(0) / offset.norm(dim=-1) ** 3
     assert torch.allclose(found, (cosine_over_distance2 * seen.T) @ intensities, atol=1e-5)
@@ -96,7 +99,9 @@ def test_gloss_reflects_no_more_than_schlicks_share():
     power = torch.full((rows, 1), far**2 * 2 * math.pi / rows)
     seen = np.full((rows, 1), 255, np.uint8)
     shares = [
-        gather_reflections(torch.zeros(1, 3), up, up, torch.tensor([a]), far * directions, power, seen).item()
+        gather_reflections(
+            torch.zeros(1, 3), up, up, torch.tensor([a]), PointLights(far * directions, power, seen)
+        ).item()
         for a in (0.1, 1.0)
     ]
     assert shares[0] == pytest.approx(0.04, rel=0.03)
@@ -109,8 +114,8 @@ def test_swapping_camera_and_light_changes_only_the_cosine(gaussian):
     a, b = (unit(torch.tensor([v])) for v in ([0.3, 0.1, 0.8], [-0.6, 0.4, 0.5]))
     up, alpha, one = torch.tensor([[0.0, 0, 1]]), torch.tensor([0.4]), torch.full((1, 1), 9.0)
     seen = np.full((1, 1), 255, np.uint8)
-    there = gather_reflections(torch.zeros(1, 3), up, a, alpha, 3 * b, one, seen, gaussian) / b[0, 2]
-    back = gather_reflections(torch.zeros(1, 3), up, b, alpha, 3 * a, one, seen, gaussian) / a[0, 2]
+    there = gather_reflections(torch.zeros(1, 3), up, a, alpha, PointLights(3 * b, one, seen), gaussian) / b[0, 2]
+    back = gather_reflections(torch.zeros(1, 3), up, b, alpha, PointLights(3 * a, one, seen), gaussian) / a[0, 2]
     assert there.item() == pytest.approx(back.item(), rel=1e-5)
 
 
@@ -120,7 +125,12 @@ def test_straight_above_the_gaussian_is_the_lobe_of_the_papers():
     light = torch.tensor([[math.sin(beside), 0.0, math.cos(beside)]])
     seen = np.full((1, 1), 255, np.uint8)
     found = gather_reflections(
-        torch.zeros(1, 3), up, up, sigma / math.sqrt(2), 3 * light, torch.full((1, 1), 9.0), seen, gaussian=True
+        torch.zeros(1, 3),
+        up,
+        up,
+        sigma / math.sqrt(2),
+        PointLights(3 * light, torch.full((1, 1), 9.0), seen),
+        gaussian=True,
     )
     # 1 - cos 0.06 = 0.0018 is what masking and Schlick's polynomial can change here.
     assert found.item() == pytest.approx(angular_gaussian(light, up, sigma).item(), rel=0.004)
@@ -133,7 +143,11 @@ def test_finite_at_the_horizon_and_for_the_narrowest_lobe():
         for light in ([[-1.0, 0, 1e-3]], [[0.0, 0, 1.0]], [[0.0, 0, 0.0]], [[0.5, 0.0, -1.0]]):
             seen = np.full((1, 1), 255, np.uint8)
             out = gather_reflections(
-                torch.zeros(1, 3), up, unit(torch.tensor([camera])), alpha, torch.tensor(light), torch.ones(1, 1), seen
+                torch.zeros(1, 3),
+                up,
+                unit(torch.tensor([camera])),
+                alpha,
+                PointLights(torch.tensor(light), torch.ones(1, 1), seen),
             )
             gradients = torch.autograd.grad(out.sum(), (up, alpha))
             assert torch.isfinite(out).all() and all(torch.isfinite(g).all() for g in gradients)

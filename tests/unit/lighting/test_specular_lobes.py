@@ -5,7 +5,8 @@ import torch
 
 from pipeline.lighting import device_sums
 from pipeline.lighting.lobes import unit
-from pipeline.lighting.specular_lobes import gather_glints, gather_glints_in_torch, gather_glints_reference
+from pipeline.lighting.point_lights import PointLights
+from pipeline.lighting.specular_lobes import gather_specular, gather_specular_in_torch, gather_specular_reference
 
 ANGLE_ERROR_RAD = 3e-7
 """Of float32 unit vectors: three roundings of half an ulp (6e-8) in each of three components. Against the narrowest
@@ -28,8 +29,8 @@ def test_kernel_equals_float64_twin_forward_and_backward(channels, roughness):
     centers[:20] = unit(light[:20] - points[:20])  # the peak itself
     inputs = [centers.requires_grad_(), sigma.requires_grad_()]
     twins = [tensor.detach().double().requires_grad_() for tensor in inputs]
-    out = gather_glints(points, *inputs, light, intensity)
-    expected = gather_glints_reference(points.double(), *twins, light.double(), intensity.double())
+    out = gather_specular(points, *inputs, PointLights(light, intensity))
+    expected = gather_specular_reference(points.double(), *twins, light.double(), intensity.double())
     # an angle near the peak is good to 1e-7 rad in float32, a relative 1e-5 of the smallest roughness
     assert torch.allclose(out.double(), expected, rtol=1e-4, atol=1e-6 * expected.max().item())
     cotangent = torch.randn(out.shape, generator=torch.Generator().manual_seed(1))
@@ -45,8 +46,8 @@ def test_without_the_kernel_it_is_the_same(monkeypatch):
     points, centers, sigma, light, intensity = random_inputs(40, 64, 3, 0.15)
     inputs = [centers.requires_grad_(), sigma.requires_grad_()]
     found = []
-    for gather in (gather_glints, gather_glints_in_torch):
-        out = gather(points, *inputs, light, intensity)
+    for gather in (gather_specular, gather_specular_in_torch):
+        out = gather(points, *inputs, PointLights(light, intensity))
         found.append((out, *torch.autograd.grad(out.square().sum(), inputs)))
     for single, plain in zip(*found, strict=True):
         assert torch.allclose(single, plain, rtol=1e-4, atol=1e-4 * plain.abs().max().item())
@@ -55,10 +56,10 @@ def test_without_the_kernel_it_is_the_same(monkeypatch):
 def test_points_that_require_gradient_are_refused():
     points, centers, sigma, light, intensity = random_inputs(2, 2, 1, 0.1)
     with pytest.raises(ValueError, match="detach"):
-        gather_glints(points.requires_grad_(), centers, sigma, light, intensity)
+        gather_specular(points.requires_grad_(), centers, sigma, PointLights(light, intensity))
 
 
 def test_no_light_and_no_pixel():
     points, centers, sigma, light, intensity = random_inputs(3, 2, 1, 0.1)
-    assert (gather_glints(points, centers, sigma, light[:0], intensity[:0]) == 0).all()
-    assert gather_glints(points[:0], centers[:0], sigma[:0], light, intensity).shape == (0, 1)
+    assert (gather_specular(points, centers, sigma, PointLights(light[:0], intensity[:0])) == 0).all()
+    assert gather_specular(points[:0], centers[:0], sigma[:0], PointLights(light, intensity)).shape == (0, 1)

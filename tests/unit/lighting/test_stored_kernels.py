@@ -9,6 +9,7 @@ import hashlib
 import numpy as np
 import torch
 from pipeline.lighting.microfacet import arriving_vectors, gather_reflections
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import gather_light
 
 generator = torch.Generator().manual_seed(0)
@@ -20,11 +21,11 @@ power, alpha = torch.rand(24, 3, generator=generator), 0.1 + torch.rand(300, gen
 seen = np.full((24, 38), 255, np.uint8)
 normals, to_camera = axes[..., 2].contiguous(), axes[..., 0].contiguous()
 inputs = [tensor.requires_grad_() for tensor in (points, axes)]
-light = gather_light(*inputs, lights, power, seen)
+light = gather_light(*inputs, PointLights(lights, power, seen))
 gradients = torch.autograd.grad(light.square().sum(), inputs)
 points = points.detach()
-gloss = gather_reflections(points, normals, to_camera, alpha, lights, power, seen)
-for found in (light, *gradients, arriving_vectors(points, normals, lights, power, seen), gloss):
+gloss = gather_reflections(points, normals, to_camera, alpha, PointLights(lights, power, seen))
+for found in (light, *gradients, arriving_vectors(points, normals, PointLights(lights, power, seen)), gloss):
     print(hashlib.sha256(found.detach().numpy().tobytes()).hexdigest())
 """
 

@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from pipeline.lighting.irradiance import Lights, trace_irradiance
-from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits
-from pipeline.lighting.visibility_cache import keep_bits, load_bits, visibility_key
+from pipeline.lighting.visibility_bits import (
+    bits_are_cheaper,
+    irradiance_from_bits,
+    keep_bits,
+    load_bits,
+    trace_bits,
+    visibility_key,
+)
 from tests.support.meshes.lit_meshes import LIGHTS, floor_under_a_ball
 
 
@@ -28,7 +34,7 @@ def test_any_pattern_costs_no_ray_and_is_exact(distant: bool) -> None:
         assert known.rays == 0
         assert known.unlit == traced.unlit
         np.testing.assert_allclose(known.values, traced.values, rtol=1e-12)
-        np.testing.assert_allclose(known.falling, traced.falling, rtol=1e-12)
+        np.testing.assert_allclose(known.cosine_visibility, traced.cosine_visibility, rtol=1e-12)
 
 
 def test_bits_say_what_rays_say() -> None:

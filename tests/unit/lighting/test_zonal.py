@@ -8,6 +8,7 @@ import torch
 from scipy.special import sph_harm_y
 
 from pipeline.lighting import device_sums
+from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import (
     DEGREES,
     SMALLEST_DISTANCE2_M2,
@@ -24,7 +25,7 @@ def test_kernel_equals_float64_twin_forward_and_backward(channels):
     place, axes, light, intensity = random_scene(300, 64, channels)
     inputs = [place.requires_grad_(), axes.requires_grad_()]
     twins = [tensor.detach().double().requires_grad_() for tensor in inputs]
-    out = gather_light(*inputs, light, intensity)
+    out = gather_light(*inputs, PointLights(light, intensity))
     expected = gather_light_reference(*twins, light.double(), intensity.double())
     assert (out - expected).abs().max() < FLOAT32_SUM
     cotangent = torch.randn(out.shape, generator=torch.Generator().manual_seed(1))
@@ -43,7 +44,7 @@ def test_without_the_kernel_it_is_the_same(monkeypatch):
     for seen in (some, np.full_like(some, 255)):
         found = []
         for gather in (gather_light, gather_light_in_torch):
-            out = gather(*inputs, light, intensity, seen)
+            out = gather(*inputs, PointLights(light, intensity, seen))
             found.append((out, *torch.autograd.grad(out.square().sum(), inputs)))
         assert (found[0][0] - found[1][0]).abs().max() < FLOAT32_SUM
         for gradient, plain in zip(found[0][1:], found[1][1:], strict=True):
@@ -53,7 +54,7 @@ def test_without_the_kernel_it_is_the_same(monkeypatch):
 def test_addition_theorem_against_spherical_harmonics():
     """sum_m Y_lm(a) Y_lm(w), from SciPy's harmonics, is what is gathered along axis a for a light in direction w."""
     place, axes, light, _ = random_scene(5, 1, 1, seed=3)
-    gathered = gather_light(place, axes, light, torch.ones(1, 1)).double().numpy()[..., 0]
+    gathered = gather_light(place, axes, PointLights(light, torch.ones(1, 1))).double().numpy()[..., 0]
     for point in range(len(place)):
         to_light = (light[0] - place[point]).double().numpy()
         distance = np.linalg.norm(to_light)
@@ -82,21 +83,23 @@ def test_lambertian_lobe_approximates_the_clamped_cosine():
 def test_inverse_square_falloff():
     axes = torch.eye(3).expand(2, 3, 3).contiguous()
     place = torch.tensor([[0.0, 0, 0], [0, 0, 1.0]])
-    out = gather_light(place, axes, torch.tensor([[0.0, 0, 2.0]]), torch.ones(1, 1))
+    out = gather_light(place, axes, PointLights(torch.tensor([[0.0, 0, 2.0]]), torch.ones(1, 1)))
     assert (out[1] / out[0]).flatten()[2 * DEGREES].item() == pytest.approx(4, rel=1e-6)
 
 
 def test_light_on_the_point_is_finite():
     place = torch.zeros(1, 3, requires_grad=True)
     axes = torch.eye(3)[None].requires_grad_()
-    out = gather_light(place, axes, torch.zeros(1, 3), torch.ones(1, 1))
+    out = gather_light(place, axes, PointLights(torch.zeros(1, 3), torch.ones(1, 1)))
     out.sum().backward()
     assert torch.isfinite(out).all() and torch.isfinite(place.grad).all() and torch.isfinite(axes.grad).all()
     assert out[0, 2, 0, 0].item() == pytest.approx(1 / SMALLEST_DISTANCE2_M2 / (4 * math.pi), rel=1e-5)
 
 
 def test_no_light_gives_zero():
-    out = gather_light(torch.zeros(4, 3), torch.eye(3).expand(4, 3, 3), torch.zeros(0, 3), torch.zeros(0, 1))
+    out = gather_light(
+        torch.zeros(4, 3), torch.eye(3).expand(4, 3, 3), PointLights(torch.zeros(0, 3), torch.zeros(0, 1))
+    )
     assert out.shape == (4, 3, DEGREES, 1) and (out == 0).all()
 
 
@@ -106,7 +109,7 @@ def test_fewer_degrees_are_the_first_of_all_forward_and_backward(degrees):
     place, axes, lights, intensity = random_scene(40, 6, 3, seed=4)
     inputs = [tensor.clone().requires_grad_() for tensor in (place, axes)]
     twins = [tensor.double().requires_grad_() for tensor in (place, axes)]
-    found = gather_light(*inputs, lights, intensity, degrees=degrees)
+    found = gather_light(*inputs, PointLights(lights, intensity), degrees=degrees)
     expected = gather_light_reference(*twins, lights.double(), intensity.double())[:, :, :degrees]
     assert found.shape[2] == degrees
     assert (found - expected).abs().max() < FLOAT32_SUM

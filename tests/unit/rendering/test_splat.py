@@ -11,10 +11,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.rendering.kernel_cache import sources_digest
-from pipeline.rendering.splat import splat
-from pipeline.rendering.splat_comparison import compare_with_reference
 from pipeline.rendering.splat_conventions import MIN_ALPHA, check_splat_inputs
-from pipeline.rendering.splat_reference import splat_reference
+from tests.support.avatars.splat_by_names import compare_with_reference, splat, splat_reference
 
 FLOAT32_IMAGE = 1e-5
 """Absolute, for values near 1: float32 exp and some tens of blended layers, 6e-8 each and amplified by q <= 11."""
@@ -186,7 +184,7 @@ def test_compensated_opacity_keeps_the_light_of_a_footprint(render):
 def test_kernels_find_the_medians_of_the_reference():
     view = camera(50, 41)
     scene = gaussians_before(view, 600, 3, seed=3, scale=0.15)
-    found = compare_with_reference(scene, **view, median_depth=True)
+    found = compare_with_reference(**scene, **view, median_depth=True)
     assert found.value < VALUE_TOLERANCE
     assert max(found.gradients.values()) < GRADIENT_TOLERANCE, found.gradients
     assert found.undecided < 0.05
@@ -197,7 +195,7 @@ def test_kernels_find_the_medians_of_the_reference():
 def test_kernels_agree_with_the_reference(width, height, channels, compensate):
     view = camera(width, height)
     scene = gaussians_before(view, 250, channels, seed=width)
-    found = compare_with_reference(scene, **view, compensate_opacity=compensate)
+    found = compare_with_reference(**scene, **view, compensate_opacity=compensate)
     assert found.finite
     assert found.value < VALUE_TOLERANCE
     assert max(found.gradients.values()) < GRADIENT_TOLERANCE, found.gradients
@@ -209,7 +207,7 @@ def test_saturated_pixels_agree_with_the_reference():
     view = camera(32, 32)
     scene = gaussians_before(view, 700, 3, seed=5, scale=0.2)
     scene["opacities"] = 0.5 + 0.5 * scene["opacities"]
-    found = compare_with_reference(scene, **view)
+    found = compare_with_reference(**scene, **view)
     assert found.finite
     assert found.value < VALUE_TOLERANCE
     assert max(found.gradients.values()) < GRADIENT_TOLERANCE, found.gradients

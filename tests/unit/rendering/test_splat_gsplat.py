@@ -11,10 +11,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
-from pipeline.rendering.splat import splat
 from pipeline.rendering.splat_conventions import MIN_ALPHA
-from pipeline.rendering.splat_gsplat import splat_gsplat
-from pipeline.rendering.splat_reference import splat_reference
+from tests.support.avatars.splat_by_names import splat, splat_gsplat, splat_reference
 
 VALUE_TOLERANCE = 1e-4
 GRADIENT_TOLERANCE = 1e-3
@@ -55,7 +53,8 @@ def stand_in(seen: dict):
         assert viewmats[0, 3].tolist() == [0, 0, 0, 1] and not packed
         seen.update(quats=quats, far_plane=far_plane, dtypes={a.dtype for a in (means, quats, scales, colors, Ks)})
         out = splat_reference(
-            means, quats, scales, opacities, colors, viewmats[0, :3, :3], viewmats[0, :3, 3], Ks[0], width, height,
+            means=means, quaternions=quats, scales=scales, opacities=opacities, features=colors,
+            R=viewmats[0, :3, :3], t=viewmats[0, :3, 3], K=Ks[0], width=width, height=height,
             dilation_px2=eps2d, compensate_opacity=rasterize_mode == "antialiased", near_m=near_plane,
         )  # fmt: skip
         return torch.cat([out.features, out.depth[..., None]], -1)[None], out.alpha[None, ..., None], {}

@@ -15,6 +15,7 @@ from pipeline.rendering.splat_reference import (
     rotations_from_quaternions,
     splat_reference,
 )
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
 
 FLOAT64_ROUNDING = 1e-12
 """A few dozen operations on numbers near 1."""
@@ -31,8 +32,9 @@ def test_gradients_agree_with_finite_differences(compensate):
     R = torch.from_numpy(Rotation.from_rotvec([0.1, 0.05, -0.3]).as_matrix())
     K = torch.tensor([[12.0, 0, 3.2], [0, 13.0, 2.8], [0, 0, 1]], dtype=torch.float64)
 
-    def render(*gaussians):
-        return tuple(splat_reference(*gaussians, R, torch.zeros(3), K, 5, 4, compensate_opacity=compensate))
+    def render(*leaves):
+        view, options = CameraView(R, torch.zeros(3), K, 5, 4), SplatOptions(compensate_opacity=compensate)
+        return tuple(splat_reference(Gaussians(*leaves[:4]), leaves[4], view, options))
 
     assert torch.autograd.gradcheck(render, inputs, eps=1e-7, atol=1e-5, rtol=1e-4)
 
@@ -56,10 +58,8 @@ def test_alpha_of_a_needle_is_that_of_the_inverse_covariance_in_high_precision()
     mean = torch.tensor([[0.1, -0.05, 2.0]], dtype=torch.float64)
     K = torch.tensor([[100.0, 0, 40], [0, 100.0, 40], [0, 0, 1]], dtype=torch.float64)
     eye, zero = torch.eye(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
-    seen = project_footprints(
-        mean, quaternion, scales, torch.ones(1).double(), eye, zero, K, 80, 80,
-        dilation_px2=1e-3, compensate_opacity=False, near_m=0.01,
-    )  # fmt: skip
+    needle = Gaussians(mean, quaternion, scales, torch.ones(1).double())
+    seen = project_footprints(needle, CameraView(eye, zero, K, 80, 80), SplatOptions(dilation_px2=1e-3))
     along = seen.factor[0, :, 0] / seen.factor[0, :, 0].norm()
     pixels = seen.center_px + along * torch.tensor([[0.0], [20.0], [-35.0], [5.0]]) + torch.tensor([[0.02, 0.03]])
     with mpmath.workdps(50):

@@ -9,6 +9,7 @@ from pipeline.base.color import srgb_from_linear
 from pipeline.geometry.camera_paths import look_at
 from pipeline.rendering.splat import splat
 from pipeline.rendering.splat_ply import Splats, write_splats
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
 from tests.support.avatars.splat_viewer import VIEWERS_DILATION_PX2, view
 
 CAMERA = look_at(np.array([0.4, 0.3, 2.0]), np.array([0.05, 0.0, 0.0]), 40.0, 48, 40)
@@ -27,10 +28,9 @@ def some_splats(count: int = 60) -> Splats:
 
 def splatted(splats: Splats, colors: torch.Tensor):
     R, t, K = (torch.tensor(array, dtype=torch.float32) for array in (CAMERA.R, CAMERA.t, CAMERA.K))
-    return splat(
-        splats.means, splats.quaternions, splats.scales, splats.opacities, colors, R, t, K, CAMERA.width,
-        CAMERA.height, dilation_px2=VIEWERS_DILATION_PX2,
-    )  # fmt: skip
+    gaussians = Gaussians(splats.means, splats.quaternions, splats.scales, splats.opacities)
+    seen_by = CameraView(R, t, K, CAMERA.width, CAMERA.height)
+    return splat(gaussians, colors, seen_by, SplatOptions(dilation_px2=VIEWERS_DILATION_PX2))
 
 
 def test_a_viewer_draws_the_same_gaussians(tmp_path):

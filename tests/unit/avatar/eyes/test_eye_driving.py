@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.relighting.driving_signal import from_record
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.avatar.training.checkpoint import LoadedAvatar
@@ -44,7 +44,7 @@ def test_without_gaze_or_head_motion_a_frame_is_as_its_mesh_is_posed():
     posed = (vertices @ head[:, :3].T + head[:, 3]).astype(np.float32)
     silent = make_avatar(ATLAS, EYES)
     record = told.__class__(**{**told.__dict__, "vertices": posed, "gaze": None})
-    expected, found = (silent.prepare(FrameInputs(ATLAS, one))["means"].detach() for one in (told, record))
+    expected, found = (silent.prepare(FrameInputs(ATLAS, one)).gaussians.means.detach() for one in (told, record))
     assert torch.allclose(expected, found, atol=2e-6)
 
 
@@ -78,5 +78,5 @@ def test_driven_eyes_look_where_they_are_told():
     expected = LoadedAvatar(mirrors(), ATLAS).avatar.prepare(
         FrameInputs(ATLAS, make_frame(ATLAS, gaze(15, 5), LIGHTS[:1]))
     )
-    assert torch.equal(relighter.under_lights(told, lights)["means"], expected["means"])
-    assert not torch.equal(relighter.under_lights(driver, lights)["means"], expected["means"])
+    assert torch.equal(relighter.under_lights(told, lights).gaussians.means, expected.gaussians.means)
+    assert not torch.equal(relighter.under_lights(driver, lights).gaussians.means, expected.gaussians.means)

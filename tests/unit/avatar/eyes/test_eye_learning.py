@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from pipeline.avatar.eyes.explicit_eyes import MOST_GROWTH, MOST_SHIFT_M, Eyes
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.avatar.training.losses import regularization
 from pipeline.avatar.training.training import Training
 from pipeline.config.train_avatar import TrainAvatar
@@ -58,7 +59,7 @@ def test_losses_are_those_of_the_paper():
     terms = regularization(avatar, frame, TrainAvatar())
     assert terms["eye_opacity"].item() == pytest.approx(1e-4 * 0.25, rel=1e-5)
     assert terms["eye_visibility"].item() == pytest.approx(1e-4 * 0.75**2, rel=1e-5)
-    scales = 1e3 * frame["scales"].detach()
+    scales = 1e3 * frame.gaussians.scales.detach()
     excess = (scales - (scales / 1.5).clamp_min(0.1)).clamp_min(0)
     assert terms["eye_scale"].item() == pytest.approx(0.01 * excess.square().mean().item(), rel=1e-4)
 
@@ -79,10 +80,10 @@ def test_training_finds_the_centre_and_the_cornea_from_glints():
     for step in range(60):
         inputs = frames[step % 3]
         image = views[step % 2]
-        camera = [torch.tensor(array, dtype=torch.float32) for array in (image.R, image.t, image.K)]
+        camera = camera_view(image)
         with torch.no_grad():
-            wanted = true.view(true.prepare(inputs), *camera, 100, 100)["rgb"]
-        found = avatar.view(avatar.prepare(inputs), *camera, 100, 100)["rgb"]
+            wanted = true.view(true.prepare(inputs), camera).rgb
+        found = avatar.view(avatar.prepare(inputs), camera).rgb
         optimizer.zero_grad()
         blurred(found - wanted).square().sum().backward()
         optimizer.step()

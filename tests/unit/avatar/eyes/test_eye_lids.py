@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from benchmarks.mirror_glints import glint_points
+from pipeline.avatar.build import START_ALBEDO
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.texel_parameters import START_ALBEDO
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from tests.support.avatars.eyeballs import (
     AHEAD,
     CENTERS,
@@ -34,17 +35,17 @@ def test_lids_hide_what_is_behind_them():
     half = make_atlas(64, lid(0.010, 0.2))
     avatar = make_avatar(half, EYES)
     frame = avatar.prepare(FrameInputs(half, make_frame(half, AHEAD, LIGHTS[:1])))
-    points = frame["means"].detach()[avatar.eyes.chosen]
-    share = frame["lids"].opening
+    points = frame.gaussians.means.detach()[avatar.eyes.chosen]
+    share = frame.eyes.lids.opening
     in_front = points[:, 2] > 0.0705
     assert share[in_front & (points[:, 1] > 0.017)].max() < 0.45
     assert share[in_front & (points[:, 1] < 0.003)].min() > 0.55
     assert share[points[:, 2] < 0.051].min() > 0.95  # nothing behind the eyes
     unlit = make_avatar(half, EYES, shadow=True)
     shaded = unlit.prepare(FrameInputs(half, make_frame(half, AHEAD, LIGHTS[:1])))
-    ratio = (frame["diffuse"] / shaded["diffuse"]).detach()[avatar.eyes.chosen]
-    assert torch.allclose(ratio[shaded["diffuse"][avatar.eyes.chosen] > 0.01], share[:, None].expand(-1, 3)[
-        shaded["diffuse"][avatar.eyes.chosen] > 0.01], atol=1e-5)  # fmt: skip
+    ratio = (frame.shading.diffuse / shaded.shading.diffuse).detach()[avatar.eyes.chosen]
+    assert torch.allclose(ratio[shaded.shading.diffuse[avatar.eyes.chosen] > 0.01], share[:, None].expand(-1, 3)[
+        shaded.shading.diffuse[avatar.eyes.chosen] > 0.01], atol=1e-5)  # fmt: skip
 
 
 @pytest.mark.parametrize(("wall", "passes"), [((0.010, 0.2), 0.0), ((0.030, 0.2), 1.0)])
@@ -57,7 +58,7 @@ def test_glints_of_lights_behind_a_lid_are_not_seen(wall, passes):
     normal = point - center - EYES["eye_l"].shape.cornea_offset_m * AHEAD
     normal = normal / np.linalg.norm(normal)
     arrays = [torch.tensor(array[None], dtype=torch.float32) for array in (point, normal)]
-    seen = frame["lids"].pass_mirrored(*arrays, torch.tensor(camera, dtype=torch.float32))
+    seen = frame.eyes.lids.pass_mirrored(*arrays, torch.tensor(camera, dtype=torch.float32))
     assert seen.tolist() == [passes]
 
 
@@ -88,10 +89,12 @@ def test_each_light_is_hidden_by_itself_wherever_the_eye_looks(start, looks):
     world = light @ head[:, :3].T + head[:, 3]
     frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, looks, world, head)))
     chosen = avatar.eyes.chosen
-    points, normals = (frame[name].detach()[chosen].double().numpy() for name in ("means", "normals"))
+    points, normals = (
+        tensor.detach()[chosen].double().numpy() for tensor in (frame.gaussians.means, frame.surface.posed.normals)
+    )
     expected, from_edge = lambert((points - head[:, 3]) @ head[:, :3], normals @ head[:, :3], light[0], wall)
     clear = (from_edge > 1e-4) & ((points - head[:, 3]) @ head[:, 2] < 0.0799)
-    found, peak = frame["diffuse"].detach()[chosen].numpy(), START_ALBEDO / np.pi * 2.0 / (1.0 - 0.08) ** 2
+    found, peak = frame.shading.diffuse.detach()[chosen].numpy(), START_ALBEDO / np.pi * 2.0 / (1.0 - 0.08) ** 2
     assert (expected[clear] > 0.05).sum() > 50 and (expected[clear] == 0).sum() > 50
     np.testing.assert_allclose(found[clear], np.tile(expected[clear, None], 3), atol=TRUNCATED * peak)
 
@@ -104,7 +107,7 @@ def test_light_of_two_lamps_is_the_sum_of_the_light_of_each():
         avatar.transfer_mono.add_(0.1 * torch.randn(avatar.transfer_mono.shape))
 
     def diffuse(lights):
-        return avatar.prepare(FrameInputs(atlas, make_frame(atlas, gaze(10, 5), lights)))["diffuse"].detach()
+        return avatar.prepare(FrameInputs(atlas, make_frame(atlas, gaze(10, 5), lights))).shading.diffuse.detach()
 
     both, first, second = diffuse(LIGHTS[:2]), diffuse(LIGHTS[:1]), diffuse(LIGHTS[1:2])
     assert torch.allclose(both, first + second, atol=1e-5)
@@ -118,9 +121,9 @@ def test_eyes_are_lit_alike_whatever_was_read_of_the_frame_before():
     skin = torch.ones(atlas.texel_count, dtype=torch.bool).index_fill(0, avatar.eyes.chosen, False)
     before = read.harmonics.clone()
     frames = [avatar.prepare(inputs) for inputs in (fresh, read)]
-    assert torch.equal(frames[0]["diffuse"], frames[1]["diffuse"])
-    assert torch.equal(read.harmonics, before) and torch.equal(frames[1]["harmonics"][skin], before[skin])
-    assert not torch.equal(frames[1]["harmonics"][~skin], before[~skin])
+    assert torch.equal(frames[0].shading.diffuse, frames[1].shading.diffuse)
+    assert torch.equal(read.harmonics, before) and torch.equal(frames[1].incident.harmonics[skin], before[skin])
+    assert not torch.equal(frames[1].incident.harmonics[~skin], before[~skin])
 
 
 def test_where_all_texels_have_one_light_eyes_start_like_the_rest():
@@ -131,5 +134,5 @@ def test_where_all_texels_have_one_light_eyes_start_like_the_rest():
     for name in ("transfer_color", "transfer_mono", "start_transfer_color"):
         assert torch.equal(getattr(avatar, name), getattr(eyeless, name))
     frames = [one.prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, LIGHTS[:1]))) for one in (avatar, eyeless)]
-    shown, bare = (frame["diffuse"].detach()[avatar.eyes.chosen] for frame in frames)
-    assert torch.allclose(shown, frames[0]["lids"].opening[:, None] * bare, atol=1e-6) and bare.max() > 0.01
+    shown, bare = (frame.shading.diffuse.detach()[avatar.eyes.chosen] for frame in frames)
+    assert torch.allclose(shown, frames[0].eyes.lids.opening[:, None] * bare, atol=1e-6) and bare.max() > 0.01

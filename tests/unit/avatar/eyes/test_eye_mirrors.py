@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from benchmarks.mirror_glints import centroid, glint_points, project
+from pipeline.avatar.eyes.corneal_reflections import trace_spheres
 from pipeline.avatar.eyes.explicit_eyes import START_VISIBILITY
-from pipeline.avatar.eyes.eye_glints import trace_spheres
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.eyes.eye_shape import EyeShape, usual_shape
 from pipeline.lighting.lobes import LOBE_CONSTANT

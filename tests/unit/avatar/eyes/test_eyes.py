@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.pose import FrameInputs
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
 from pipeline.base.errors import InputError
 from pipeline.eyes.eye_shape import usual_shape
@@ -30,7 +30,7 @@ from tests.support.avatars.eyeballs import (
 def test_gaussians_stand_on_the_spheres_with_their_normals():
     avatar, head, looks = make_avatar(ATLAS, EYES), moved_head(), gaze(20, -10)
     frame = avatar.prepare(FrameInputs(ATLAS, make_frame(ATLAS, looks, LIGHTS[:1], head)))
-    means, normals = frame["means"].detach().numpy(), frame["bent_normals"].detach().numpy()
+    means, normals = frame.gaussians.means.detach().numpy(), frame.surface.bent_normals.detach().numpy()
     shape, axis = usual_shape(0.012), head[:, :3] @ looks
     centers = np.stack([head[:, :3] @ center + head[:, 3] for center in CENTERS.values()])[avatar.eyes.eye]
     from_ball, from_cornea = means - centers, means - centers - shape.cornea_offset_m * axis
@@ -40,7 +40,7 @@ def test_gaussians_stand_on_the_spheres_with_their_normals():
     outward = np.where(on_cornea[:, None], from_cornea, from_ball)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     np.testing.assert_allclose(normals, outward, atol=1e-5)
-    axes = frame["axes"].detach().numpy()
+    axes = frame.surface.axes.detach().numpy()
     np.testing.assert_allclose(axes[..., 2], outward, atol=1e-5)
     np.testing.assert_allclose(np.einsum("nij,nik->njk", axes, axes), np.tile(np.eye(3), (len(axes), 1, 1)), atol=1e-5)
 
@@ -53,14 +53,15 @@ def test_offsets_turns_and_bent_normals_of_eyes_do_nothing():
         for name in ("offset", "rotation", "normal_offset"):
             avatar.get_parameter(name).add_(0.1 * torch.randn(avatar.get_parameter(name).shape))
     after = avatar.prepare(FrameInputs(ATLAS, record))
-    for name in ("means", "quaternions", "bent_normals"):
-        assert torch.equal(before[name], after[name])
+    for name in ("means", "quaternions"):
+        assert torch.equal(getattr(before.gaussians, name), getattr(after.gaussians, name))
+    assert torch.equal(before.surface.bent_normals, after.surface.bent_normals)
 
 
 def test_colour_depends_on_the_side_only_once_it_has_learned_to():
     avatar, inputs = make_avatar(ATLAS, EYES), FrameInputs(ATLAS, make_frame(ATLAS, AHEAD, LIGHTS[:1]))
     frame = avatar.prepare(inputs)
-    color, sides = frame["diffuse"], [torch.tensor([x, 0.0, 1.0]) for x in (-0.5, 0.5)]
+    color, sides = frame.shading.diffuse, [torch.tensor([x, 0.0, 1.0]) for x in (-0.5, 0.5)]
     for side in sides:
         assert torch.equal(avatar.eyes.seen_from(frame, side, color), color)
     seen = [avatar.eyes.seen_from(frame, side, color.detach()).sum() for side in sides]

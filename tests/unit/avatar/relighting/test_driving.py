@@ -7,8 +7,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.pose import FrameInputs
-from pipeline.avatar.relighting.driving_signal import AT_REST, Driver, from_code, from_record
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.relighting.driving_signal import AT_REST, DrivingSignal, from_code, from_record
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
@@ -32,7 +32,7 @@ def head():
 
 
 def means(relighter, driver):
-    return relighter.under_lights(driver, LAMP)["means"]
+    return relighter.under_lights(driver, LAMP).gaussians.means
 
 
 def test_a_frames_own_code_drives_as_the_frame_does(head):
@@ -43,8 +43,11 @@ def test_a_frames_own_code_drives_as_the_frame_does(head):
         relighter.under_lights(driver, LAMP)
         for driver in (from_record(record), from_code(relighter.avatar, code, record.head_from_world))
     )
-    for name in ("means", "scales", "transfer_color"):
-        assert (by_record[name] - by_code[name]).abs().max() < FLOAT32_ROUNDING, name
+    for of in (
+        lambda frame: frame.gaussians.means, lambda frame: frame.gaussians.scales,
+        lambda frame: frame.parameters.transfer_color,
+    ):  # fmt: skip
+        assert (of(by_record) - of(by_code)).abs().max() < FLOAT32_ROUNDING
 
 
 def test_codes_between_two_frames_give_shapes_between_them(head):
@@ -95,7 +98,7 @@ def test_a_driven_head_is_seen_under_lamps_and_a_sky(head):
     K = np.array([[40.0, 0, 12], [0, 40.0, 12], [0, 0, 1]])
     camera = Camera(R, -R @ np.array([0.0, 0.0, 1.0]), K, np.zeros(5), 24, 24)
     driver = dataclasses.replace(from_record(frames[1]), code=np.full(4, 0.5, np.float32))
-    assert isinstance(driver, Driver)
+    assert isinstance(driver, DrivingSignal)
     sky = Environment(np.full((2, 4, 3), 0.5, np.float32))
     for lit in (relighter.under_lights(driver, LAMP), relighter.under_pixels(driver, sky, np.eye(3))):
         rgb, alpha = relighter.view(lit, camera)

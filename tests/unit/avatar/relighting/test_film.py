@@ -10,15 +10,16 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import texel_spacing
 from pipeline.avatar.relighting.film import Relighter, view_independent_color
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.camera_paths import look_at
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.rendering.splat_ply import Splats, read_splats, write_splats
+from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, Supersampling
 from pipeline.rendering.supersample import splat_supersampled
 from tests.support.avatars.sheet import make_sheet
 
@@ -55,10 +56,13 @@ def test_networks_follow_a_new_pose_under_a_new_light() -> None:
     flat = it.under_lights(SHEET.rest_vertices, KEY)
     lamps, lobes = it.under_lights(folded, KEY), it.under_sky(folded, it.prepare_sky(sky()), sky(), TURN)
     for name in ("offset", "log_scale", "opacity", "transfer_color"):
-        assert torch.equal(lamps[name], lobes[name])
-        assert not torch.equal(lamps[name], flat[name])
+        own = [getattr(frame.parameters, name) for frame in (lamps, lobes, flat)]
+        assert torch.equal(own[0], own[1])
+        assert not torch.equal(own[0], own[2])
     center = torch.tensor([0.1, 0.05, 0.9])
-    assert torch.equal(*(it.avatar.specular_visibility(it.avatar.viewed(frame, center)) for frame in (lamps, lobes)))
+    assert torch.equal(
+        *(it.avatar.built.specular.visibility(it.avatar.viewed(frame, center)) for frame in (lamps, lobes))
+    )
     for frame in (lamps, lobes):
         assert it.view(frame, CAMERA)[0].isfinite().all()
 
@@ -127,8 +131,10 @@ def test_shadow_network_is_the_only_part_that_is_not_linear() -> None:
     """Diffuse light superposes in every frame; its factor from the network does not."""
     it = relighter(shadow=True)
     one, other, both = (it.under_lights(SHEET.rest_vertices, lights) for lights in (KEY, FILL, together(KEY, FILL)))
-    torch.testing.assert_close(both["diffuse"], one["diffuse"] + other["diffuse"], rtol=1e-5, atol=1e-6)
-    assert set(one) == {*relighter().under_lights(SHEET.rest_vertices, KEY), "shadow"}
+    torch.testing.assert_close(both.shading.diffuse, one.shading.diffuse + other.shading.diffuse, rtol=1e-5, atol=1e-6)
+    plain = relighter().under_lights(SHEET.rest_vertices, KEY)
+    assert {name for name, layer in vars(one.shading).items() if layer is not None} == {"diffuse", "shadow"}
+    assert {name for name, layer in vars(plain.shading).items() if layer is not None} == {"diffuse"}
 
 
 def test_light_that_is_off_changes_nothing() -> None:
@@ -184,10 +190,9 @@ def test_only_learned_transfer_without_traced_light_goes_by_lobes() -> None:
 def splat(splats: Splats, spec: AvatarSpec) -> torch.Tensor:
     R, t, K = (torch.tensor(array, dtype=torch.float32) for array in (CAMERA.R, CAMERA.t, CAMERA.K))
     facing = (splats.normals * (torch.tensor(CAMERA.center).float() - splats.means)).sum(1) > 0
-    return splat_supersampled(
-        splats.means, splats.quaternions, splats.scales, splats.opacities * facing, splats.rgb_linear, R, t, K,
-        CAMERA.width, CAMERA.height, factor=spec.supersample, dilation_px2=spec.dilation_px2,
-    ).features  # fmt: skip
+    gaussians = Gaussians(splats.means, splats.quaternions, splats.scales, splats.opacities * facing)
+    view, options = CameraView(R, t, K, CAMERA.width, CAMERA.height), SplatOptions(spec.dilation_px2)
+    return splat_supersampled(gaussians, splats.rgb_linear, view, options, Supersampling(spec.supersample)).features
 
 
 @pytest.mark.parametrize("shadow", [False, True])
@@ -197,7 +202,8 @@ def test_splats_from_a_file_look_like_the_view_independent_part(tmp_path, shadow
     color = view_independent_color(frame)
     assert float(color.min()) > 0
     assert float(color.max()) < 1  # nothing is clipped
-    made = Splats(frame["means"], frame["normals"], color, frame["opacities"], frame["scales"], frame["quaternions"])
+    shapes = (frame.gaussians.opacities, frame.gaussians.scales, frame.gaussians.quaternions)
+    made = Splats(frame.gaussians.means, frame.surface.posed.normals, color, *shapes)
     write_splats(tmp_path / "a.ply", made)
     found = splat(read_splats(tmp_path / "a.ply"), it.avatar.spec)
     torch.testing.assert_close(found, splat(made, it.avatar.spec), rtol=1e-4, atol=1e-5)

@@ -10,13 +10,16 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from pipeline.avatar import model, pose
-from pipeline.avatar import shaded_texels as lit_texels
+from pipeline.avatar import model
+from pipeline.avatar.appearance import lobes
+from pipeline.avatar.frames import inputs
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.sky import PreparedSky
+from pipeline.avatar.geometry import gaussians_on_texels
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.relighting.environment_avatar import PreparedSky
 from pipeline.avatar.relighting.film import Relighter
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.avatar.training.distributed import FlatGradients
 from pipeline.avatar.training.training import compute_loss
@@ -53,12 +56,12 @@ class OneDevice(TorchDispatchMode):
         return operation(*args, **(kwargs or {}))
 
 
-def empty_picture(means, quaternions, scales, opacities, features, R, t, K, width, height, **options):
-    inputs = (means, quaternions, scales, opacities, features, R, t, K)
+def empty_picture(gaussians, features, view, options, sampling):
+    inputs = (*gaussians.named().values(), features, view.R, view.t, view.K)
     assert {tensor.device for tensor in inputs} == {ELSEWHERE}
     seen = sum(tensor.mean() for tensor in inputs)  # so that gradients go back to all of them
-    blank = means.new_zeros(height, width) + seen
-    return Splatted(features.new_zeros(height, width, features.shape[1]) + seen, blank, blank)
+    blank = features.new_zeros(view.height, view.width) + seen
+    return Splatted(features.new_zeros(view.height, view.width, features.shape[1]) + seen, blank, blank)
 
 
 def covered_pixels(mask, as_tuple=False):
@@ -70,12 +73,12 @@ def covered_pixels(mask, as_tuple=False):
 @pytest.fixture
 def no_numbers(monkeypatch):
     """Stand-ins for what has to know numbers."""
-    monkeypatch.setattr(model, "splat_supersampled", empty_picture)
+    monkeypatch.setattr(gaussians_on_texels, "splat_supersampled", empty_picture)
     monkeypatch.setattr(torch, "nonzero", covered_pixels)
     # The mesh is drawn on the CPU, from numbers; its depth comes back to the picture's device.
-    monkeypatch.setattr(model, "depth_of_pixels", lambda source, picture, *rest: picture.depth.detach())
-    for module in (lit_texels, pose):
-        monkeypatch.setattr(module, "white_once", lambda intensities: intensities)
+    monkeypatch.setattr(lobes, "depth_of_pixels", lambda source, picture, *rest: picture.depth.detach())
+    for module in (model, inputs):
+        monkeypatch.setattr(module, "white_once", lambda lights: lights)
 
 
 @pytest.mark.parametrize("name", ["full", *VARIANTS, *HEADS])
@@ -85,7 +88,7 @@ def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(
     atlas = make_sheet(8)
     record = make_frame(atlas, np.array([[0.5, 0.3, 1.5], [0.1, 0.2, 1.4]]), np.array([[3.0, 2, 1], [1, 1, 1]]))
     image = make_image(record, np.array([0.7, 0.4, 0.2]))
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, PLANNED)).to(ELSEWHERE)
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, PLANNED)).to(ELSEWHERE)
     inputs = FrameInputs(atlas, record, device=ELSEWHERE)
     with OneDevice():
         gradients = FlatGradients(avatar)
@@ -98,7 +101,7 @@ def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(
 @pytest.mark.usefixtures("no_numbers")
 def test_relit_pictures_are_on_the_device_of_the_parameters():
     atlas = make_sheet(8)
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(), PLANNED)).to(ELSEWHERE)
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(TrainAvatar(), PLANNED)).to(ELSEWHERE)
     relighter = Relighter(LoadedAvatar(avatar, atlas), TraceIrradiance())
     camera = Camera(R=np.diag([1.0, -1, -1]), t=np.array([0, 0, 1.0]), K=np.eye(3), dist=np.zeros(5), width=4, height=4)
     lights = FrameLights(np.array([[0.5, 0.3, 1.5]]), np.ones((1, 3)))

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import AvatarSpec
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.distributed import FlatGradients, Processes, choose_device
 from pipeline.avatar.training.training import Training, compute_loss
 from pipeline.base.errors import InputError

@@ -1,21 +1,26 @@
 """Every term of the loss: its value where it can be said on paper, and a finite gradient where it could break."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import spec_of
+from pipeline.avatar.appearance.penalties import negative
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.model import Avatar, Picture
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training import losses
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.metrics.lpips import Lpips, build_features, linear_weights
+from pipeline.rendering.splat_types import CameraView
 from tests.support.avatars.sheet import make_frame, make_sheet
 
 K = torch.tensor([[10.0, 0, 4], [0, 10.0, 4], [0, 0, 1]])
+VIEW = CameraView(torch.eye(3), torch.zeros(3), K, 4, 4)
 
 
 def gradient(term, value):
@@ -48,7 +53,7 @@ def test_normals_that_face_away_are_punished_and_visible_ones_are_not(degrees):
     angle = math.radians(degrees)
     in_camera = torch.tensor([math.sin(angle), 0.0, -math.cos(angle)])  # z points away from the camera
     normal = (0.3 * in_camera @ R)[None, None].requires_grad_()
-    term = losses.normal_orient(normal, torch.ones(1, 1), R, pinhole)
+    term = losses.normal_orient(normal, torch.ones(1, 1), CameraView(R, torch.zeros(3), pinhole, 1, 1))
     assert term.item() == pytest.approx(max(0.0, -math.cos(angle)) ** 2, abs=1e-6)
     slope = gradient(term, normal)
     if degrees == 120:
@@ -57,8 +62,8 @@ def test_normals_that_face_away_are_punished_and_visible_ones_are_not(degrees):
 
 def test_normal_orient_is_finite_for_no_normal_and_no_pixel():
     normal = torch.zeros(4, 4, 3, requires_grad=True)
-    assert (gradient(losses.normal_orient(normal, torch.ones(4, 4), torch.eye(3), K), normal) == 0).all()
-    assert losses.normal_orient(normal, torch.zeros(4, 4), torch.eye(3), K).item() == 0
+    assert (gradient(losses.normal_orient(normal, torch.ones(4, 4), VIEW), normal) == 0).all()
+    assert losses.normal_orient(normal, torch.zeros(4, 4), VIEW).item() == 0
 
 
 def test_lpips_is_zero_for_the_capture_itself_and_its_gradient_finite_on_black():
@@ -81,7 +86,7 @@ def test_lpips_without_its_weights_is_told(tmp_path):
 
 def test_negative_values_count_squared():
     values = torch.tensor([-2.0, 0.0, 3.0], requires_grad=True)
-    term = losses.negative(values)
+    term = negative(values)
     assert term.item() == pytest.approx(4 / 3)
     assert gradient(term, values).tolist() == pytest.approx([-4 / 3, 0, 0])
 
@@ -99,7 +104,7 @@ def test_terms_of_the_parameters_have_their_papers_values():
         shadow="off", weight_size=1.0, weight_albedo=0.01, weight_offset=0.05, weight_negative=0.01, weight_normal=1.0,
         normal_steps=10,
     )  # fmt: skip
-    avatar = Avatar(atlas, texel_spacing(atlas), spec_of(settings, {"near_field", "articulation", "specular"}))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, {"near_field", "articulation", "specular"}))
     with torch.no_grad():
         avatar.albedo.copy_(torch.tensor([0.5, -0.25, 0.0]))
         avatar.log_scale.fill_(math.log(2e-3))
@@ -111,19 +116,19 @@ def test_terms_of_the_parameters_have_their_papers_values():
     assert terms["albedo"].item() == pytest.approx(0.01 * 0.25, rel=1e-5)
     assert terms["offset"].item() == pytest.approx(0.05 * 5 / 3, rel=1e-5)
     assert terms["normal"].item() == pytest.approx(0.6 * 0.25, rel=1e-5)
-    negative = 0.01 * (0.25**2 / 3 + frame["diffuse"].detach().clamp_max(0).square().mean().item())
-    assert terms["negative"].item() == pytest.approx(negative, rel=1e-5)
+    below = 0.01 * (0.25**2 / 3 + frame.shading.diffuse.detach().clamp_max(0).square().mean().item())
+    assert terms["negative"].item() == pytest.approx(below, rel=1e-5)
     for name, parameter in (("size", avatar.log_scale), ("albedo", avatar.albedo), ("offset", avatar.offset)):
         assert gradient(terms[name], parameter).abs().sum() > 0
 
 
 def test_terms_of_weight_zero_are_not_computed():
-    picture = {"rgb": torch.zeros(4, 4, 3), "alpha": torch.ones(4, 4), "normal": torch.ones(4, 4, 3)}
-    shown = (torch.zeros(4, 4, 3), torch.ones(4, 4), torch.eye(3), K)
+    picture = Picture(torch.zeros(4, 4, 3), torch.ones(4, 4), torch.ones(4, 4, 3))
+    shown = (torch.zeros(4, 4, 3), torch.ones(4, 4), VIEW)
     assert set(losses.reconstruction(picture, *shown, TrainAvatar())) == {"photometric", "silhouette"}
     papers = TrainAvatar(weight_normal_orient=0.1, weight_alpha_sparsity=0.1)
     assert set(losses.reconstruction(picture, *shown, papers)) == {
         "photometric", "silhouette", "normal_orient", "alpha_sparsity"
     }  # fmt: skip
-    del picture["normal"]  # a lobe that is not deferred
-    assert "normal_orient" not in losses.reconstruction(picture, *shown, papers)
+    without = replace(picture, normal=None)  # a lobe that is not deferred
+    assert "normal_orient" not in losses.reconstruction(without, *shown, papers)

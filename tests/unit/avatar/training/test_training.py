@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.avatar.appearance.models import ShadowModel
+from pipeline.avatar.appearance.penalties import outside
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.pose import FrameInputs, texel_spacing
-from pipeline.avatar.spec import AvatarSpec, spec_of
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar
-from pipeline.avatar.training.losses import outside, photometric, silhouette
+from pipeline.avatar.training.losses import photometric, silhouette
 from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule
 from pipeline.base.files import read_arrays
@@ -67,7 +71,7 @@ def test_every_variant_learns_the_sheet_under_its_lights(scene, name):
     """The relative error of the sheet's middle after a few steps; a flat sheet asks little of any of them."""
     atlas, frames, _ = scene
     settings = TrainAvatar(steps=80, cameras_per_step=2, **VARIANTS[name])
-    avatar = train(scene, settings, settings.steps, spec=spec_of(settings, PLANNED))
+    avatar = train(scene, settings, settings.steps, spec=resolve_spec(settings, PLANNED))
     image = make_image(frames[0].record, ALBEDO, shift_x=0.05)
     rgb, _ = LoadedAvatar(avatar, atlas).render(frames[0].record, image)
     assert np.median(relative_errors(rgb, image)) < 0.1
@@ -84,7 +88,7 @@ def test_only_what_a_variant_needs_is_built(scene):
     atlas = scene[0]
 
     def names(**choices):
-        spec = spec_of(TrainAvatar(**choices), PLANNED)
+        spec = resolve_spec(TrainAvatar(**choices), PLANNED)
         return {name.split(".")[0] for name, _ in Avatar(atlas, texel_spacing(atlas), spec).named_parameters()}
 
     full = names()
@@ -100,7 +104,7 @@ def test_traced_shadows_and_gloss_are_linear_in_the_light(scene):
     """Superposition holds for shadows as well once every light has its own."""
     atlas, _, images = scene
     settings = TrainAvatar(steps=20, **VARIANTS["pbr"])
-    avatar = train(scene, settings, 20, spec=spec_of(settings, PLANNED))
+    avatar = train(scene, settings, 20, spec=resolve_spec(settings, PLANNED))
     positions, power = np.array([[0.5, 0.3, 1.5], [-0.4, 0.2, 1.0]]), np.array([[3.0, 2.0, 1.0], [1.0, 2.0, 4.0]])
     pictures = [
         LoadedAvatar(avatar, atlas).render(make_frame(atlas, positions[chosen], power[chosen]), images[0])[0]
@@ -115,7 +119,7 @@ def test_far_lamps_may_be_taken_as_distant(scene):
     frame = make_frame(atlas, np.array([[20.0, 10.0, 55.0], [-10.0, 5.0, 58.0]]), np.full((2, 3), 5e3))
     pictures = []
     for planned in ({"near_field", "articulation"}, {"articulation"}):
-        avatar = Avatar(atlas, texel_spacing(atlas), spec_of(TrainAvatar(specular="off"), planned))
+        avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(TrainAvatar(specular="off"), planned))
         pictures.append(LoadedAvatar(avatar, atlas).render(frame, images[0])[0])
     assert not torch.equal(*pictures)
     assert torch.allclose(*pictures, rtol=0.02, atol=1e-3)
@@ -143,7 +147,8 @@ def test_rendering_is_linear_in_the_light(scene):
     """Superposition: the picture under two lights is the sum of the pictures under each."""
     atlas, _, images = scene
     avatar = train(scene, TrainAvatar(steps=20), 20)
-    avatar.spec = dataclasses.replace(SPEC, shadow=False)  # normalised irradiance is a ratio: not linear, by design
+    # Normalised irradiance is a ratio: not linear, by design.
+    avatar = avatar.variant(shadow=ShadowModel(avatar, SPEC))
     positions, power = np.array([[0.5, 0.3, 1.5], [-0.4, 0.2, 1.0]]), np.array([[3.0, 2.0, 1.0], [1.0, 2.0, 4.0]])
     pictures = [
         LoadedAvatar(avatar, atlas).render(make_frame(atlas, positions[chosen], power[chosen]), images[0])[0]

@@ -1,0 +1,1 @@
+"""Parts of an avatar's appearance: diffuse, specular, normals, shadows, indirect light."""

@@ -1,0 +1,115 @@
+"""Specular lobes of the papers, evaluated per pixel (RFGCA 11-12) or at every texel."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from pipeline.avatar.appearance.glossy import GlossySamples, shade_halfway, shade_near_mirrors, shade_specular
+from pipeline.avatar.appearance.layers import Layers
+from pipeline.avatar.appearance.models import SpecularModel
+from pipeline.avatar.appearance.penalties import HALFWAY_BOUNDS, ROUGHNESS_BOUNDS, outside
+from pipeline.avatar.frames.prepared import PreparedFrame, ViewedParameters
+from pipeline.avatar.geometry.pixel_depth import depth_of_pixels, points_of_pixels
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.texel_parameters import TexelParameters
+from pipeline.avatar.texels.texel_store import TexelStore
+from pipeline.lighting.lobes import angular_gaussian, cosine_gaussian
+from pipeline.rendering.splat_conventions import Splatted
+from pipeline.rendering.splat_types import CameraView
+
+START_ROUGHNESS = 0.15
+START_VISIBILITY = 0.02
+
+SMALLEST_ALPHA = 1 / 255
+"""Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
+
+
+class SpecularLobe(SpecularModel):
+    """A lobe with a roughness and a visibility per texel.
+
+    Attributes:
+        mirror_lobe: G about a mirror direction. Near mirrors, as eyes are, know no other angle.
+        bounds: of the roughness, radians.
+        deferred: evaluated per pixel.
+    """
+
+    mirror_lobe = staticmethod(angular_gaussian)
+    bounds = ROUGHNESS_BOUNDS
+
+    def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
+        super().__init__(store, spec)
+        self.deferred, self.depth = spec.deferred, spec.depth
+        store.add("log_roughness", store.fill(START_ROUGHNESS).log())
+        store.add("visibility", store.fill(START_VISIBILITY).logit())
+
+    @property
+    def works_under_sky(self) -> bool:
+        """Panoramas are prefiltered for lobes about mirror directions, and looked up per pixel."""
+        return self.deferred
+
+    @abstractmethod
+    def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
+        """Linear radiance of texels or pixels towards a camera at `center`."""
+
+    def samples(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples:
+        """Texels with roughness and visibility as one camera sees them."""
+        roughness = frame.parameters.log_roughness.exp()
+        visibility = self.visibility(viewed)
+        return GlossySamples(frame.gaussians.means.detach(), frame.surface.bent_normals, roughness, visibility)
+
+    def visibility(self, viewed: ViewedParameters) -> Float[Tensor, " texels"]:
+        """v_k as one camera sees it."""
+        return torch.sigmoid(self.store.visibility + (0 if viewed.visibility is None else viewed.visibility))
+
+    def shade_pixels(
+        self, images: Layers, picture: Splatted, frame: PreparedFrame, camera: CameraView
+    ) -> tuple[Int[Tensor, " n"], Int[Tensor, " n"], Float[Tensor, "n channels"]]:
+        """Row and column of covered pixels, and the lobe evaluated once for each (RFGCA 11-12)."""
+        alpha = picture.alpha
+        row, column = torch.nonzero(alpha.detach() > SMALLEST_ALPHA, as_tuple=True)
+        normal, roughness, visibility = (
+            layer[row, column] for layer in (images.normal, images.roughness, images.visibility)
+        )
+        weight = alpha[row, column].clamp_min(SMALLEST_ALPHA)
+        mesh = frame.incident.inputs.mesh if self.depth == "traced" else None
+        depth = depth_of_pixels(self.depth, picture, mesh, camera)
+        points = points_of_pixels(row, column, depth[row, column], camera)
+        pixels = GlossySamples(points, normal, roughness[:, 0] / weight, visibility[:, 0])
+        return row, column, self.shade(pixels, frame, camera.center)
+
+    def reflect(self, mirrors: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
+        """Linear radiance of mirrors near each other, as eyes are; see `shade_near_mirrors`."""
+        return shade_near_mirrors(mirrors, center, frame.incident.lights, self.mirror_lobe)
+
+    def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
+        """Roughness outside of its bounds."""
+        return {"roughness": outside(parameters.log_roughness.exp(), *self.bounds)}
+
+
+class AngularLobe(SpecularLobe):
+    """A spherical Gaussian of the angle to the mirror direction (RGCA 6, RFGCA 13)."""
+
+    def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
+        """Lobe about the mirror direction."""
+        return shade_specular(samples, center, frame.incident.lights, self.mirror_lobe)
+
+
+class CosineLobe(AngularLobe):
+    """A spherical Gaussian of the cosine to the mirror direction (RGCA supplement C)."""
+
+    mirror_lobe = staticmethod(cosine_gaussian)
+
+
+class HalfVectorLobe(SpecularLobe):
+    """A spherical Gaussian of twice the half vector's angle to the normal."""
+
+    bounds = HALFWAY_BOUNDS
+    works_under_sky = False
+
+    def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
+        """Lobe about half vectors."""
+        return shade_halfway(samples, center, frame.incident.lights)

@@ -1,0 +1,95 @@
+"""Texels of eyes, the gaze of a frame, and the albedo of eyes.
+
+It depends on the side they are seen from.
+
+The iris lies behind a cornea that refracts (RGCA 10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor, nn
+from torch.nn.functional import leaky_relu
+
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.networks.pose_encoder import SLOPE, linear
+from pipeline.base.errors import InputError
+from pipeline.geometry.rigid_alignment import align_rigid
+from pipeline.geometry.texels import Atlas
+
+FEATURES, HIDDEN = 8, 16
+"""Numbers that a texel tells the network, and the network's width."""
+
+MOST_GAIN = 3.0
+"""Log of how much brighter or darker a texel may become from another side: between pupil (0.01) and iris (0.2)."""
+
+
+def eye_texels(
+    atlas: Atlas, parts: Mapping[str, tuple[int, ...]]
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
+    """Texels of all eyes, and the number of each one's eye.
+
+    An eye's are those whose face has all corners in it.
+
+    Args:
+        parts: vertices of each eye by name; eyes are numbered in its order.
+
+    Raises:
+        InputError: if there are no such vertices, or an eye has no texel.
+    """
+    owner = np.full(len(atlas.rest_vertices), -1)
+    for number, (name, vertices) in enumerate(parts.items()):
+        if not vertices or not 0 <= min(vertices) <= max(vertices) < len(owner):
+            raise InputError(f"{name}: expected vertices 0 to {len(owner) - 1}, found others; run fit_eyes again")
+        owner[list(vertices)] = number
+    corners = owner[atlas.corners]
+    chosen = np.flatnonzero((corners[:, 0] >= 0) & (corners == corners[:, :1]).all(1))
+    eye = corners[chosen, 0]
+    empty = [name for number, name in enumerate(parts) if not (eye == number).any()]
+    if empty:
+        raise InputError(
+            f"{empty}: expected texels of the atlas on each eye, found none; make unwrap_atlas.size larger"
+        )
+    return chosen, eye
+
+
+def frame_gaze(
+    inputs: FrameInputs, parts: Sequence[np.ndarray], axes: Float[Tensor, "eyes 3"]
+) -> Float[Tensor, "eyes 3"]:
+    """Directions in which the eyes look, in the head's frame, as the record says.
+
+    Where it has none: where the axes of the eyes at rest point once the eyes are as their vertices are posed.
+
+    Args:
+        parts: vertices of each eye.
+        axes: unit directions of the eyes at rest.
+    """
+    if inputs.record.gaze is not None:
+        return torch.as_tensor(inputs.record.gaze, device=inputs.device)
+    rest, posed = (array.astype(np.float64) for array in (inputs.atlas.rest_vertices, inputs.record.vertices))
+    turns = torch.as_tensor(np.stack([align_rigid(rest[part], posed[part]).R for part in parts])).to(axes)
+    return (inputs.head_from_world[:, :3] @ turns @ axes[..., None])[..., 0]
+
+
+class EyeAlbedo(nn.Module):
+    """A factor on the albedo of each of so many texels, per colour and direction.
+
+    1 until it has learned.
+
+    Refraction depends on the direction in the eye's own frame alone: neither gaze nor head are asked for.
+    """
+
+    def __init__(self, texels: int) -> None:
+        super().__init__()
+        self.features = nn.Parameter(torch.randn(texels, FEATURES))
+        self.hidden, self.last = linear(FEATURES + 3, HIDDEN), linear(HIDDEN, 3)
+        nn.init.zeros_(self.last.parametrizations.weight.original0)
+
+    def forward(self, toward: Float[Tensor, "texels 3"]) -> Float[Tensor, "texels 3"]:
+        """Positive factors for unit directions to the camera in the eye's frame."""
+        known = leaky_relu(self.hidden(torch.cat([self.features, toward], -1)), SLOPE)
+        return torch.exp(MOST_GAIN * torch.tanh(self.last(known)))

@@ -1,0 +1,1 @@
+"""Frames, moments in time: their inputs, their light, and what all cameras share."""

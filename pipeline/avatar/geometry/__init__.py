@@ -1,0 +1,1 @@
+"""Primitives of an avatar: placing them, drawing them, and the depth of their pixels."""

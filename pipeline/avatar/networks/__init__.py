@@ -1,0 +1,1 @@
+"""Networks of pose, expression, view, light and shadow."""

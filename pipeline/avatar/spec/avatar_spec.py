@@ -1,0 +1,168 @@
+"""Choices that variants of an avatar differ in."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+from pipeline.config.train_avatar import Anchors, DepthSource, Highlight, Kind, TransferStart
+
+
+@dataclass(frozen=True)
+class AvatarSpec:
+    """Choices of one avatar, stored beside its parameters.
+
+    Attributes:
+        specular: the specular lobe, or the gloss of the microfacets.
+        shadow: shadows, in the way that `visibility` says.
+        supersample, dilation_px2, compensate_opacity, pixel_filter, filter_std_px: belong to the avatar because it was
+            fitted through them.
+        avatar: "body" (RFGCA), or "head" (RGCA): parameters follow a latent code of vertices and mean texture.
+        shading: "transfer": zonal transfer, turned with each Gaussian, and a spherical Gaussian (RFGCA 7-14);
+            "harmonics": spherical harmonics that are not turned, and the same lobe (RGCA 5); "microfacet": Lambert and
+            GGX; "linear": a head's network that is linear in the light (row "Linear" of RGCA).
+        transfer_start: where unturned harmonics start: "lambertian", or "traced" on the template at rest.
+        highlight: the lobe of "transfer" and "harmonics": a spherical Gaussian of the "angle" to the mirror direction
+            (RGCA 6), of twice the "half" vector's angle to the normal, or of the cosine; or, for a head, "harmonics"
+            that the view decoder gives (row "EyeNeRF" of RGCA).
+        visibility: "learned": one factor per texel from the shadow network (RFGCA 15-16); "traced": every pair of
+            texel and light.
+        indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
+            "bounce": traced to the texels it comes from.
+        transfer_degree: highest degree of the transfer, zonal or not; above 3 it is monochrome.
+        near_field: lights at their distance; if not, one direction and strength each for all texels of a frame.
+        deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
+        depth: how far away a pixel's point is; see `pipeline.avatar.pixel_depth`.
+        normals: "learned": bent away from the Gaussian's axis (RFGCA 10), "viewed": and by each camera differently
+            (RGCA 9), or those of the "mesh".
+        anchors: what a head's Gaussians sit on: "decoded" vertices (RGCA 4), those "tracked", or the template moved as
+            a "rigid" whole.
+        parameters: "texels": one value per texel, whatever the pose; "decoded": and what networks add to it for a pose
+            and, to the specular visibility, for a view (RFGCA 3, 4, 14).
+        articulation: the subject's limbs move: a code of the body's pose.
+        eyes: Gaussians of eyes lie on two spheres per eye that turn with the gaze (RGCA section 3.4).
+        face: middle and radius of the face on the template at rest, metres: a code of its own; none if empty.
+        pose_points, code_size: points of the surface behind a code, and its numbers.
+        decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
+    """
+
+    specular: bool
+    shadow: bool
+    shadow_width: int
+    supersample: int
+    dilation_px2: float
+    pixel_filter: Literal["box", "gaussian"] = "box"
+    filter_std_px: float = 0.6
+    avatar: Kind = "body"
+    shading: Literal["transfer", "harmonics", "microfacet", "linear"] = "transfer"
+    transfer_start: TransferStart = "lambertian"
+    highlight: Highlight = "angular"
+    visibility: Literal["learned", "traced"] = "learned"
+    indirect: Literal["none", "ambient", "bounce"] = "none"
+    deferred: bool = True
+    depth: DepthSource = "traced"
+    compensate_opacity: bool = False
+    normals: Literal["viewed", "learned", "mesh"] = "learned"
+    anchors: Anchors = "decoded"
+    parameters: Literal["texels", "decoded"] = "texels"
+    articulation: bool = False
+    eyes: bool = False
+    face: tuple[float, ...] = ()
+    pose_points: int = 64
+    code_size: int = 16
+    decoder_channels: tuple[int, ...] = (16, 8)
+    near_field: bool = True
+    transfer_degree: int = 8
+
+    @property
+    def degrees(self) -> int:
+        """Number of degrees of the transfer, 0 to `transfer_degree`.
+
+        Beside a network that is linear in the light, none that are monochrome.
+        """
+        return 1 + (min(self.transfer_degree, 3) if self.shading == "linear" else self.transfer_degree)
+
+    @property
+    def head(self) -> bool:
+        """A latent code drives the avatar."""
+        return self.avatar == "head"
+
+    @property
+    def primitives(self) -> str:
+        """Name of the primitives that stand on texels."""
+        return "gaussians"
+
+    @property
+    def lobe(self) -> bool:
+        """The specular lobe of the papers is built."""
+        return self.specular and self.shading in ("transfer", "harmonics") and self.highlight != "harmonics"
+
+    @property
+    def specular_model(self) -> str:
+        """Name of the model of light that depends on the view."""
+        if self.shading == "linear":
+            return "linear"
+        if not self.specular or (self.highlight == "harmonics" and self.shading == "transfer"):
+            return "none"
+        return "ggx" if self.shading == "microfacet" else self.highlight
+
+    @property
+    def shadow_model(self) -> str:
+        """Name of the model of shadows."""
+        return self.visibility if self.shadow else "none"
+
+    @property
+    def normal_model(self) -> str:
+        """Name of the model of normals: learned only where something is shaded with them."""
+        if self.normals == "mesh" or not (self.lobe or self.shading == "microfacet"):
+            return "mesh"
+        return "tangent" if self.head else "gaussian"
+
+    @property
+    def shadow_net(self) -> bool:
+        """Shadows are predicted, from traced irradiance maps."""
+        return self.shadow_model == "learned"
+
+    @property
+    def traced(self) -> bool:
+        """Shadows are traced."""
+        return self.shadow_model == "traced"
+
+    @property
+    def viewed_harmonics(self) -> bool:
+        """Each camera has harmonics of its own for what is specular."""
+        return self.specular_model == "harmonics"
+
+    @property
+    def viewed_normals(self) -> bool:
+        """Each camera bends the normals in its own way."""
+        return self.normals == "viewed" and self.lobe
+
+    @property
+    def pixel_depth(self) -> DepthSource | None:
+        """Source of the depth of pixels, if anything asks for it."""
+        return self.depth if self.lobe and self.deferred else None
+
+    @property
+    def pose_decoder(self) -> bool:
+        """Poses change parameters: only where something about them is known to change."""
+        return self.parameters == "decoded" and not self.head and (self.articulation or bool(self.face))
+
+    @property
+    def view_decoder(self) -> bool:
+        """Each camera of a body sees the specular visibility differently."""
+        return self.parameters == "decoded" and self.lobe
+
+    @property
+    def decoded(self) -> bool:
+        """Any network of pose, expression or view is built."""
+        return self.head or self.pose_decoder or self.view_decoder
+
+    def as_json(self) -> dict:
+        """The fields by name, for config.json."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, stored: dict) -> AvatarSpec:
+        """Read back from a file what `as_json` gave."""
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()})

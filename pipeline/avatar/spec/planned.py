@@ -1,0 +1,60 @@
+"""Settings and planned effects, made into a spec."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import fields, replace
+from pathlib import Path
+
+from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json
+from pipeline.config.effects import EFFECTS
+from pipeline.config.train_avatar import Kind, TrainAvatar
+
+
+def read_plan(path: Path) -> set[str]:
+    """The effects that are on in effects.json.
+
+    Raises:
+        InputError: if it says nothing about some effect.
+    """
+    effects = read_json(path)
+    missing = sorted(set(EFFECTS) - effects.keys())
+    if missing:
+        raise InputError(f"{path}: expected the effects of this version, found no {missing}; run plan_effects again")
+    return {name for name in EFFECTS if effects[name]["on"]}
+
+
+def resolve_spec(settings: TrainAvatar, planned: Collection[str], kind: Kind = "body") -> AvatarSpec:
+    """Spec of what the settings ask for; where they say `auto`, of what plan_effects turned on.
+
+    Args:
+        planned: the effects that are on in effects.json.
+        kind: what the capture is of.
+
+    Raises:
+        InputError: if they ask a body for what only heads have, or a head for what it has not.
+    """
+    decided = settings.decided(planned, kind)
+    require_parts(decided)
+    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec)}
+    modes = ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
+    spec = AvatarSpec(**chosen | {name: chosen[name] == "on" for name in modes})
+    # Light in the root's frame has no place for one texel's shadows.
+    turns = spec.articulation or spec.traced
+    return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")
+
+
+def require_parts(decided: TrainAvatar) -> None:
+    """Refuse what a kind of capture does not have, by the InputErrors of `resolve_spec`."""
+    asked = {
+        "shading: linear": decided.shading == "linear",
+        "highlight: harmonics": decided.highlight == "harmonics",
+        "normals: viewed": decided.normals == "viewed",
+    }
+    if decided.avatar == "body" and any(asked.values()):
+        found = ", ".join(name for name, is_asked in asked.items() if is_asked)
+        raise InputError(f"train_avatar: avatar: expected head, found body, with {found}, which only heads have")
+    if decided.avatar == "head" and decided.shading not in ("harmonics", "linear"):
+        raise InputError(f"train_avatar: shading: expected harmonics or linear for a head, found {decided.shading}")
