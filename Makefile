@@ -58,8 +58,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
-# SWITCH ON, by taking the comment sign away, when every docstring keeps it; --summary shows how many do not.
-#	$(BIN)/python .ci/lint_docstrings.py
+	$(BIN)/python .ci/lint_docstrings.py
 
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema

@@ -1,4 +1,4 @@
-"""The committed curves of error against time, which presets and budgets choose settings from.
+"""Committed curves of error against time, from which presets and budgets choose settings.
 
 `config/curves/accuracy_cost.csv` has the rows of a subject's table of that name for the dials that are to be chosen,
 `config/curves/subject.yaml` what that subject was like and what its stages took. Written by `pipeline.dials.curves`.

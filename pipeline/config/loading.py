@@ -29,7 +29,7 @@ RENAMED = {"unwrap_textures": "bake_textures"}
 
 @dataclass(frozen=True)
 class Project:
-    """The validated configuration of the project and of every subject that has a file of its own.
+    """Validated configuration of the project and of every subject that has its own file.
 
     Attributes:
         settings: the project's.

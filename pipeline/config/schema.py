@@ -1,4 +1,4 @@
-"""Writes config/config.yaml and workflow/schemas/config.schema.json from the settings models.
+"""Write config/config.yaml and its schema (workflow/schemas) from the settings models.
 
     python -m pipeline.config.schema
 

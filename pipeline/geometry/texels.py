@@ -170,7 +170,10 @@ def _across(vectors: np.ndarray | Tensor, n: np.ndarray | Tensor) -> np.ndarray 
 def any_tangent(
     n: Float[np.ndarray, "*b 3"] | Float[Tensor, "*b 3"],
 ) -> Float[np.ndarray, "*b 3"] | Float[Tensor, "*b 3"]:
-    """A unit vector across each unit vector n (Duff et al. 2017, Building an Orthonormal Basis, Revisited)."""
+    """A unit vector across each unit vector n.
+
+    Duff et al. 2017, Building an Orthonormal Basis, Revisited.
+    """
     xp = array_module(n)
     x, y, z = n[..., 0], n[..., 1], n[..., 2]
     sign = xp.where(z < 0, -xp.ones_like(z), xp.ones_like(z))

@@ -157,7 +157,10 @@ def trace_irradiance(
 
 
 def unlit_map(points: int) -> IrradianceMap:
-    """The map of a frame without a lit light: 1 everywhere, which the ratio of sums leaves open (0 / 0)."""
+    """The map of a frame without a lit light: 1 everywhere.
+
+    The ratio of sums leaves it open (0 / 0).
+    """
     return IrradianceMap(np.ones(points), np.ones(points), np.zeros(points), 0, 0, True)
 
 

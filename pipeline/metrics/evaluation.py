@@ -99,7 +99,7 @@ def evaluate(
     render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any], lpips: Lpips | None = None,
     metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
 ) -> pd.DataFrame:  # fmt: skip
-    """Render and score every image that a split holds out: one row each, in the order of `images`.
+    """Render and score every image that a split holds out: one row each, in their order.
 
     LPIPS is NaN if `lpips` is None. Images without foreground get NaN for PSNR.
 

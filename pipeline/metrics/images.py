@@ -43,7 +43,9 @@ def psnr_db(
 
 
 def ssim(rendered: Float[np.ndarray, "h w 3"], captured: Float[np.ndarray, "h w 3"]) -> float:
-    """Mean structural similarity of Wang et al. 2004: Gaussian window, data range 1, per channel, then averaged.
+    """Mean structural similarity (Wang et al. 2004).
+
+    Gaussian window, data range 1, per channel, then averaged.
 
     NaN if a side is shorter than the window. Computed in float64: the variances are small differences.
     """

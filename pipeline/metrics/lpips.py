@@ -1,4 +1,4 @@
-"""LPIPS (Zhang et al. 2018, version 0.1): distance of deep features, weighted by human judgement.
+"""LPIPS (Zhang et al. 2018, version 0.1): distance of deep features with learned weights.
 
     d(x, y) = sum_l mean_{h,w} sum_c w_lc (f_lc(x) - f_lc(y))^2,    f_l = features of layer l / their norm over channels
 

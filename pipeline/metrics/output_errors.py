@@ -29,7 +29,7 @@ def rms(values: Float[np.ndarray, "*shape"]) -> float:
 
 
 def align_rigs(rig: Rig, expected: Rig) -> Alignment:
-    """Expected frame from the rig's, by the centres of the cameras that both have, sorted by name.
+    """Expected frame from the rig's, by the centres of the cameras that both have.
 
     Raises:
         InputError: if both share fewer than three cameras, or those stand on one line.

@@ -48,7 +48,7 @@ HARD_CASE_COLUMNS = (
 
 
 def hard_cases(results: Results) -> Part:
-    """The table of numerical hard cases: errors with their bounds, and what a naive version does."""
+    """Table of numerical hard cases: errors, their bounds, and what a naive version does."""
     title = "Hard cases"
     if not results.hard_cases.is_file():
         return Part(title, "", "the table of numerical hard cases", "make hard-cases")

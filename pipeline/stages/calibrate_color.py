@@ -102,7 +102,7 @@ class Measured:
 def measure_chart(
     path: Path, transfer: str, black_level: float, corners: list[list[float]] | None, settings: CalibrateColor
 ) -> Measured:
-    """Find the chart in an image, unless its corners (pixels) are given, and measure its patches."""
+    """Find the chart in an image, unless its corners (pixels) are given; measure its patches."""
     content = read_bytes(path)
     stored, image = decode_stored(content, path), decode_image(content, path, transfer, black_level)
     full = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1.0

@@ -89,7 +89,7 @@ def read_estimate(text: str) -> dict[str, Any]:
 
 
 def stage_times(folder: Path, stages: list[str]) -> pd.DataFrame:
-    """Columns cpu and wall, seconds, of all jobs of each stage; NaN for a stage that has not run."""
+    """Columns cpu and wall, seconds, of all jobs of each stage; NaN for stages that did not run."""
     rows = {stage: [math.nan, math.nan] for stage in stages}
     for stage in stages:
         paths = [path for path in folder.glob("*.tsv") if path.name.partition(".")[0] == stage]

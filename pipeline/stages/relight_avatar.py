@@ -107,7 +107,7 @@ def run(
 def camera_path(
     sequence: DrivingSequence, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar
 ) -> list[Camera]:
-    """One camera per picture: through keyframes, through calibrated cameras, or around the subject.
+    """One camera per picture: through keyframes or calibrated cameras, or around the subject.
 
     Raises:
         InputError: for two paths at once, unknown cameras, or a centre that is no point.

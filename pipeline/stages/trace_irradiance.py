@@ -1,4 +1,4 @@
-"""Trace normalised irradiance per frame: the share of the light sent to a texel that arrives.
+"""Trace normalised irradiance per frame: the share of light sent to a texel that arrives.
 
 It reads a posed mesh and light patterns.
 

@@ -173,7 +173,10 @@ def require_same_start(step: int, processes: Processes) -> None:
 def open_log(
     out: Path, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], training: Training, at: Position
 ) -> AbstractContextManager[TrainingLog | None]:
-    """The main process' log of the training, with previews of its middle image, a fully lit one if there is any."""
+    """Log of the training, kept by the main process, with previews of its middle image.
+
+    That is a fully lit one if there is any.
+    """
     if not training.processes.is_main:
         return nullcontext()
     shown = [i for i in chosen if images.table.fully_lit.iloc[i]] or chosen
@@ -182,7 +185,10 @@ def open_log(
 
 
 def write_state(training: Training, path: Path, at: Position, fingerprint: str) -> None:
-    """Write in the main process; all go on once it has, so that none ends, and has the others ended, before."""
+    """Write the state in the main process.
+
+    All go on once it has, so that none ends, and has the others ended, before.
+    """
     if training.processes.is_main:
         training.save(path, at, fingerprint)
     training.processes.wait()
