@@ -1,6 +1,6 @@
 """What goes wrong when lights are calibrated from mirror balls: each case with the message or the bound it has to meet.
 
-The capture is drawn (tests/support/drawn_balls.py); every case changes one thing in it.
+The capture is drawn (tests/support/drawings/balls.py); every case changes one thing in it.
 """
 
 from __future__ import annotations
