@@ -1,9 +1,12 @@
 # `make results/<subject>/metrics.csv` makes that file; so with any other file or rule of the Snakefile.
-# The environment, .venv, is set up on first use and again when pyproject.toml changes.
+# The environment, .venv, is set up on first use and again when pyproject.toml or a lock of exact versions changes.
 CORES ?= 2
 PYTHON ?= python3
 # More options for snakemake, e.g. FLAGS='--config captures=/data/captures' or FLAGS='--configfile config/presets/draft.yaml'
 FLAGS ?=
+# The first of these that pip can install is the environment: with torch's CPU build where pip is told of one, otherwise
+# with the registry's torch and CUDA's libraries. For a GPU, without a .venv: make LOCKS=envs/lock-cuda.txt TARGET
+LOCKS ?= envs/lock.txt envs/lock-cuda.txt
 
 BIN := .venv/bin
 READY := .venv/.ready
@@ -16,18 +19,20 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases growth effects lint schema curves presets FORCE
+.PHONY: help test hard-cases scaling growth effects lint docs schema curves presets lock FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
 	@echo 'make test                          run all tests'
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
-	@echo 'make growth                        measure how time and memory grow with sizes, into results/growth'
+	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make lint                          check style of code and workflow'
-	@echo 'make schema                        write config/config.yaml, its schema and capture_format.md from the models'
+	@echo 'make docs                          build the documentation into build/docs'
+	@echo 'make schema                        write what is generated: config.yaml, its schema, pages of settings and commands'
 	@echo 'make curves                        measure what accuracy costs on subjectA, for presets and budgets'
 	@echo 'make presets                       write the presets draft, standard and reference from these curves'
+	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
 test: $(READY)
@@ -39,8 +44,11 @@ hard-cases: $(READY)
 # On one thread: more would count what they wait for.
 ONE_THREAD := OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1
 
-growth: $(READY)
-	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_growth --out results/growth
+scaling: $(READY)
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_scaling --out results/scaling
+
+# As it was called before.
+growth: scaling
 
 effects: $(READY)
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --out results/effects_comparison.csv
@@ -50,10 +58,25 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+	$(BIN)/python .ci/lint_docstrings.py
 
 schema: $(READY)
 	$(BIN)/python -m pipeline.config.schema
 	$(BIN)/python -m pipeline.capture.schema.format_page
+	$(BIN)/python -m docs.generate
+
+# The documentation's tools have an environment of their own: nothing else needs them.
+DOCS_BIN := .venv-docs/bin
+DOCS_READY := .venv-docs/.ready
+docs: $(DOCS_READY)
+	NO_MKDOCS_2_WARNING=1 $(DOCS_BIN)/python -m mkdocs build --strict
+
+$(DOCS_READY): pyproject.toml
+	test -x $(DOCS_BIN)/python || $(PYTHON) -m venv .venv-docs
+	$(DOCS_BIN)/python -c 'import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	    print(*project["optional-dependencies"]["docs"], sep="\n")' > .venv-docs/requirements.txt
+	$(DOCS_BIN)/python -m pip install --requirement .venv-docs/requirements.txt
+	touch '$@'
 
 CURVES_OF := results/subjectA
 curves: $(READY)
@@ -64,13 +87,23 @@ curves: $(READY)
 presets: $(READY)
 	$(BIN)/python -m pipeline.budget.presets
 
-$(READY): pyproject.toml
+# New versions where the ranges ask for them; with UPGRADE=--upgrade the newest everywhere. uv has an environment of its
+# own: it only writes the locks, pip installs them.
+lock:
+	test -x .venv-lock/bin/python || $(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/python -m pip install --quiet 'uv>=0.13'
+	.venv-lock/bin/python .ci/lock_versions.py $(UPGRADE)
+
+INSTALL := $(BIN)/python -m pip install
+$(READY): pyproject.toml $(LOCKS)
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --editable '.[dev]'
+	$(foreach lock,$(LOCKS),$(INSTALL) --require-hashes -r $(lock) ||) \
+	    { echo 'pip can install none of $(LOCKS)' >&2; false; }
+	$(INSTALL) --no-deps --no-build-isolation --editable .
 	touch '$@'
 
 # Everything else is Snakemake's to make, and to decide whether it is up to date.
-Makefile pyproject.toml: ;
+Makefile pyproject.toml $(LOCKS): ;
 
 # A report's folder is its page.
 results/%/report: $(READY) FORCE

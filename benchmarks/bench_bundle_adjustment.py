@@ -30,7 +30,7 @@ from pipeline.calibration.cameras.rig import adjust_rig
 from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.calibration.cameras.rig_start import start_rig
 from pipeline.geometry.cameras import Camera, read_cameras
-from pipeline.stages.calibrate_cameras import boards_of
+from pipeline.stages.calibrate_cameras import boards_from_index
 
 NOISE_PX, GROSS_SHARE, GROSS_PX = 0.05, 0.03, 20.0
 
@@ -39,7 +39,7 @@ def read_corners(capture: Path, results: Path) -> tuple[BoardViews, list[str], l
     """What the capture's images show, and its true cameras."""
     calibration = read_json(results / "index/calibration_cameras.json")
     truth = read_cameras(capture / "truth/cameras.json")
-    names, boards = sorted(truth), boards_of(calibration)
+    names, boards = sorted(truth), boards_from_index(calibration)
     sizes = {name: (truth[name].width, truth[name].height) for name in names}
     detections = find_boards(capture, calibration["views"], sizes, boards, 2)
     return gather_views(detections, calibration["views"], names, boards), names, [truth[name] for name in names]

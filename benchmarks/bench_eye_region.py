@@ -27,7 +27,7 @@ from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.depth_maps import draw_depth
 from pipeline.geometry.rigid_alignment import Alignment
-from pipeline.metrics.evaluation import FLAGS, LIT, SPLITS, display_pair
+from pipeline.metrics.evaluation import FLAGS, LIT, SPLITS, scored_pair
 from pipeline.metrics.images import psnr_db
 from pipeline.metrics.output_errors import align_rigs
 from pipeline.metrics.significance import mean_over_images
@@ -69,7 +69,7 @@ def score(results: Path, capture: Path, variants: list[str]) -> pd.DataFrame:
         flags = {name: getattr(image, name) for name in (*FLAGS, "fully_lit")}
         rows.append({"camera": image.camera, "frame": image.frame, **flags, "pixels": int(seen.sum())})
         for name, render in renders.items():
-            captured, rendered = display_pair(render, image, frame)
+            captured, rendered = scored_pair(render, image, frame)
             rows[-1][name] = psnr_db(rendered, captured, seen)
     return pd.DataFrame(rows)
 

@@ -25,7 +25,15 @@ from pipeline.geometry.skin import read_template
 from pipeline.stages.book_patterns import build_model, fit_subject, measure_brightness
 from pipeline.sync.brightness import BrightnessModel, PatternLog
 from pipeline.sync.sync import SyncCheck, check_sync
-from tests.support.planted_stage import INTERLEAVINGS, Stage, build_stage, model_of, photograph, traced_transport, white
+from tests.support.rigs.light_stage import (
+    INTERLEAVINGS,
+    Stage,
+    brightness_model,
+    build_stage,
+    photograph,
+    traced_transport,
+    white,
+)
 
 SIGMAS, MAX_OFFSET = 5.0, 5
 
@@ -196,7 +204,7 @@ def bench_interleaving(stages: list[Stage], kind: str, trials: int) -> None:
 
     def healthy() -> BrightnessModel:
         stage, log = next(simulated([stages[int(rng.integers(len(stages)))]], kind, 1, rng))
-        return model_of(stage, log, photograph(stage, log, rng))
+        return brightness_model(stage, log, photograph(stage, log, rng))
 
     faults_of_log(kind, healthy, trials, rng)
     for fault, name in (("dead_light", "dead light"), ("stuck_light", "stuck light")):
@@ -205,9 +213,9 @@ def bench_interleaving(stages: list[Stage], kind: str, trials: int) -> None:
             light = int(rng.integers(len(stage.lights)))
             shown = log.copy()
             shown[:, light] = 0.0 if fault == "dead_light" else log[log.any(2)].mean()
-            powers = check_sync(model_of(stage, log, photograph(stage, log, rng)), MAX_OFFSET, SIGMAS).powers
+            powers = check_sync(brightness_model(stage, log, photograph(stage, log, rng)), MAX_OFFSET, SIGMAS).powers
             power = (powers.dead if fault == "dead_light" else powers.stuck)[light]
-            model = model_of(stage, log, photograph(stage, shown, rng))
+            model = brightness_model(stage, log, photograph(stage, shown, rng))
             planted.append(Trial(model, fault, name=stage.names[light], power=float(power)))
         report(score(kind, name, planted))
     darkened = []
@@ -215,7 +223,9 @@ def bench_interleaving(stages: list[Stage], kind: str, trials: int) -> None:
         row, shown = int(rng.integers(stage.frames)), log.copy()
         if log[row].any():
             shown[row] = white(np.zeros(len(stage.lights)))
-            darkened.append(Trial(model_of(stage, log, photograph(stage, shown, rng)), "wrong_pattern", name=str(row)))
+            darkened.append(
+                Trial(brightness_model(stage, log, photograph(stage, shown, rng)), "wrong_pattern", name=str(row))
+            )
     report(score(kind, "dark though logged lit", darkened))
 
 

@@ -34,7 +34,7 @@ def whole_boards(found: BoardViews) -> BoardViews:
     count = np.zeros((seen.camera.max() + 1, len(found.shot)), int)
     np.add.at(count, (seen.camera, seen.view), 1)
     whole = seen.select(count[seen.camera, seen.view] == len(found.corners_m))
-    return BoardViews(whole, found.corners_m, found.shot, found.board).of_cameras(range(len(count)))
+    return BoardViews(whole, found.corners_m, found.shot, found.board).for_cameras(range(len(count)))
 
 
 def opencv(found: BoardViews, sizes: list[tuple[int, int]]) -> list[Camera]:

@@ -28,7 +28,7 @@ from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.head_shape import head_mesh
 from pipeline.synthesis.lens import view_points
 from pipeline.synthesis.sensor_model import SensorModel, write_8bit, write_exr
-from pipeline.synthesis.stage_rig import StageRig, build_stage_rig, light_patterns, segment_of
+from pipeline.synthesis.stage_rig import StageRig, build_stage_rig, light_patterns, segment_for
 from pipeline.synthesis.subject import vertex_normals
 
 FAR_M = 40.0
@@ -146,7 +146,7 @@ def make_scene(
     powers = patterns.pivot(index="frame", columns="light", values="intensity").fillna(0.0)
     powers = powers.reindex(columns=list(rig.light_positions), fill_value=0.0).to_numpy()
     moments = [
-        shape.at(time_s, segment) for segment, time_s in (segment_of(f, settings) for f in range(settings.frames))
+        shape.at(time_s, segment) for segment, time_s in (segment_for(f, settings) for f in range(settings.frames))
     ]
     for frame, (vertices, _) in enumerate(moments):
         photograph(folder, drawn, scene, shape, rig, frame, vertices, powers[frame])
@@ -198,7 +198,7 @@ def write_stage_files(
     write_table(folder / "index/gaze.parquet", pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]))
     rows = pd.DataFrame([(c, f) for c in rig.cameras for f in range(settings.frames)], columns=["camera", "frame"])
     at = [f"{row.camera}/{row.frame:06d}" for row in rows.itertuples()]
-    segments = [segment_of(frame, settings)[0] for frame in range(settings.frames)]
+    segments = [segment_for(frame, settings)[0] for frame in range(settings.frames)]
     held = {
         "test_camera": rows.camera.isin(splits["test_cameras"]), "test_frame": rows.frame.isin(splits["test_frames"]),
         "test_segment": rows.frame.map(dict(enumerate(segments))).isin(splits["test_segments"]), "test_pattern": False,

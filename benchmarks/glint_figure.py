@@ -15,7 +15,7 @@ from benchmarks.driven_glints import Scene, direction, prepare
 from benchmarks.true_eyes import MEASURED
 from pipeline.capture.records import FrameRecord
 from pipeline.figures.style import CROSSHAIR, PREDICTED, add_panels, frame_panel, grid_size, picture
-from pipeline.metrics.evaluation import displayed
+from pipeline.metrics.comparison import preview_srgb
 
 PANEL_INCHES, MOST, FINER = 2.0, 5, 6
 """Side of a crop, crops in a row, and how much finer those of the lower row are rendered."""
@@ -60,7 +60,7 @@ def show_crop(axes: Axes, scene: Scene, record: FrameRecord, glint: pd.Series, m
     view = scene.around_eyes(record.frame, glint.camera)
     rgb = scene.relighter.view(prepare(scene, record, direction(glint.yaw, glint.pitch), glint.light), view)[0].numpy()
     (left, top), (width, height) = scene.corner(view, glint.camera), np.array([view.width, view.height]) / scene.zoom
-    axes.imshow(displayed(EXPOSURE * rgb), extent=(left, left + width, top + height, top), interpolation="nearest")
+    axes.imshow(preview_srgb(EXPOSURE * rgb), extent=(left, left + width, top + height, top), interpolation="nearest")
     marks = {"markerfacecolor": "none", "markersize": 11, "linestyle": ""}
     axes.plot(glint.expected_x, glint.expected_y, marker=CROSSHAIR, color=PREDICTED, **marks)
     axes.plot(glint.found_x, glint.found_y, marker="o", color=FOUND, **marks)

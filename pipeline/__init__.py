@@ -1,8 +1,14 @@
 """Raw light-stage capture to relightable avatar, one file-to-file stage per module.
 
-Stages, in data order: synthesize_capture, index_capture, calibrate_cameras, calibrate_color, calibrate_lights,
-book_patterns, track_mesh, unwrap_atlas, plan_effects, fit_eyes, trace_irradiance, pack_shards, train_avatar,
-evaluate_avatar.
-Below them lies the library; imports point down only:
-base <- config, geometry, metrics <- capture, lighting <- rendering <- avatar <- stages.
+The stages are `pipeline.stages.NAME`, see `STAGES`. Below them lies the library; imports point down only
+(tests/unit/test_layering.py has the layers).
 """
+
+STAGES = (
+    "synthesize_capture", "index_capture", "calibrate_cameras", "calibrate_color", "calibrate_lights",
+    "review_calibration", "book_patterns", "unwrap_atlas", "track_mesh", "review_tracking", "plan_effects", "fit_eyes",
+    "trace_irradiance", "bake_textures", "pack_shards", "train_avatar", "evaluate_avatar", "relight_avatar",
+    "check_budget", "measure_cost", "write_report", "compare_subjects",
+)  # fmt: skip
+"""The stages in data order: each is a module of `pipeline.stages`, run by the rule of its name, with settings in the
+section of its name."""

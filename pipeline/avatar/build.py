@@ -1,7 +1,7 @@
 """Parts that an avatar is made of, by the names that a spec has for them.
 
 A new part is one module and one line here: a class of `pipeline.avatar.appearance.models` or of
-`pipeline.avatar.geometry.primitives`.
+`pipeline.avatar.geometry.primitives`. A name that settings do not know yet joins their choices.
 """
 
 from __future__ import annotations

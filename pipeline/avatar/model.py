@@ -1,4 +1,4 @@
-"""The avatar of a body or a head: one primitive per atlas texel, relit by the parts that its spec asks for.
+"""The avatar of a body or a head: one primitive per texel, relit by composed parts.
 
 RFGCA 3-16, RGCA 3-9. Every texel has parameters of its own, which are optimised directly; networks may add to them
 what changes with pose, expression and view. `prepare` makes what all cameras of a frame share, `view` what each sees.
@@ -75,7 +75,7 @@ class Avatar(TexelStore):
                     getattr(self, name)[self.eyes.chosen] = values
 
     def variant(self, **parts: object) -> Avatar:
-        """An avatar of the same parameters, some of whose parts are others; see `Parts` for their names."""
+        """An avatar of the same parameters, some of whose parts are others. See `Parts` for their names."""
         other = copy.copy(self)
         other.built = replace(self.built, **parts)
         return other
@@ -170,7 +170,10 @@ class Avatar(TexelStore):
     def shade_pixels(
         self, images: Layers, picture: Splatted, frame: PreparedFrame, camera: CameraView
     ) -> Float[Tensor, "h w 3"]:
-        """(c_d + c_s) shadow (RFGCA 16), the specular lobe evaluated once per covered pixel (RFGCA 11-12)."""
+        """Shade pixels: (c_d + c_s) shadow (RFGCA 16).
+
+        The specular lobe is evaluated once per covered pixel (RFGCA 11-12).
+        """
         specular, color, alpha = self.built.specular, images.color, picture.alpha
         if images.normal is not None:
             row, column, light = specular.shade_pixels(images, picture, frame, camera)

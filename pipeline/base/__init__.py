@@ -1,1 +1,1 @@
-"""What every other package may use: conventions, errors, files, the command line of a stage, progress, seeds."""
+"""The package under all others: conventions, errors, files, stage commands, progress, seeds."""

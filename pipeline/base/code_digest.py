@@ -1,4 +1,4 @@
-"""What 'the code of a stage' is: one digest of its module and of everything of the project that it imports.
+"""Digest of a stage's code: its module and all modules of the project that it imports.
 
 The workflow passes it to each job as a parameter, so that an edit reruns exactly the stages that can run the edited
 code. Imports are followed statically, also those inside functions and those of the enclosing packages. Comments,
@@ -22,7 +22,7 @@ DATA_SUFFIXES = (".safetensors",)
 
 
 def code_digest(module: str, root: Path = ROOT) -> str:
-    """BLAKE2b-128 of `module` (dotted name) and of the modules under `root` that it imports, in hexadecimal.
+    """Hexadecimal BLAKE2b-128 of a module (dotted name) and of all that it imports below `root`.
 
     Raises:
         FileNotFoundError: if `root` has no such module.
@@ -55,7 +55,7 @@ def imported_modules(module: str, root: Path = ROOT) -> list[str]:
 
 
 def direct_imports(module: str, path: Path) -> frozenset[str]:
-    """Dotted names that the file imports; of `from a import b` both a and a.b, since b may be a module."""
+    """Dotted names that a file imports. Of `from a import b` both a and a.b, since b may be a module."""
     return _read(module, path)[1]
 
 
@@ -76,7 +76,10 @@ def _read(name: str, path: Path) -> tuple[str, frozenset[str]]:
 
 @cache
 def _parse(name: str, path: Path, mtime_ns: int, size: int) -> tuple[str, frozenset[str]]:
-    """The code of a file without what does not run, and what it imports; time and size only tell versions apart."""
+    """A file's code without the parts that do not run, and its imports.
+
+    `mtime_ns` and `size` only tell versions of the file apart, for the cache.
+    """
     tree = ast.parse(path.read_bytes(), filename=str(path))
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     imports = set()

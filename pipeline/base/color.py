@@ -1,7 +1,8 @@
-"""The sRGB transfer function (IEC 61966-2-1), for arrays and tensors: the space in which images are shown and scored.
+"""The sRGB transfer function (IEC 61966-2-1), for arrays and tensors.
 
-Neither direction clips: below zero both curves go on along their straight piece, above one along the power, so that
-noise and highlights survive a round trip. Where a display's range is meant, clip to [0, 1] first.
+Images are shown and scored in sRGB. Neither direction clips: below zero both curves go on along their straight piece,
+above one along the power, so that noise and highlights survive a round trip. Where a display's range is meant, clip
+to [0, 1] first.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ Colors = TypeVar("Colors", Float[np.ndarray, "..."], Float[Tensor, "..."])
 BREAK_LINEAR = 0.0031308
 BREAK_SRGB = 0.04045
 SLOPE = 12.92
-"""Below the break the curve is a straight line of this slope: value and gradient are finite at zero."""
+"""Slope of the curve below the break. On a straight line, value and gradient are finite at zero."""
 
 
 def srgb_from_linear(rgb_linear: Colors) -> Colors:

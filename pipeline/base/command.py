@@ -14,10 +14,11 @@ from pipeline.base.watchdog import watched
 
 
 def run_as_command(run: Callable[..., None]) -> None:
-    """Turn a stage's `run` into its command line: flags, help and defaults come from its signature and docstring.
+    """Turn a stage's `run` into its command line.
 
-    Prints an `InputError` as it stands and exits with 1, likewise `Stopped` with 128 + the signal; anything else is a
-    defect and keeps its traceback. A stage that stands still says where, after ten minutes (`pipeline.base.watchdog`).
+    Flags, help and defaults come from its signature and docstring. Prints an `InputError` as it stands and exits with
+    1, likewise `Stopped` with 128 + the signal; anything else is a defect and keeps its traceback. A stage that stands
+    still says where, after ten minutes (`pipeline.base.watchdog`).
     """
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:

@@ -17,7 +17,7 @@ class Complaints:
     """Collects everything that is wrong with an input, so that a person mends it in one go.
 
     >>> complaints = Complaints("captures/demo")
-    >>> complaints.add("frames.csv", "frame 3", expected="one row", found="two rows", mend="delete one")
+    >>> complaints.add("frames.csv", "frame 3", expected="one row", found="two rows", hint="delete one")
     >>> complaints.raise_if_any()
     Traceback (most recent call last):
     ...
@@ -29,9 +29,9 @@ class Complaints:
         self.subject = subject
         self.messages: list[str] = []
 
-    def add(self, file: object, key: str, *, expected: str, found: str, mend: str = "") -> None:
+    def add(self, file: object, key: str, *, expected: str, found: str, hint: str = "") -> None:
         """Note one complaint: file, key, expected, found, and what to do about it."""
-        self.messages.append(f"{file}: {key}: expected {expected}, found {found}" + (f"; {mend}" if mend else ""))
+        self.messages.append(f"{file}: {key}: expected {expected}, found {found}" + (f"; {hint}" if hint else ""))
 
     @contextmanager
     def collecting(self) -> Iterator[None]:
@@ -45,8 +45,10 @@ class Complaints:
         return bool(self.messages)
 
     def raise_if_any(self) -> None:
-        """Raises:
-        InputError: naming every complaint, if there is any.
+        """End with one error that names every complaint, or return if there is none.
+
+        Raises:
+            InputError: there is a complaint.
         """
         if self.messages:
             count = len(self.messages)

@@ -21,9 +21,10 @@ from pipeline.base.errors import InputError
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` (a file or a folder); rename it to `path` only on success.
+    """Yield a temporary path that becomes `path`, a file or a folder, only on success.
 
-    A reader never sees half a file; a killed stage leaves nothing under the final name.
+    It lies beside `path` and is renamed: a reader never sees half a file, and a killed stage leaves nothing under the
+    final name.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -46,8 +47,10 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Raises:
-    InputError: if the file is missing or not JSON.
+    """Read a JSON file.
+
+    Raises:
+        InputError: the file is missing or not JSON.
     """
     try:
         return json.loads(Path(path).read_text())
@@ -65,8 +68,10 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """Raises:
-    InputError: if the file is missing or not a parquet table.
+    """Read a parquet table.
+
+    Raises:
+        InputError: the file is missing or not a parquet table.
     """
     try:
         return pd.read_parquet(path)
@@ -83,8 +88,10 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray], metadata: Mapping
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Raises:
-    InputError: if the file is missing or not safetensors.
+    """Read the named arrays of a safetensors file.
+
+    Raises:
+        InputError: the file is missing or not safetensors.
     """
     try:
         return safetensors.numpy.load_file(path)
@@ -93,13 +100,13 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def digest_file(path: Path) -> str:
-    """BLAKE2b-128 of a file's bytes, in hexadecimal: what 'the same content' means in this project."""
+    """Hexadecimal BLAKE2b-128 of a file's bytes. Equal digests mean equal content in this project."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, _new_digest).hexdigest()
 
 
 def digest_bytes(content: bytes) -> str:
-    """`digest_file` of a file that is already in memory."""
+    """Same digest as `digest_file`, of a file that is already in memory."""
     digest = _new_digest()
     digest.update(content)
     return digest.hexdigest()

@@ -13,7 +13,7 @@ from tqdm import tqdm
 Item = TypeVar("Item")
 
 LOG_EVERY_S = 15.0
-"""Pause between two plain log lines: rare enough for a log file, frequent enough to see that work goes on."""
+"""Pause between two plain log lines. Rare enough for a log file, frequent enough to see that work goes on."""
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:

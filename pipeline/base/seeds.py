@@ -8,7 +8,7 @@ import numpy as np
 
 
 def seed_for(*parts: object) -> int:
-    """A 63-bit seed from (subject, stage, frame, ...): equal parts give equal seeds on every machine."""
+    """A 63-bit seed from (subject, stage, frame, ...). Equal parts give equal seeds on every machine."""
     text = "\x1f".join(str(part) for part in parts)
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little") >> 1
 

@@ -8,9 +8,10 @@ from types import FrameType
 
 
 class Stopped(Exception):
-    """A stage was asked to stop and did, leaving a state from which it goes on when it is run again.
+    """A stage was asked to stop and did.
 
-    The command line prints it without a traceback and exits with 128 + the signal's number, as shells count.
+    It leaves a state from which it goes on when it is run again. The command line prints this without a traceback and
+    exits with 128 + the signal's number, as shells count.
     """
 
     def __init__(self, message: str, number: int) -> None:
@@ -19,10 +20,11 @@ class Stopped(Exception):
 
 
 class StopRequests:
-    """While entered, SIGTERM and SIGINT are noted and obeyed later; outside, they end the process as ever.
+    """Context in which SIGTERM and SIGINT are noted, to be obeyed later.
 
-    Later signals change nothing: launchers and terminals often send several, one to the group and one to the process.
-    Python delivers signals to the main thread alone; entered in another, this notes nothing.
+    Outside, they end the process as ever. Later signals change nothing: launchers and terminals often send several, one
+    to the group and one to the process. Python delivers signals to the main thread alone; entered in another, this
+    notes nothing.
 
     Attributes:
         received: the first signal's number; 0 if there was none.

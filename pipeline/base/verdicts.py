@@ -1,4 +1,4 @@
-"""What a stage operator reads first: one line per calibrated thing, good, weak or failed, with the reason."""
+"""Verdicts for a stage's operator: good, weak or failed, one per calibrated thing, and why."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COLUMNS = ["kind", "name", "grade", "reason"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """How well one thing was determined.
+    """Verdict on one calibrated thing: its grade, and the reason.
 
     Attributes:
         kind: what it is: camera, ball, light or color.
@@ -32,7 +32,7 @@ class Verdict:
 
 
 def log_verdicts(log: logging.Logger, verdicts: Sequence[Verdict]) -> None:
-    """One line per verdict, and one that counts the grades; what is not good is a warning."""
+    """Log one line per verdict, and one with counts; weak and failed verdicts are warnings."""
     for verdict in verdicts:
         level = logging.INFO if verdict.grade == "good" else logging.WARNING
         log.log(level, "%s %s: %s: %s", verdict.kind, verdict.name, verdict.grade, verdict.reason)

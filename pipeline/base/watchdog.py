@@ -1,4 +1,7 @@
-"""A watchdog for whole stages: one that uses no processor time for long prints where each of its threads stands."""
+"""Watchdog for whole stages: one that stands still prints the stacks of its threads.
+
+Standing still means using no processor time for long.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +22,16 @@ LOOKS = 20
 """Looks at the processor time within that span."""
 
 WORK_S = 0.05
-"""Processor seconds, without the looks' own, that count as work: five ticks of the clock that they are counted in."""
+"""Processor seconds, without the looks' own, that count as work. Five ticks of the clock that they are counted in."""
 
 
 @contextmanager
 def watched(output: TextIO, silent_s: float = SILENT_S) -> Iterator[None]:
-    """While entered, print the stacks of all threads to `output` whenever hardly any processor time was used for long.
+    """Print the stacks of all threads to `output` whenever the block stands still.
 
-    The timer is faulthandler's, a thread that needs no interpreter lock, so that a library that waits for ever while
-    it holds the lock is seen, too. Processor time counts with that of child processes. Nothing is ended: the log then
-    says what is waited for.
+    Standing still means hardly any processor time, that of child processes included, within `silent_s`. The timer is
+    faulthandler's, a thread that needs no interpreter lock, so that a library that waits for ever while it holds the
+    lock is seen, too. Nothing is ended: the log then says what is waited for.
     """
     ended = threading.Event()
     postponing = threading.Thread(target=_postpone, args=(output, silent_s, ended), daemon=True, name="watchdog")

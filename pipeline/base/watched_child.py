@@ -1,4 +1,4 @@
-"""Child processes that cannot stand still unseen: one without processor time for too long is ended and tried again."""
+"""Watched child processes: one that stands still is ended and tried again."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ import psutil
 log = logging.getLogger("watched_child")
 
 STALL_S = 60.0
-"""Seconds without any processor time after which a child counts as stuck: a starved process still gets a share of each
-scheduling period, which even under a hundred competitors is below a second."""
+"""Seconds without any processor time after which a child counts as stuck.
+
+A starved process still gets a share of each scheduling period, which even under a hundred competitors is below a
+second.
+"""
 
 LIMIT_S = 3600.0
 """Seconds after which a child that does use the processor is ended all the same."""
@@ -27,13 +30,13 @@ ATTEMPTS = 2
 
 
 class ChildFailed(Exception):
-    """A child process that failed or stood still in every attempt; the message says which and what it printed."""
+    """A child process failed, or stood still in every attempt. The message says which and what it printed."""
 
 
 def run_watched(
     command: Sequence[str], stall_s: float = STALL_S, limit_s: float = LIMIT_S, attempts: int = ATTEMPTS
 ) -> None:
-    """Run a program until it ends well; end and repeat it when it stands still or takes too long.
+    """Run a program until it ends well; one that stands still or takes too long is run again.
 
     Args:
         command: path of the program and its arguments. It has to be safe to run again.
@@ -66,7 +69,7 @@ def run_watched(
 
 
 def _wait(child: subprocess.Popen, stall_s: float, limit_s: float) -> str | None:
-    """Why the child has to be ended, or None once it has ended."""
+    """Wait for the child: None once it has ended, or the reason why it has to be ended."""
     start = last_progress = time.monotonic()
     used = 0.0
     while True:

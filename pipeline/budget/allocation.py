@@ -1,8 +1,10 @@
-"""Settings for a time budget, chosen from the committed curves; see `pipeline.budget.knapsack` for the choice.
+"""Settings for a time budget, from the committed curves.
 
-What a stage will take here is what it took on the curves' subject, without the import of its code, in proportion to
-what it works through (`GROWTH`), times a factor for each dial: its time at the setting over its time at that subject's
-setting. What that leaves out: image size in training, how many lights are on, other processors. An error is expected to
+`pipeline.budget.knapsack` makes the choice.
+
+A stage is expected to take what it took on the curves' subject, without the import of its code, in proportion to what
+it works through (`SCALES_WITH`), times a factor for each dial: its time at the setting over its time at that subject's
+setting. That leaves out image size in training, how many lights are on, and other processors. An error is expected to
 be that of the curves' subject at the same setting.
 
 The budget only chooses what neither the subject's file nor the command line says.
@@ -16,13 +18,13 @@ from typing import Any
 
 from pipeline.base.errors import InputError
 from pipeline.budget.capture_size import CaptureSize
-from pipeline.budget.curves import Curve, Measured, name_of, value_of
-from pipeline.budget.estimate import Choice, Promise
+from pipeline.budget.curves import Curve, Measured, parse_setting, setting_name
+from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
 from pipeline.config.loading import merge
 from pipeline.config.project import SECTIONS, SubjectSettings
 
-GROWTH: dict[str, tuple[str, ...]] = {
+SCALES_WITH: dict[str, tuple[str, ...]] = {
     "index_capture": ("images",), "calibrate_cameras": ("cameras",), "calibrate_color": ("cameras",),
     "calibrate_lights": ("cameras",), "book_patterns": ("images",), "unwrap_atlas": (), "track_mesh": ("images",),
     "plan_effects": (), "trace_irradiance": ("frames",), "pack_shards": ("images", "pixels"),
@@ -37,7 +39,7 @@ SPENT_IN = {"unwrap_atlas": "train_avatar"}
 def within_budget(
     subject: str, settings: SubjectSettings, said: Mapping[str, Any], size: CaptureSize, curves: Sequence[Curve],
     measured: Measured,
-) -> tuple[SubjectSettings, Promise]:  # fmt: skip
+) -> tuple[SubjectSettings, Estimate]:  # fmt: skip
     """The settings with what the budget chooses, and what to expect of them.
 
     Args:
@@ -49,10 +51,10 @@ def within_budget(
         InputError: if no setting is fast enough, with what takes the time and what the user has set.
     """
     budget_s = 60.0 * settings.budget_minutes
-    known = measured.seconds.keys() & GROWTH.keys()
+    known = measured.seconds.keys() & SCALES_WITH.keys()
     turned = [curve for curve in curves if _spent_in(curve) in known and curve.dial in measured.settings]
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, curve)}
-    base = {stage: _base_seconds(stage, size, measured, turned) for stage in GROWTH if stage in measured.seconds}
+    base = {stage: _base_seconds(stage, size, measured, turned) for stage in SCALES_WITH if stage in measured.seconds}
     dials: dict[str, dict[str, list[Option]]] = {}
     for curve in turned:
         dials.setdefault(_spent_in(curve), {})[curve.dial] = _options(curve, measured, fixed)
@@ -64,7 +66,7 @@ def within_budget(
     changes: dict[str, dict[str, Any]] = {}
     for curve in turned:
         if curve.dial not in fixed:
-            changes.setdefault(curve.stage, {})[curve.option] = value_of(names[curve.dial])
+            changes.setdefault(curve.stage, {})[curve.option] = parse_setting(names[curve.dial])
     sections = {
         stage: SECTIONS[stage](**merge(getattr(settings, stage).model_dump(), options))
         for stage, options in changes.items()
@@ -75,7 +77,9 @@ def within_budget(
         factors[_spent_in(curve)] *= choice.factor
     seconds = {stage: overhead + work * factors[stage] for stage, (overhead, work) in base.items()}
     psnr_db = _expected_psnr(turned, choices, measured) if subject == measured.subject else math.nan
-    return settings.model_copy(update=sections), Promise(subject, measured.subject, budget_s, seconds, choices, psnr_db)
+    return settings.model_copy(update=sections), Estimate(
+        subject, measured.subject, budget_s, seconds, choices, psnr_db
+    )
 
 
 def _spent_in(curve: Curve) -> str:
@@ -106,16 +110,16 @@ def _options(curve: Curve, measured: Measured, fixed: Mapping[str, Any]) -> list
     """The Pareto front of a curve; of a dial that the user has set, that setting alone."""
     if curve.dial in fixed:
         value = fixed[curve.dial]
-        return [Option(name_of(value), _factor(curve, measured, value), _loss(curve, value))]
-    values = [value_of(curve.settings[place]) for place in curve.front()]
-    return [Option(name_of(value), _factor(curve, measured, value), _loss(curve, value)) for value in values]
+        return [Option(setting_name(value), _factor(curve, measured, value), _loss(curve, value))]
+    values = [parse_setting(curve.settings[place]) for place in curve.front()]
+    return [Option(setting_name(value), _factor(curve, measured, value), _loss(curve, value)) for value in values]
 
 
 def _base_seconds(stage: str, size: CaptureSize, measured: Measured, turned: Sequence[Curve]) -> tuple[float, float]:
     """Seconds of importing a stage, and of its work at the settings of the curves' subject, here."""
     imports = min([curve.imports for curve in turned if curve.stage == stage == _spent_in(curve)], default=0.0)
     imports = min(imports, measured.seconds[stage])
-    return imports, (measured.seconds[stage] - imports) * size.over(measured_size(measured), GROWTH[stage])
+    return imports, (measured.seconds[stage] - imports) * size.over(measured_size(measured), SCALES_WITH[stage])
 
 
 def measured_size(measured: Measured) -> CaptureSize:
@@ -124,7 +128,7 @@ def measured_size(measured: Measured) -> CaptureSize:
 
 
 def _choice(curve: Curve, measured: Measured, name: str, fixed: Mapping[str, Any]) -> Choice:
-    value = fixed[curve.dial] if curve.dial in fixed else value_of(name)
+    value = fixed[curve.dial] if curve.dial in fixed else parse_setting(name)
     by = "user" if curve.dial in fixed else "budget"
     error, factor = curve.error(value), _factor(curve, measured, value)
     return Choice(curve.dial, curve.stage, curve.option, name, by, curve.metric, error, curve.allowed, factor)
@@ -147,9 +151,11 @@ def _refusal(
     least = (fastest.seconds + imports) / 60
     largest = sorted(base, key=lambda stage: -sum(base[stage]))[:3]
     takes = ", ".join(f"{stage} {sum(base[stage]) / 60:.2g}" for stage in largest)
-    held = [f"{curve.stage}.{curve.option} {name_of(fixed[curve.dial])}" for curve in turned if curve.dial in fixed]
-    mend = f"; these settings are yours and stay: {', '.join(held)}" if held else ""
+    held = [
+        f"{curve.stage}.{curve.option} {setting_name(fixed[curve.dial])}" for curve in turned if curve.dial in fixed
+    ]
+    hint = f"; these settings are yours and stay: {', '.join(held)}" if held else ""
     return (
         f"{subject}: budget_minutes: expected at least {least:.3g} minutes of one processor, found "
-        f"{settings.budget_minutes:g}; ask for more{mend}. Longest at ordinary settings, in minutes: {takes}"
+        f"{settings.budget_minutes:g}; ask for more{hint}. Longest at ordinary settings, in minutes: {takes}"
     )

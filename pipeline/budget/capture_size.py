@@ -1,4 +1,4 @@
-"""How large a capture is, as far as it can be known before anything has run."""
+"""Size of a capture, as far as it can be known before anything has run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class CaptureSize:
         return self.cameras * self.frames
 
     def over(self, other: CaptureSize, names: tuple[str, ...]) -> float:
-        """How much larger this capture is than another, in all of these together."""
+        """Ratio of this capture's size to another's, in all of these together."""
         return math.prod(getattr(self, name) / getattr(other, name) for name in names)
 
 

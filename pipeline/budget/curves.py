@@ -1,4 +1,4 @@
-"""The committed curves of error against time, which presets and budgets choose settings from.
+"""Committed curves of error against time, from which presets and budgets choose settings.
 
 `config/curves/accuracy_cost.csv` has the rows of a subject's table of that name for the dials that are to be chosen,
 `config/curves/subject.yaml` what that subject was like and what its stages took. Written by `pipeline.dials.curves`.
@@ -59,13 +59,15 @@ class Curve:
         return cheapest_within(seconds, seconds, seconds, np.array(self.errors), limit)
 
     def work(self, value: Any) -> float:
-        """Seconds beyond the import at a setting; between two numbers in proportion, and on beyond the last ones.
+        """Seconds beyond the import at a setting.
+
+        They are in proportion between two numbers, and on beyond the last ones.
 
         Of what was not measured and is no number, the median of all.
         """
         seconds = np.maximum(np.array(self.seconds) - self.imports, LEAST_SECONDS)
-        if name_of(value) in self.settings:
-            return float(seconds[self.settings.index(name_of(value))])
+        if setting_name(value) in self.settings:
+            return float(seconds[self.settings.index(setting_name(value))])
         known, place = self._numbers(), _number(value)
         if place is None or len(known) < 2:
             return float(np.median(seconds))
@@ -78,8 +80,8 @@ class Curve:
 
     def error(self, value: Any) -> float:
         """Error at a setting, in proportion between two numbers; NaN if nothing near was measured."""
-        if name_of(value) in self.settings:
-            return self.errors[self.settings.index(name_of(value))]
+        if setting_name(value) in self.settings:
+            return self.errors[self.settings.index(setting_name(value))]
         known, place = self._numbers(), _number(value)
         if place is None or not known or not min(known) <= place <= max(known):
             return float("nan")
@@ -148,8 +150,10 @@ def _read_curve(path: Path, dial: str, rows: pd.DataFrame) -> Curve:
 
 
 def read_measured(path: Path) -> Measured:
-    """Raises:
-    InputError: if the file does not say what it should.
+    """Read the facts of the curves' subject.
+
+    Raises:
+        InputError: if the file does not say what it should.
     """
     try:
         return Measured(**yaml.safe_load(path.read_text()))
@@ -157,12 +161,12 @@ def read_measured(path: Path) -> Measured:
         raise InputError(f"{path}: expected facts of the curves' subject, found: {error}; run `make curves`") from error
 
 
-def value_of(name: str) -> Any:
+def parse_setting(name: str) -> Any:
     """A setting from its name in the table, as configuration files have it."""
     return None if name == "all" else yaml.safe_load(name)
 
 
-def name_of(value: Any) -> str:
+def setting_name(value: Any) -> str:
     """A setting's name in the table."""
     return "all" if value is None else str(value)
 

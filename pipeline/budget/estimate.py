@@ -1,4 +1,4 @@
-"""What a time budget is expected to buy: seconds of every stage, and errors by dial."""
+"""Estimate of a budget: seconds of every stage, and errors by dial."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Choice:
-    """What is promised of one dial: who said its setting (`budget`, `user`), and the error to expect."""
+    """Estimate of one dial: its setting, who said it, and the error to expect.
+
+    It was said by `budget` or `user`.
+    """
 
     dial: str
     stage: str
@@ -24,8 +27,8 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Promise:
-    """What a budget is expected to buy.
+class Estimate:
+    """Estimate of a budget: expected seconds, settings and errors.
 
     Attributes:
         subject, measured_on: whose budget, and whose curves.
@@ -57,7 +60,7 @@ class Promise:
         return content
 
     def lines(self) -> list[str]:
-        """What to expect, for the log."""
+        """Lines for the log."""
         minutes = f"budget {self.budget_s / 60:.3g} minutes of one processor, expected {self.total / 60:.3g}"
         said = [f"{self.subject}: {minutes}; errors as measured on {self.measured_on}:"]
         for choice in self.choices:

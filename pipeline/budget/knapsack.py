@@ -1,4 +1,6 @@
-"""Which settings, one per dial, lose least in a given time: exactly, over all combinations.
+"""Knapsack of settings, one per dial, that lose least in a given time.
+
+The solution is exact, over all combinations.
 
 The time of a stage is what it takes with its own settings times one factor per dial that it is turned by; the loss is
 the sum of the dials' losses. Both only grow with either, so of the combinations of some dials only the Pareto front
@@ -33,7 +35,9 @@ class Combination:
 def best_within(
     limit: float, stages: Mapping[str, float], dials: Mapping[str, Mapping[str, Sequence[Option]]]
 ) -> tuple[Combination | None, Combination]:
-    """The combination that loses least in `limit` seconds, of these the fastest, if there is one; and the fastest.
+    """Find the combination that loses least in `limit` seconds; return it and the fastest.
+
+    Of equal ones it is the fastest; it is None if nothing fits.
 
     Args:
         limit: seconds for all stages together.

@@ -20,7 +20,7 @@ from typing import Any
 import yaml
 
 from pipeline.base.code_digest import ROOT
-from pipeline.budget.curves import FOLDER, Curve, Measured, read_curves, read_measured, value_of
+from pipeline.budget.curves import FOLDER, Curve, Measured, parse_setting, read_curves, read_measured
 from pipeline.config.project import SECTIONS
 
 DRAFT_TIMES = 10.0
@@ -51,7 +51,7 @@ def preset_yaml(preset: str, curves: list[Curve], measured: Measured) -> str:
         place = choose(preset, curve)
         name = curve.settings[place]
         # As the settings have it: a number of samples is text, which `full` is, too.
-        settings = SECTIONS[curve.stage].model_validate({curve.option: value_of(name)})
+        settings = SECTIONS[curve.stage].model_validate({curve.option: parse_setting(name)})
         sections.setdefault(curve.stage, {})[curve.option] = settings.model_dump(mode="json")[curve.option]
         numbers = f"error {curve.errors[place]:.3g} (allowed {curve.allowed:.3g}), {curve.seconds[place]:.1f} s"
         lines.append(f"{curve.stage}.{curve.option} {name}: {numbers}; {curve.metric}")

@@ -7,14 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.budget.capture_size import capture_size
-from pipeline.budget.estimate import Promise
+from pipeline.budget.estimate import Estimate
 from pipeline.config.loading import Project
 from pipeline.config.project import SubjectSettings
 
 
 @dataclass(frozen=True)
-class BudgetedProject(Project):
-    """A project whose subjects with `budget_minutes` have settings that fit, once they are asked for.
+class ResolvedProject(Project):
+    """Project whose subjects with `budget_minutes` have settings that fit.
+
+    They are chosen once they are asked for.
 
     Attributes:
         say: told, line by line, what was chosen and what to expect of it.
@@ -22,7 +24,7 @@ class BudgetedProject(Project):
     """
 
     say: Callable[[str], object]
-    known: dict[str, tuple[SubjectSettings, Promise]] = field(default_factory=dict)
+    known: dict[str, tuple[SubjectSettings, Estimate]] = field(default_factory=dict)
 
     def subject(self, name: str) -> SubjectSettings:
         """The settings of any subject, with what its budget chooses.
@@ -33,12 +35,12 @@ class BudgetedProject(Project):
         settings = super().subject(name)
         return settings if settings.budget_minutes is None else self._chosen(name, settings)[0]
 
-    def promise(self, name: str) -> Promise | None:
-        """What a subject's budget is expected to buy; None without a budget."""
+    def estimate(self, name: str) -> Estimate | None:
+        """Estimate of a subject's budget; None without a budget."""
         settings = super().subject(name)
         return None if settings.budget_minutes is None else self._chosen(name, settings)[1]
 
-    def _chosen(self, name: str, settings: SubjectSettings) -> tuple[SubjectSettings, Promise]:
+    def _chosen(self, name: str, settings: SubjectSettings) -> tuple[SubjectSettings, Estimate]:
         if name not in self.known:
             # Numerical libraries, for which no plan without a budget should have to wait.
             from pipeline.budget.allocation import measured_size, within_budget
@@ -52,6 +54,6 @@ class BudgetedProject(Project):
         return self.known[name]
 
 
-def with_budgets(project: Project, say: Callable[[str], object]) -> BudgetedProject:
+def resolve_budgets(project: Project, say: Callable[[str], object]) -> ResolvedProject:
     """The same project; a budget chooses when a subject's settings are asked for, and says so."""
-    return BudgetedProject(project.settings, project.subjects, project.written, project.command_line, say)
+    return ResolvedProject(project.settings, project.subjects, project.written, project.command_line, say)

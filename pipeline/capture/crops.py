@@ -1,4 +1,4 @@
-"""From a recorded image to a foreground crop: finite, colour-corrected, undistorted, with its mask and its camera."""
+"""Foreground crops of recorded images: colour-corrected, undistorted, with mask and camera."""
 
 from __future__ import annotations
 
@@ -25,7 +25,14 @@ FINER = 4
 
 @dataclass(frozen=True)
 class Crop:
-    """Image [h, w, 3] linear RGB and mask [h, w] 0..1 of `box`, and the pinhole camera that sees exactly this box."""
+    """A part of an undistorted image.
+
+    Attributes:
+        box: in the undistorted image.
+        image: linear RGB.
+        mask: 0..1.
+        camera: the pinhole camera that sees exactly this box.
+    """
 
     box: Box
     image: Float32[np.ndarray, "h w 3"]
@@ -75,7 +82,7 @@ def cut_crop(
 
 
 def foreground_box(mask: Float[np.ndarray, "height width"], margin_px: int) -> Box | None:
-    """The smallest box around the foreground, grown by a margin, within the image; None without foreground."""
+    """The smallest box around the foreground, grown by a margin; None without foreground."""
     rows, columns = np.nonzero(mask >= FOREGROUND)
     if not len(rows):
         return None
@@ -88,18 +95,18 @@ def crop_camera(camera: Camera, box: Box) -> Camera:
     """The pinhole camera of a crop: same pose, principal point moved, no distortion."""
     K = camera.K.copy()
     K[:2, 2] -= (box.x0, box.y0)
-    return replace(camera, K=K, dist=np.zeros(5), width=box.width, height=box.height)
+    return replace(camera.pinhole(), K=K, width=box.width, height=box.height)
 
 
 def mesh_silhouette(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"], camera: Camera
 ) -> Float32[np.ndarray, "height width"]:
-    """Which pixels of the undistorted image a mesh covers at least half, 0 or 1; faces that reach behind the camera are
-    left out.
+    """Pixels of the undistorted image that a mesh covers at least half, 1, or not, 0.
 
-    Painted `FINER` times finer: OpenCV also fills the pixels that an outline touches, half of one on each side.
+    Faces that reach behind the camera are left out. Painted `FINER` times finer: OpenCV also fills the pixels that an
+    outline touches, half of one on each side.
     """
-    pixels, depth = replace(camera, dist=np.zeros(5)).project(vertices.astype(np.float64))
+    pixels, depth = camera.pinhole().project(vertices.astype(np.float64))
     in_front = (depth[faces] > 0).all(1)
     corners = np.round((pixels * FINER - PIXEL_CENTER)[faces[in_front]] * 2**SUBPIXEL_BITS)
     limit = float(2**30)  # OpenCV takes int32; what lies this far outside the image is cut there

@@ -1,4 +1,4 @@
-"""Calibration images as one grey channel: what detectors of boards, outlines and highlights work on."""
+"""Calibration images as one grey channel, for detectors of boards, outlines and highlights."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ def read_gray(path: Path) -> Float32[np.ndarray, "height width"]:
 
 
 def read_gray_8bit(path: Path) -> UInt8[np.ndarray, "height width"]:
-    """`read_gray` for detectors that want 8 bits; linear floats are brightened by their square root.
+    """Read a grey image for detectors that want 8 bits: `read_gray`, rounded.
+
+    Linear floats are brightened by their square root.
 
     Raises:
         InputError: if the file cannot be read.

@@ -1,4 +1,4 @@
-"""What frames of a head have beside what every frame has: its rigid motion, where the eyes look, its mean texture."""
+"""Data of a head's frames beside those of every frame: rigid motion, gaze, mean texture."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from pipeline.geometry.rotations import matrix_from_quaternion
 
 
 def head_motions(tracked: Mapping[str, np.ndarray]) -> dict[int, Float32[np.ndarray, "3 4"]]:
-    """[R | t] by frame, from the stage to the frame of the template at rest, from the arrays of track_mesh.
+    """Rigid motion [R | t] by frame, from the stage to the frame of the template at rest.
 
-    The inverse of x = R p + t, metres, by which track_mesh moves a point p of the template as a whole.
+    From the arrays of track_mesh: the inverse of x = R p + t, metres, by which track_mesh moves a point p of the
+    template as a whole.
     """
     turn = matrix_from_quaternion(tracked["root_rotation"].astype(np.float64)).transpose(0, 2, 1)
     shift = -turn @ tracked["root_translation"].astype(np.float64)[..., None]
@@ -25,7 +26,7 @@ def head_motions(tracked: Mapping[str, np.ndarray]) -> dict[int, Float32[np.ndar
 
 
 def read_gaze(path: Path) -> dict[int, Float32[np.ndarray, "eyes 3"]]:
-    """Of index/gaze.parquet: unit directions by frame, eyes in the order of their names."""
+    """Unit directions of index/gaze.parquet by frame, eyes in the order of their names."""
     table = read_table(path).sort_values(["frame", "eye"])
     return {int(frame): rows[["x", "y", "z"]].to_numpy(np.float32) for frame, rows in table.groupby("frame")}
 

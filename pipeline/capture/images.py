@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -34,6 +35,30 @@ def read_image(path: Path, transfer: Transfer = "linear", black_level: float = 0
         InputError: if the file cannot be read or is not a colour image.
     """
     return decode_image(read_bytes(path), path, transfer, black_level)
+
+
+@dataclass(frozen=True)
+class ImageSource:
+    """The images of a capture: their folder and how they store light.
+
+    Attributes:
+        folder: of the capture, which the paths of its images are relative to.
+        transfer: how stored values relate to light.
+        black_level: stored value of no light at all.
+    """
+
+    folder: Path
+    transfer: Transfer
+    black_level: float
+
+    @classmethod
+    def from_index(cls, folder: Path, facts: Mapping[str, Any]) -> ImageSource:
+        """The source that `images` of capture.json describes."""
+        return cls(folder, facts["transfer"], float(facts["black_level"]))
+
+    def read(self, path: str) -> Float32[np.ndarray, "h w 3"]:
+        """A colour image as linear RGB: `read_image` of a path of the index."""
+        return read_image(self.folder / path, self.transfer, self.black_level)
 
 
 def decode_image(
@@ -76,12 +101,15 @@ def decode_mask(content: bytes, path: Path) -> UInt8[np.ndarray, "h w"]:
 
 
 def read_stored(path: Path) -> np.ndarray:
-    """What the file holds, no conversion but to RGB order: [h, w] or [h, w, channels] of its own dtype."""
+    """Stored values of a file, in RGB order: [h, w] or [h, w, channels] of its own dtype."""
     return decode_stored(read_bytes(path), path)
 
 
 def decode_stored(content: bytes, path: Path) -> np.ndarray:
-    """`read_stored` of a file's bytes; .exr must have the channels R, G, B or one channel of any name."""
+    """Stored values from a file's bytes, as `read_stored`.
+
+    An .exr must have the channels R, G, B or one channel of any name.
+    """
     if Path(path).suffix.lower() == ".exr":
         channels = _decode_exr(content, path)
         if len(channels) == 1:
@@ -115,8 +143,10 @@ def read_exr_channel(path: Path, channel: str = "Y") -> Float32[np.ndarray, "h w
 def write_exr(
     path: Path, image: Float[np.ndarray, "h w *channels"] | Mapping[str, Float[np.ndarray, "h w"]], *, half: bool = True
 ) -> None:
-    """Write [h, w, 3] as channels R, G, B, [h, w] as channel Y, or channels by name; half (clamped to its finite range)
-    or float."""
+    """Write an OpenEXR file of half floats (clamped to their finite range) or floats.
+
+    [h, w, 3] becomes the channels R, G, B, [h, w] the channel Y; a mapping names its channels.
+    """
     if not isinstance(image, Mapping):
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
             raise ValueError(f"write_exr: expected shape [h, w] or [h, w, 3], found {list(image.shape)}")
@@ -133,7 +163,10 @@ def write_exr(
 
 
 def write_png(path: Path, image: np.ndarray) -> None:
-    """Write a .png: unsigned integers ([h, w] or RGB [h, w, 3]) as they are, floats as linear light in 8-bit sRGB."""
+    """Write a .png of unsigned integers, or of linear light in 8-bit sRGB.
+
+    Integers, [h, w] or RGB [h, w, 3], are written as they are; floats are taken for linear light.
+    """
     if image.dtype.kind == "f":
         image = np.round(np.clip(srgb_from_linear(image), 0, 1) * 255).astype(np.uint8)
     encoded, content = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image)
@@ -146,8 +179,10 @@ def write_png(path: Path, image: np.ndarray) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Raises:
-    InputError: if the file cannot be read.
+    """Content of a file.
+
+    Raises:
+        InputError: if the file cannot be read.
     """
     try:
         return Path(path).read_bytes()

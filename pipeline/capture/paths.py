@@ -33,8 +33,10 @@ def check_relative(path: str) -> str:
 
 
 def check_suffix(path: str, suffixes: Collection[str]) -> str:
-    """Raises:
-    ValueError: if the path ends in none of the suffixes.
+    """The path, whose suffix is checked.
+
+    Raises:
+        ValueError: if the path ends in none of the suffixes.
     """
     if PurePosixPath(path).suffix.lower() not in suffixes:
         raise ValueError(f"a path that ends in {' or '.join(suffixes)}")
@@ -42,8 +44,10 @@ def check_suffix(path: str, suffixes: Collection[str]) -> str:
 
 
 def check_pattern(pattern: str, placeholders: Collection[str]) -> str:
-    """Raises:
-    ValueError: unless the pattern has exactly these placeholders; the message is what was expected.
+    """The pattern, whose placeholders are checked.
+
+    Raises:
+        ValueError: unless the pattern has exactly these placeholders; the message is what was expected.
     """
     wanted = ", ".join("{" + name + (":06d}" if name in NUMBERS else "}") for name in placeholders)
     expected = f"a path pattern with the placeholders {wanted}"
@@ -66,7 +70,7 @@ def fill(pattern: str, **values: str | int) -> str:
 
 
 def find_files(root: Path, pattern: str) -> dict[str, dict[str, str | int]]:
-    """Every file that matches the pattern: relative path to the values of its placeholders, sorted by path."""
+    """Values of placeholders by relative path, of files that match a pattern, sorted by path."""
     wildcards, expression, seen = "", "", set()
     for literal, name, _, _ in string.Formatter().parse(pattern):
         wildcards, expression = wildcards + glob.escape(literal), expression + re.escape(literal)

@@ -1,4 +1,4 @@
-"""The two records that training and evaluation work on: an image crop, and what all images of a frame share."""
+"""Records that training and evaluation work on: of an image crop, and of a frame."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ class ImageRecord:
 
     @property
     def is_test(self) -> bool:
-        """Whether any split holds this image out."""
+        """True if any split holds this image out."""
         return self.test_camera or self.test_frame or self.test_segment or self.test_pattern
 
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """What all images of one frame share.
+    """Data that all images of one frame share.
 
     Attributes:
         vertices: posed template, glTF vertex order, metres.
         irradiance: visible share of the light at each texel, about 0..1 (single samples may exceed 1).
-        falling: the same share weighted by the cosine, i.e. of the light falling on a matte surface.
+        cosine_visibility: the same share weighted by the cosine, i.e. of the light that falls on a matte surface.
         light_positions: lit lights only, stage frame, metres.
         light_intensities: radiant intensity of each, linear RGB.
         head_from_world: of a head, the rigid motion [R | t] that brings points (R x + t, metres) and directions (R x)
             to the frame of the template at rest; None for a body.
         gaze: unit direction in which each eye looks, by name, in that frame; None if the capture declares none.
-        texture: mean colour of each texel in the nearest fully lit frames, linear RGB; None if none was unwrapped.
+        texture: mean colour of each texel in the nearest fully lit frames, linear RGB; None if none was baked.
     """
 
     frame: int
@@ -65,7 +65,7 @@ class FrameRecord:
     fully_lit: bool
     vertices: Float32[np.ndarray, "vertices 3"]
     irradiance: Float32[np.ndarray, " texels"]
-    falling: Float32[np.ndarray, " texels"]
+    cosine_visibility: Float32[np.ndarray, " texels"]
     light_positions: Float32[np.ndarray, "lights 3"]
     light_intensities: Float32[np.ndarray, "lights 3"]
     head_from_world: Float32[np.ndarray, "3 4"] | None = None

@@ -1,4 +1,4 @@
-"""Images made smaller by whole blocks of pixels: the intrinsics of `Camera.downsampled` stay exact."""
+"""Images reduced by whole blocks of pixels, for which `Camera.downsampled` is exact."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pipeline.geometry.cameras import Camera
 
 
 def reduction(camera: Camera, longest_px: int) -> int:
-    """The least whole factor that makes the longer side of a camera's images `longest_px` at most."""
+    """The least whole factor that reduces a camera's longer side to `longest_px` at most."""
     return max(1, math.ceil(max(camera.width, camera.height) / longest_px))
 
 
 def block_means(
     image: Num[np.ndarray, "height width *channels"], factor: int, small: Camera
 ) -> Float32[np.ndarray, "rows columns *channels"]:
-    """Means over blocks of `factor` x `factor` pixels, at the size of `small`, the camera downsampled by `factor`.
+    """Means over blocks of `factor` x `factor` pixels, at the size of reduced camera `small`.
 
     What is cut off at the right and bottom is less than a block; `small` may round up to one more, which is 0.
     """

@@ -39,6 +39,9 @@ FRAME_ARRAYS = {
 }  # fmt: skip
 """How the arrays of a frame are stored, little-endian, and their shapes. What a frame lacks (None) is null."""
 
+FIELDS = {"falling": "cosine_visibility"}
+"""Field of a frame's record by column, where their names differ."""
+
 FRAME_SCHEMA = pa.schema(
     [("frame", pa.int64()), ("segment", pa.string()), ("fully_lit", pa.bool_())]
     + [(name, pa.binary()) for name in FRAME_ARRAYS]
@@ -69,17 +72,17 @@ def write_frame_shard(path: Path, records: Iterable[FrameRecord]) -> int:
 
 
 def read_image_shards(paths: Iterable[Path]) -> ImageShards:
-    """The images of some shards (files, or folders of `*.arrow`) as one sequence, in sorted path order."""
+    """Images of some shards, files or folders of `*.arrow`, as one sequence by sorted path."""
     return ImageShards(tuple(paths))
 
 
 def read_frame_shards(paths: Iterable[Path]) -> FrameShards:
-    """The frames of some shards (files, or folders of `*.arrow`) as one mapping from frame number to record."""
+    """Records of some shards, files or folders of `*.arrow`, by frame number."""
     return FrameShards(tuple(paths))
 
 
 class _Rows:
-    """Random access to the rows of several memory-mapped shards; can be sent to a spawned process."""
+    """Random access to rows of several memory-mapped shards; can be sent to a spawned process."""
 
     def __init__(self, paths: Iterable[Path], schema: pa.Schema) -> None:
         self.paths = tuple(file for path in paths for file in _shard_files(Path(path)))
@@ -203,7 +206,7 @@ def _image_record(batch: pa.RecordBatch) -> ImageRecord:
 
 
 def _frame_row(record: FrameRecord) -> dict:
-    row = {name: getattr(record, name) for name in FRAME_SCHEMA.names}
+    row = {name: getattr(record, FIELDS.get(name, name)) for name in FRAME_SCHEMA.names}
     for name, (stored, _) in FRAME_ARRAYS.items():
         if row[name] is not None:
             values = np.asarray(row[name])
@@ -218,5 +221,6 @@ def _frame_record(batch: pa.RecordBatch) -> FrameRecord:
     for name, (stored, shape) in FRAME_ARRAYS.items():
         value = row.pop(name)
         if value.is_valid:
-            arrays[name] = np.frombuffer(value.as_buffer(), stored).reshape(shape).astype(np.float32)
+            values = np.frombuffer(value.as_buffer(), stored).reshape(shape).astype(np.float32)
+            arrays[FIELDS.get(name, name)] = values
     return FrameRecord(**{name: value.as_py() for name, value in row.items()}, **arrays)

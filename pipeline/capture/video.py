@@ -23,7 +23,9 @@ CODES = ("vp09", "mp4v")
 
 
 def write_video(path: Path, pictures: Iterable[UInt8[np.ndarray, "h w 3"]], fps: float) -> None:
-    """Write sRGB pictures of one size as a film; an odd last row or column, which codecs refuse, is repeated.
+    """Write sRGB pictures of one size as a film.
+
+    An odd last row or column, which codecs refuse, is repeated.
 
     Raises:
         RuntimeError: if OpenCV has neither codec.

@@ -10,7 +10,7 @@ from pipeline.config.settings import Settings
 
 
 class BookPatterns(Settings):
-    """How the LED log is checked against the images."""
+    """Checks of the LED log against the images."""
 
     on_desync: Literal["error", "fix", "ignore"] = Field(
         "error",

@@ -10,12 +10,15 @@ from pipeline.config.settings import Settings
 
 
 class CalibrateCameras(Settings):
-    """How cameras are calibrated from images of ChArUco boards, and when one counts as good, weak or failed."""
+    """Calibration of cameras from images of ChArUco boards, and its grades.
 
-    distortion: Literal["auto", 0, 1, 2, 5] = Field(
+    A camera counts as good, weak or failed.
+    """
+
+    distortion: Literal["auto", 0, 1, 2, 4, 5] = Field(
         "auto",
-        description="Distortion coefficients estimated: none, k1, k1 k2, or k1 k2 p1 p2 k3; auto: for each camera as "
-        "many as its views support [coefficients]",
+        description="Distortion coefficients estimated: none, k1, k1 k2, or k1 k2 p1 p2 k3 (5; fisheye: k1 k2 k3 k4, 4)"
+        "; auto: for each camera as many as its views support [coefficients]",
     )
     most_views: int | None = Field(
         None, ge=1, description="Views used, evenly spread over those recorded; null: all of them [views]"

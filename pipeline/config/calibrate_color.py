@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class CalibrateColor(Settings):
-    """How cameras are brought to one colour response from images of a 24-patch chart."""
+    """Calibration of colour: one response for all cameras, from a 24-patch chart."""
 
     patch_interior: float = Field(0.8, gt=0, le=1, description="Side of what is measured, over the detected square")
     saturation: float = Field(

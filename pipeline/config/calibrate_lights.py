@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class CalibrateLights(Settings):
-    """How lights are located from their highlights in a mirror ball.
+    """Location of lights from their highlights in a mirror ball.
 
     Bounds of the grades: a light at 2.4 m that is off by 10 mm turns its direction by a quarter of a degree, which no
     shading shows; by 30 mm, as much as a survey is off, and then the survey is as good. An outline in a sharp linear

@@ -8,8 +8,8 @@ from pipeline.config.settings import Settings
 
 
 class CheckBudget(Settings):
-    """When a promise of time counts as kept."""
+    """Verdict on the estimate of a budget."""
 
     tolerance: float = Field(
-        0.25, ge=0, description="share by which time or error may exceed what was promised and still be kept"
+        0.25, ge=0, description="share by which time or error may exceed the estimate and still be kept"
     )

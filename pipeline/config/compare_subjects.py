@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class CompareSubjects(Settings):
-    """Which subjects stand in one table, and what their avatars are compared with."""
+    """Subjects that stand in one table, and what their avatars are compared with."""
 
     subjects: tuple[str, ...] = Field((), description="subjects to compare, by name; none: all that there are")
     baseline: str = Field(

@@ -10,11 +10,14 @@ EFFECTS = (
     "shadow", "near_field", "articulation", "specular", "deferred", "learned_transport", "eyes", "lens_distortion",
     "color_correction",
 )  # fmt: skip
-"""All that a plan decides, in the order of the table in DESIGN.md."""
+"""All that a plan decides, in the order of the table in docs/effects.md."""
 
 
 def word(value: Any) -> Any:
-    """`on` and `off`, which YAML reads as true and false, and the command line hands on as these words."""
+    """Read true and false as the words `on` and `off`.
+
+    YAML reads these so, and the command line hands them on as words.
+    """
     return {"true": "on", "false": "off"}.get(str(value).lower(), value)
 
 

@@ -10,8 +10,13 @@ from pipeline.config.settings import Settings
 
 
 class EvaluateAvatar(Settings):
-    """How renderings are scored."""
+    """Scoring of renderings."""
 
+    metrics: tuple[Literal["ms_ssim"], ...] = Field(
+        (),
+        description="Further image metrics to score, a column each. ms_ssim: multi-scale SSIM (Wang, Simoncelli and "
+        "Bovik 2003); images of less than 161 pixels a side leave it empty",
+    )
     lpips_net: Literal["alex", "vgg"] = Field(
         "alex",
         description="LPIPS backbone; alex is the authors' choice for scoring. Numbers of the two do not compare",

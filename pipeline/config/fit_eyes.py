@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class FitEyes(Settings):
-    """How eyes are fitted to the tracked template."""
+    """Fit of eyes to the tracked template."""
 
     frames: int = Field(64, ge=1, description="at most this many frames with a declared gaze, evenly chosen [frames]")
     cornea: Literal["auto", "usual", "none"] = Field(

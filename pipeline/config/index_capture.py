@@ -8,6 +8,6 @@ from pipeline.config.settings import Settings
 
 
 class IndexCapture(Settings):
-    """How a capture is read; nothing here changes the result."""
+    """Reading of a capture; nothing here changes the result."""
 
     decode_threads: int = Field(4, ge=1, le=256, description="Images decoded at once while they are checked [threads]")

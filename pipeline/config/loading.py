@@ -1,4 +1,7 @@
-"""Reading the configuration: defaults, then a subject's file, then the command line; all that is wrong at once."""
+"""Load the configuration: defaults, then a subject's file, then the command line.
+
+All that is wrong is said at once.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ RENAMED = {"unwrap_textures": "bake_textures"}
 
 @dataclass(frozen=True)
 class Project:
-    """The validated configuration of the project and of every subject that has a file of its own.
+    """Validated configuration of the project and of every subject that has its own file.
 
     Attributes:
         settings: the project's.
@@ -41,7 +44,7 @@ class Project:
     command_line: Mapping[str, Any]
 
     def said_by_user(self, name: str) -> Mapping[str, Any]:
-        """What a subject's file and the command line say, without the defaults."""
+        """Settings that a subject's file and the command line say, without the defaults."""
         return merge(self.written.get(name, {}), _shared(self.command_line))
 
     def subject(self, name: str) -> SubjectSettings:
@@ -87,7 +90,7 @@ def load_project(config: Mapping[str, Any], command_line: Mapping[str, Any], sub
 
 
 def with_present_names(content: Mapping[str, Any]) -> dict[str, Any]:
-    """What a file says, with sections that were renamed under their present names; see `RENAMED`."""
+    """Put renamed sections of a file under their present names; see `RENAMED`."""
     present = {key: value for key, value in content.items() if key not in RENAMED}
     for old, new in RENAMED.items():
         if old in content:
@@ -108,7 +111,7 @@ def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     return merged
 
 
-def section_of(settings: SubjectSettings, stage: str, variant: str | None = None) -> Settings:
+def section_for(settings: SubjectSettings, stage: str, variant: str | None = None) -> Settings:
     """The settings of a stage, with what `variant` changes in it."""
     section = getattr(settings, stage)
     if variant is None or stage not in VARIED:
@@ -117,15 +120,18 @@ def section_of(settings: SubjectSettings, stage: str, variant: str | None = None
 
 
 def changes_to(stage: str, variant: Mapping[str, Any]) -> Any:
-    """What a variant changes in a stage: its key `trace_irradiance` holds changes to that, all else train_avatar's."""
+    """Changes that a variant makes in a stage.
+
+    Its key `trace_irradiance` holds changes to that stage, all else is train_avatar's.
+    """
     if stage == "train_avatar":
         return {key: value for key, value in variant.items() if key not in VARIED}
     return variant.get(stage, {})
 
 
 def has_own_light(settings: SubjectSettings, variant: str) -> bool:
-    """Whether a variant asks for other irradiance maps than its subject's."""
-    return section_of(settings, "trace_irradiance", variant) != settings.trace_irradiance
+    """True if a variant asks for other irradiance maps than its subject's."""
+    return section_for(settings, "trace_irradiance", variant) != settings.trace_irradiance
 
 
 def _read_mapping(path: Path, complaints: Complaints) -> dict[str, Any] | None:
@@ -157,7 +163,7 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
             complaints.add(where, ".".join(inside), expected=f"keys of {stage}", found=repr(_dig(content, inside)))
             continue
         try:
-            section_of(settings, stage, variant)
+            section_for(settings, stage, variant)
         except ValidationError as error:
             _complain(error, SECTIONS[stage], own, complaints, prefix=f"{'.'.join(inside)}.")
     return settings
@@ -172,8 +178,8 @@ def _complain(
         if problem["type"] == "extra_forbidden":
             known = list(_model_at(model, problem["loc"][:-1]).model_fields)
             close = get_close_matches(str(problem["loc"][-1]), known, n=1)
-            mend = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known) or 'none'}"
-            complaints.add(where, key, expected="a known key", found="an unknown one", mend=mend)
+            hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known) or 'none'}"
+            complaints.add(where, key, expected="a known key", found="an unknown one", hint=hint)
         else:
             expected = re.sub("^(Input|Value|String) should (be |have |match )?", "", problem["msg"])
             complaints.add(where, key, expected=expected, found=repr(problem["input"]))

@@ -16,7 +16,7 @@ COSTED_STAGES = (
 
 
 class MeasureCost(Settings):
-    """Which dials are turned, how often each setting runs, and which error counts as good enough."""
+    """Dials that are turned, runs of each setting, and the error that is good enough."""
 
     dials: tuple[str, ...] = Field(
         (),
@@ -32,6 +32,9 @@ class MeasureCost(Settings):
 
 
 def changed_settings(subject: BaseModel) -> str:
-    """JSON of what differs from the defaults in a subject's settings of `COSTED_STAGES`: {stage: {setting: value}}."""
+    """JSON of a subject's settings of `COSTED_STAGES` that differ from the defaults.
+
+    It is {stage: {setting: value}}.
+    """
     changed = {stage: getattr(subject, stage).model_dump(mode="json", exclude_defaults=True) for stage in COSTED_STAGES}
     return json.dumps(changed, sort_keys=True)

@@ -12,7 +12,7 @@ Codec = Literal["float32", "float16", "float16_lz4", "float16_zstd"]
 
 
 class PackShards(Settings):
-    """How foreground crops are cut."""
+    """Cut of foreground crops."""
 
     codec: Codec = Field(
         "float16",

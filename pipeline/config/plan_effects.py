@@ -49,7 +49,10 @@ noise."""
 
 
 class PlanEffects(Settings):
-    """Which effects are simulated: `on` and `off` are obeyed, `auto` is decided by a measurement on this capture."""
+    """Effects that are simulated.
+
+    `on` and `off` are obeyed, `auto` is decided by a measurement on this capture.
+    """
 
     shadow: Mode = Field("auto", description="shadows cast by distant parts of the subject")
     near_field: Mode = Field("auto", description="lights at their true, finite distance")

@@ -41,7 +41,7 @@ Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 
 
 class SubjectSettings(Settings):
-    """What holds for one subject: everything that may stand in config/subjects/<name>.yaml."""
+    """Settings of one subject: all that may stand in config/subjects/<name>.yaml."""
 
     source: Literal["native", "synthetic"] = Field(
         "native", description="native: a recorded capture folder; synthetic: synthesize_capture makes it"

@@ -10,7 +10,10 @@ from pipeline.config.settings import Settings
 
 
 class RelightAvatar(Settings):
-    """What is shown of an avatar, from where, and what is written. Lights and cameras may also come from files."""
+    """Pictures of an avatar in new light, their cameras, and the files to write.
+
+    Lights and cameras may also come from files.
+    """
 
     first_frame: int = Field(0, ge=0, description="first tracked frame shown [frame number]")
     last_frame: int | None = Field(None, ge=0, description="last tracked frame shown; null: the last [frame number]")

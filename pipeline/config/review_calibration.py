@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class ReviewCalibration(Settings):
-    """How much the pictures of the calibration show."""
+    """Extent of the pictures of the calibration."""
 
     most_panels: int = Field(
         24, ge=1, le=200, description="Cameras, or balls in cameras, in one picture; of more, the worst [panels]"

@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class ReviewTracking(Settings):
-    """How much the pictures and the recording of the tracking show."""
+    """Extent of the pictures and the recording of the tracking."""
 
     most_cameras: int = Field(
         24,

@@ -1,4 +1,4 @@
-"""Writes config/config.yaml and workflow/schemas/config.schema.json from the settings models.
+"""Write config/config.yaml and its schema (workflow/schemas) from the settings models.
 
     python -m pipeline.config.schema
 
@@ -29,7 +29,10 @@ BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
 def config_yaml() -> str:
-    """config/config.yaml: every setting with its description, unit and range as a comment, and its default."""
+    """Text of config/config.yaml.
+
+    Every setting has its description, unit and range as a comment, and its default.
+    """
     return HEADER + "\n" + "\n".join(_section(ProjectSettings()))
 
 

@@ -1,4 +1,4 @@
-"""Which subjects there are, and what can be known of a capture before anything has run."""
+"""Subjects of a project, and what can be known of a capture before anything has run."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ def subject_names(project: Project) -> list[str]:
 
 
 def require_subject(project: Project, subject: str) -> None:
-    """Raises:
-    InputError: if nothing is known of this subject.
+    """Refuse a subject of which nothing is known.
+
+    Raises:
+        InputError: if nothing is known of this subject.
     """
     names = subject_names(project)
     if subject not in names:

@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class TraceIrradiance(Settings):
-    """How many shadow rays each texel gets, and towards which lights."""
+    """Shadow rays of each texel, and the lights they go towards."""
 
     samples: str = Field(
         "full", pattern=r"^(full|[1-9][0-9]{0,3})$", description="lights drawn per texel, or full: all of them [rays]"

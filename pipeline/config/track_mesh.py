@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class TrackMesh(Settings):
-    """How keypoints and masks become poses."""
+    """Fit of poses to keypoints and masks."""
 
     inlier_px: float = Field(
         3.0, gt=0, description="keypoints further than this from their triangulated point are outliers [image px]"

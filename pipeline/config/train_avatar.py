@@ -20,7 +20,10 @@ DepthSource = Literal["expected", "normalised", "median", "traced"]
 
 
 class TrainAvatar(Settings):
-    """How an avatar is trained; loss weights are those of RFGCA 17-18 and its Appendix B, or RGCA 11-15 where named."""
+    """Training of an avatar.
+
+    Loss weights are those of RFGCA 17-18 and its Appendix B, or RGCA 11-15 where named.
+    """
 
     steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
     cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
@@ -178,7 +181,9 @@ class TrainAvatar(Settings):
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
 
     def decided(self, planned: Collection[str], kind: Kind = "body") -> TrainAvatar:
-        """The same settings with what a plan decided in place of every `auto`; what else they say is obeyed.
+        """Settings with what a plan decided in place of every `auto`.
+
+        Whatever else they say is obeyed.
 
         Args:
             planned: the effects that are on.
@@ -208,16 +213,16 @@ class TrainAvatar(Settings):
         return decided.model_copy(update={"shading": "microfacet", "visibility": "traced", "indirect": indirect})
 
     def reads_irradiance(self, planned: Collection[str], kind: Kind = "body") -> bool:
-        """Whether an avatar with these settings has a shadow network."""
+        """True if an avatar with these settings has a shadow network."""
         decided = self.decided(planned, kind)
         return decided.shadow == "on" and decided.visibility == "learned"
 
     def reads_textures(self, kind: Kind = "body") -> bool:
-        """Whether an avatar with these settings is encoded from mean textures."""
+        """True if an avatar with these settings is encoded from mean textures."""
         return self.decided((), kind).avatar == "head"
 
     def reads_eyes(self, planned: Collection[str]) -> bool:
-        """Whether an avatar with these settings has explicit eyes."""
+        """True if an avatar with these settings has explicit eyes."""
         return self.decided(planned).eyes == "on"
 
     @model_validator(mode="after")

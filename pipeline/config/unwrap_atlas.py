@@ -8,7 +8,7 @@ from pipeline.config.settings import Settings
 
 
 class UnwrapAtlas(Settings):
-    """How the template's surface is laid out on a square map."""
+    """Layout of the template's surface on a square map."""
 
     size: int = Field(256, ge=8, le=8192, description="texels per side of the map [texels]")
     layout: Literal["auto", "template", "new"] = Field(

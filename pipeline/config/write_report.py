@@ -10,7 +10,7 @@ from pipeline.config.settings import Settings
 
 
 class WriteReport(Settings):
-    """How much the report shows, and how large it may be."""
+    """Extent and size of the report."""
 
     page_mb: float = Field(
         12.0, ge=1, le=200, description="The page is at most so large: pictures are compressed until it is [MB]"
@@ -21,5 +21,8 @@ class WriteReport(Settings):
 
 
 def subject_changes(subject: BaseModel) -> str:
-    """JSON of what differs from the defaults in a subject's settings: {stage: {setting: value}} and the keys beside."""
+    """JSON of a subject's settings that differ from the defaults.
+
+    It is {stage: {setting: value}} and the keys beside.
+    """
     return json.dumps(subject.model_dump(mode="json", exclude_defaults=True), sort_keys=True)

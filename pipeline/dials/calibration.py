@@ -101,7 +101,7 @@ def _ball_counts(subject: Subject) -> list[int | None]:
 
 CAMERAS = CostedStage(
     name="calibrate_cameras",
-    arguments="--capture {capture} --index {results}/index --out {out} --threads {threads}",
+    files={"calibration": "{out}"},
     inputs=("index/calibration_cameras.json", "index/cameras.parquet", *YARDSTICKS),
     outputs={"rig": ("rig.json", "cameras.json"), "residuals": ("residuals_cameras.parquet", None)},
     metrics=(
@@ -116,8 +116,7 @@ CAMERAS = CostedStage(
 
 LIGHTS = CostedStage(
     name="calibrate_lights",
-    arguments="--capture {capture} --index {results}/index --rig {results}/calibration/rig.json --out {out} "
-    "--threads {threads}",
+    files={"calibration": "{out}"},
     inputs=("index/calibration_lights.json", "calibration/rig.json", "calibration/lights.parquet", *YARDSTICKS),
     outputs={
         "rig": ("cameras.json", "cameras.json"), "lights": ("lights.parquet", "lights.parquet"),

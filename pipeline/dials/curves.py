@@ -19,7 +19,7 @@ from pipeline.base.code_digest import ROOT
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table, written_whole
-from pipeline.budget.allocation import GROWTH
+from pipeline.budget.allocation import SCALES_WITH
 from pipeline.budget.curves import COLUMNS, FOLDER
 from pipeline.config.loading import load_project
 from pipeline.config.project import SubjectSettings
@@ -28,7 +28,9 @@ from pipeline.dials.dial import Dial
 
 
 def keep_curves(dials: Sequence[Dial], settings: SubjectSettings, results: Path, out: Path) -> None:
-    """Write both files to `out` from a subject's results with accuracy_cost.csv, benchmarks and metrics.csv.
+    """Write both files to `out` from a subject's results.
+
+    These need accuracy_cost.csv, benchmarks and metrics.csv.
 
     Raises:
         InputError: if one of them is missing, or no dial to be chosen was measured.
@@ -49,7 +51,7 @@ def keep_curves(dials: Sequence[Dial], settings: SubjectSettings, results: Path,
         if dial.name in set(kept.dial)
     }
     with written_whole(out / "subject.yaml") as path:
-        path.write_text(HEADER + yaml.safe_dump(facts_of(results, used), sort_keys=False))
+        path.write_text(HEADER + yaml.safe_dump(subject_facts(results, used), sort_keys=False))
 
 
 HEADER = """\
@@ -58,12 +60,12 @@ HEADER = """\
 """
 
 
-def facts_of(results: Path, used: dict[str, Any]) -> dict[str, Any]:
+def subject_facts(results: Path, used: dict[str, Any]) -> dict[str, Any]:
     """The fields of `pipeline.budget.curves.Measured`."""
     cameras = read_table(results / "index/cameras.parquet")
     metrics = pd.read_csv(results / "metrics.csv")
     psnr = metrics.psnr_db[(metrics.split == "test") & (metrics.lit == "partial")]
-    seconds = {stage: benchmark_seconds(results / "benchmarks", stage) for stage in GROWTH}
+    seconds = {stage: benchmark_seconds(results / "benchmarks", stage) for stage in SCALES_WITH}
     return {
         "subject": results.resolve().name,
         "cameras": len(cameras),

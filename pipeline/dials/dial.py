@@ -1,4 +1,4 @@
-"""What a dial is: one setting of one stage, the values it takes, and how the stage's output is judged.
+"""Dial: one setting of one stage, the values it takes, and how the output is judged.
 
 A stage is run as its users run it, from the command line, with what the workflow left in a subject's results folder;
 stages never import stages.
@@ -6,7 +6,6 @@ stages never import stages.
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +15,14 @@ from typing import Any, Literal
 from pipeline.base.errors import Complaints
 from pipeline.config.flags import flags
 from pipeline.config.project import SECTIONS
+from pipeline.config.stage_commands import THREADED, Value, stage_arguments, subject_files
+
+CHUNK = "0000"
+"""The chunk of frames on which stages that work chunk by chunk are measured."""
+
+NOT_HANDED_OVER: dict[str, Value] = {"frame_shards": (), "visibility": (), "environment": (), "light_list": ()}
+"""What a stage does without unless a dial says where it is: all avatars have the shards' own frames, and visibility
+that an earlier run kept would make a later one look fast."""
 
 Files = Mapping[str, Path]
 """Where a stage's output is, by what it is called in `CostedStage.outputs`."""
@@ -23,7 +30,7 @@ Files = Mapping[str, Path]
 
 @dataclass(frozen=True)
 class Subject:
-    """Where a subject's files are, and how its stages are run.
+    """Files of a subject, and how its stages are run.
 
     Attributes:
         results: folder results/<subject>, filled by the workflow.
@@ -43,8 +50,14 @@ class Subject:
     made: Path = Path("made")
     variant: str = "full"
 
+    def named(self) -> dict[str, Value]:
+        """Files and facts by the names of `pipeline.config.stage_commands`."""
+        facts = {"capture": str(self.capture), "subject": self.results.name, "chunk_size": str(self.chunk_size)}
+        one = {"chunk": CHUNK, "variant": self.variant}
+        return {**subject_files(self.results, **one), **facts, **one, **NOT_HANDED_OVER}
+
     def has(self, part: Literal["head", "eyes"]) -> bool:
-        """Whether the workflow made what only avatars of heads, or of eyes, read."""
+        """True if the workflow made what only avatars of heads, or of eyes, read."""
         return (self.results / {"head": "textures", "eyes": "eyes.json"}[part]).exists()
 
 
@@ -65,19 +78,19 @@ class Metric:
 
 @dataclass(frozen=True)
 class CostedStage:
-    """How a stage is run and judged.
+    """Stage whose settings are turned: how it is run and judged.
 
     Attributes:
-        name: of the module in `pipeline`.
-        arguments: its command line without settings; {results}, {capture}, {out}, {threads}, ... are filled in. Words
-            that begin with `head:` or `eyes:` are left out for a subject without mean textures or fitted eyes.
+        name: of the module in `pipeline.stages`.
         inputs: files below the subject's results without which it does not run.
         outputs: what is judged: name -> (path below {out}, path below the capture's truth); None where there is none.
         metrics: the first one decides.
+        files: those of `pipeline.config.stage_commands` that are elsewhere than in the subject's results, of this stage
+            and of `afterwards`: name -> path, with {out} and {made} filled in; None leaves the flag out.
         unit, work: what the stage counts, and how often, read from its output.
         runs_on: whether a subject calls for the stage at all.
-        afterwards: later stages, with paths as in `arguments`, run once per setting if the metrics judge what they make
-            of the output; their time does not count.
+        afterwards: later stages, run once per setting if the metrics judge what they make of the output; their time
+            does not count.
         timed: those of them whose time does count, for a setting that costs time later: they run every time.
         heads_only: those of them that run for a subject with mean textures alone.
         settings: what differs from the subject's settings in every run, for runs that are shorter than the subject's.
@@ -87,14 +100,14 @@ class CostedStage:
     """
 
     name: str
-    arguments: str
     inputs: tuple[str, ...]
     outputs: Mapping[str, tuple[str | None, str | None]]
     metrics: tuple[Metric, ...]
     unit: str
     work: Callable[[Files], float | int]
+    files: Mapping[str, str | None] = field(default_factory=dict)
     runs_on: Callable[[Subject], bool] = lambda subject: True
-    afterwards: Mapping[str, str] = field(default_factory=dict)
+    afterwards: tuple[str, ...] = ()
     timed: tuple[str, ...] = ()
     heads_only: tuple[str, ...] = ("bake_textures",)
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -103,27 +116,36 @@ class CostedStage:
     makes: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
     def command(self, subject: Subject, out: Path, change: Mapping[str, Any]) -> list[str]:
-        """Its command line with the subject's settings but for `change`."""
-        return _command_line(self.name, self.arguments, subject, out, {**self.settings, **change})
+        """Command line with the subject's settings but for `change`."""
+        return self._command_line(self.name, subject, out, {**self.settings, **change})
 
     def later_commands(self, subject: Subject, out: Path) -> dict[str, list[str]]:
         """The command lines of `afterwards`, in order, by stage."""
         return {
-            name: _command_line(name, words, subject, out, self.later_settings.get(name, {}))
-            for name, words in self.afterwards.items()
+            name: self._command_line(name, subject, out, self.later_settings.get(name, {}))
+            for name in self.afterwards
             if subject.has("head") or name not in self.heads_only
         }
+
+    def _command_line(self, stage: str, subject: Subject, out: Path, change: Mapping[str, Any]) -> list[str]:
+        settings = SECTIONS[stage](**{**subject.sections.get(stage, {}), **change})
+        places = {"out": out, "made": subject.made}
+        own = {name: path.format(**places) if path else () for name, path in self.files.items()}
+        lacking = {name: () for part, name in (("head", "textures"), ("eyes", "eyes")) if not subject.has(part)}
+        words = stage_arguments(stage, {**subject.named(), **own, **lacking})
+        threads = ["--threads", str(subject.threads)] if stage in THREADED else []
+        return [sys.executable, "-m", f"pipeline.stages.{stage}", *words, *threads, *flags(settings)]
 
     def imports(self) -> list[list[str]]:
         """Command lines that do nothing but import the stages whose time counts."""
         return [[sys.executable, "-c", f"import pipeline.stages.{name}"] for name in (self.name, *self.timed)]
 
     def written(self, out: Path) -> Files:
-        """Its output in folder `out`."""
+        """Files of the stage's output in folder `out`."""
         return {name: out / path for name, (path, _) in self.outputs.items() if path}
 
     def truth(self, subject: Subject) -> Files | None:
-        """What it should have written, if the capture knows the truth of all that the metrics compare."""
+        """True output, if the capture knows all of it that the metrics compare."""
         known = {name: subject.capture / "truth" / path for name, (_, path) in self.outputs.items() if path}
         return known if known and all(path.is_file() for path in known.values()) else None
 
@@ -131,18 +153,6 @@ class CostedStage:
         """Files that it would read and that are not there."""
         names = [name.format(variant=subject.variant) for name in self.inputs]
         return [name for name in names if not (subject.results / name).exists()]
-
-
-def _command_line(
-    stage: str, arguments: str, subject: Subject, out: Path, change: Mapping[str, Any]
-) -> list[str]:  # fmt: skip
-    settings = SECTIONS[stage](**{**subject.sections.get(stage, {}), **change})
-    paths = {"results": subject.results, "capture": subject.capture, "subject": subject.results.name, "out": out}
-    others = {"threads": subject.threads, "chunk_size": subject.chunk_size, "variant": subject.variant}
-    kept = [re.fullmatch("(?:(head|eyes):)?(.*)", word).groups() for word in arguments.split()]
-    asked = [word for part, word in kept if part is None or subject.has(part)]
-    words = [word.format(**paths, **others, made=subject.made) for word in asked]
-    return [sys.executable, "-m", f"pipeline.stages.{stage}", *words, *flags(settings)]
 
 
 @dataclass(frozen=True)
@@ -169,11 +179,14 @@ class Dial:
     chosen: bool = False
 
     def change(self, value: Any) -> dict[str, Any]:
-        """What differs from the subject's settings of the stage where the dial is at `value`."""
+        """Settings of the stage that differ from the subject's where the dial is at `value`."""
         return {**self.fixed, self.setting: value}
 
     def against(self, subject: Subject) -> str:
-        """What errors are relative to where the truth is not known, in words: `reference 8, steps 200`."""
+        """Reference of the errors where the truth is not known, in words.
+
+        For example `reference 8, steps 200`.
+        """
         last = label(list(self.values(subject))[-1])
         words = last if self.reference is None else " ".join(f"{key} {value}" for key, value in self.reference.items())
         given = self.reference or {}

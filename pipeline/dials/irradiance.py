@@ -25,11 +25,6 @@ def _irradiance(subject: Subject, output: Files, expected: Files) -> float:
     return float(np.sqrt(squares / table.texels.sum()))
 
 
-TRACED = (
-    "--subject {subject} --atlas {results}/atlas.safetensors --tracking {results}/tracking/0000.safetensors "
-    "--lights {results}/calibration/lights.parquet --patterns {results}/patterns.parquet "
-    "--frames {results}/frames.parquet --out {out}/0000 --threads {threads}"
-)
 INPUTS = (
     "atlas.safetensors", "tracking/0000.safetensors", "calibration/lights.parquet", "patterns.parquet",
     "frames.parquet",
@@ -42,7 +37,7 @@ def _rays(output: Files) -> int:
 
 IRRADIANCE = CostedStage(
     name="trace_irradiance",
-    arguments=TRACED,
+    files={"irradiance": "{out}/0000"},
     inputs=INPUTS,
     outputs={"maps": ("0000", None), "table": ("0000.parquet", None)},
     metrics=(Metric("irradiance, RMS", _irradiance, lambda subject: TOLERANCE),),

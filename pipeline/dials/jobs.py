@@ -1,4 +1,7 @@
-"""The runs that measure dials: one for each setting, for all dials that ask for it, and how they are judged."""
+"""Runs that measure dials, and how they are judged.
+
+There is one run for each setting, for all dials that ask for it.
+"""
 
 from __future__ import annotations
 

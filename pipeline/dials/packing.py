@@ -23,11 +23,7 @@ def _pixels(subject: Subject, output: Files, expected: Files) -> float:
 
 PACKING = CostedStage(
     name="pack_shards",
-    arguments="--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
-    "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
-    "--color {results}/calibration/color.json --lights {results}/calibration/lights.parquet "
-    "--effects {results}/effects.json --patterns {results}/patterns.parquet --frames {results}/frames.parquet "
-    "--chunk 0 --chunk-size {chunk_size} --out {out}",
+    files={"shards": "{out}", "irradiance": None, "textures": None},
     inputs=(
         "index/capture.json", "atlas.safetensors", "tracking/0000.safetensors", "calibration/color.json",
         "calibration/lights.parquet", "effects.json", "patterns.parquet", "frames.parquet",

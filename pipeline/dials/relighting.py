@@ -1,4 +1,4 @@
-"""Dials of relight_avatar: how large an environment map has to be for shadows, and for the lobes."""
+"""Dials of relight_avatar: size of an environment map for shadows, and for lobes."""
 
 from __future__ import annotations
 
@@ -62,8 +62,10 @@ def _pictures(output: Files) -> int:
 
 RELIGHTING = CostedStage(
     name="relight_avatar",
-    arguments="--atlas {results}/atlas.safetensors --avatar {results}/avatars/{variant} "
-    "--tracking {results}/tracking/0000.safetensors --environment {made}/outdoors.exr --out {out}/relit",
+    # Without an index and cameras the path around the subject is the same for all of them.
+    files={
+        "environment": "{made}/outdoors.exr", "relit": "{out}/relit", "index": None, "cameras": None, "textures": None,
+    },
     inputs=("atlas.safetensors", "tracking/0000.safetensors", "avatars/{variant}/avatar.safetensors"),
     outputs={"stills": ("relit/stills", None)},
     metrics=(Metric("relit pixel, RMS over the subject's own", _brightness, lambda subject: TOLERANCE),),
@@ -71,7 +73,7 @@ RELIGHTING = CostedStage(
     work=_pictures,
     settings=PICTURES,
     makes={"outdoors.exr": write_outdoors},
-)
+)  # fmt: skip
 
 RELIGHTING_DIALS = [
     Dial(

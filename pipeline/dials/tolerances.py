@@ -1,4 +1,7 @@
-"""Errors that nobody minds, as one yardstick for every subject: what its images and its noise would hardly show."""
+"""Errors that nobody minds, as one yardstick for every subject.
+
+They are what its images and its noise would hardly show.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +22,15 @@ YARDSTICKS = ("index/capture.json", "calibration/cameras.json")
 
 
 def small_length_mm(subject: Subject) -> float:
-    """What LENS_DISTORTION_PX image pixels are at the subject."""
+    """Length at the subject that LENS_DISTORTION_PX image pixels cover, mm."""
     return 1000 * LENS_DISTORTION_PX * sensor_per_image_px(subject) * pixel_size_m(_cameras(subject))
 
 
 def small_focal_percent(subject: Subject) -> float:
-    """Error of the focal length that moves the middle of an image's shorter edges by LENS_DISTORTION_PX."""
+    """Tolerable error of the focal length, percent.
+
+    It moves the middle of an image's shorter edges by LENS_DISTORTION_PX.
+    """
     longer_side = np.median([max(camera.width, camera.height) for camera in _cameras(subject).values()])
     return float(100 * LENS_DISTORTION_PX / (longer_side / sensor_per_image_px(subject) / 2))
 

@@ -47,10 +47,7 @@ def _image_sizes(subject: Subject) -> list[int]:
 
 TRACKING = CostedStage(
     name="track_mesh",
-    arguments="--capture {capture} --index {results}/index --cameras {results}/calibration/cameras.json "
-    # Without these two, images are not compared, and nothing says so but the table of frames.
-    "--lights {results}/calibration/lights.parquet --patterns {results}/patterns.parquet "
-    "--chunk 0 --chunk-size {chunk_size} --out {out}",
+    files={"trackings": "{out}"},
     inputs=(
         "index/frames.parquet",
         "index/cameras.parquet",

@@ -1,4 +1,7 @@
-"""Dials of earlier stages, judged by the images of an avatar trained on what they make (RFGCA, Table A.1)."""
+"""Dials of earlier stages, judged by an avatar trained on what they make.
+
+The images of that avatar are compared (RFGCA, Table A.1).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import pandas as pd
 
 from pipeline.base.files import read_json, read_table
 from pipeline.dials.dial import Dial, Files, Metric, Subject
-from pipeline.dials.irradiance import INPUTS, IRRADIANCE, TRACED
+from pipeline.dials.irradiance import INPUTS, IRRADIANCE
 
 WITHIN_DB = 0.1
 """Difference of PSNR that nobody sees, and about what another seed makes."""
@@ -20,27 +23,21 @@ LEAST_DB = 0.01
 STEPS = 200
 """Of trainings that compare settings: differences between them show by then, and hardly grow afterwards."""
 
-TRAINED = {
-    "trace_irradiance": TRACED,
-    "bake_textures": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
-    "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
-    "--color {results}/calibration/color.json --effects {results}/effects.json --frames {results}/frames.parquet "
-    "--out {out}/textures/0000",
-    "pack_shards": "--capture {capture} --index {results}/index --atlas {results}/atlas.safetensors "
-    "--tracking {results}/tracking/0000.safetensors --cameras {results}/calibration/cameras.json "
-    "--color {results}/calibration/color.json --lights {results}/calibration/lights.parquet "
-    "--effects {results}/effects.json --patterns {results}/patterns.parquet --frames {results}/frames.parquet "
-    "--chunk 0 --chunk-size {chunk_size} --irradiance {out}/0000 "
-    "head:--textures head:{out}/textures/0000.safetensors --out {out}/shards",
-    "train_avatar": "--subject {subject} --atlas {results}/atlas.safetensors --shards {out}/shards "
-    "--effects {results}/effects.json eyes:--fitted-eyes eyes:{results}/eyes.json --out {out}/avatars/full",
-    "evaluate_avatar": "--subject {subject} --atlas {results}/atlas.safetensors --shards {out}/shards "
-    "--effects {results}/effects.json --avatars {out}/avatars/full --out {out}",
-}
+MADE = {
+    "irradiance": "{out}/0000", "baked": "{out}/textures/0000", "textures": "{out}/textures/0000.safetensors",
+    "shards": "{out}/shards", "avatar": "{out}/avatars/full", "scores": "{out}",
+}  # fmt: skip
+"""Where the stages from tracing on write, and those after them read, if all of them run."""
+
+AFTER_TRACING = ("bake_textures", "pack_shards", "train_avatar", "evaluate_avatar")
+"""Stages from maps to scores, in order."""
 
 
 def psnr_lost(lit: str) -> Metric:
-    """How far the test images under such light (all, full, partial) fall behind the reference's."""
+    """Metric: PSNR lost against the reference, under one kind of light.
+
+    Light is all, full or partial; the images are the test images.
+    """
 
     def psnr_db(files: Files) -> float:
         table = pd.read_csv(files["metrics"])
@@ -53,7 +50,7 @@ def psnr_lost(lit: str) -> Metric:
 
 
 def picture_milliseconds() -> Metric:
-    """What a picture of the avatar takes, from a new pose and light on."""
+    """Metric: time of a picture of the avatar, from a new pose and light on."""
 
     def error(subject: Subject, output: Files, expected: Files) -> float:
         return float(pd.read_csv(output["costs"]).render_milliseconds.iloc[0])
@@ -73,7 +70,8 @@ TRACED_AND_TRAINED = replace(
     outputs={**IRRADIANCE.outputs, "metrics": ("metrics.csv", None)},
     metrics=(psnr_lost("partial"), psnr_lost("all")),
     runs_on=one_chunk,
-    afterwards={stage: words for stage, words in TRAINED.items() if stage != IRRADIANCE.name},
+    files=MADE,
+    afterwards=AFTER_TRACING,
     later_settings={"train_avatar": {"steps": STEPS}},
     warm_up={},
 )

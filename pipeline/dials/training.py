@@ -1,4 +1,4 @@
-"""Dials of train_avatar, and of the atlas it trains on, judged by the images of short trainings.
+"""Dials of train_avatar and of the atlas, judged by the images of short trainings.
 
 Partially lit images decide: they tell models apart, fully lit ones hardly do. How long a training has to be is a dial
 of its own; the others are turned at `STEPS` steps, all alike.
@@ -12,10 +12,7 @@ from pipeline.base.files import read_json, read_table
 from pipeline.config.train_avatar import DepthSource
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.dials.dial import CostedStage, Dial, Subject
-from pipeline.dials.trained import STEPS, TRAINED, one_chunk, picture_milliseconds, psnr_lost
-
-FILES = "--subject {subject} --atlas {results}/atlas.safetensors --shards {results}/shards "
-EFFECTS = "--effects {results}/effects.json "
+from pipeline.dials.trained import AFTER_TRACING, MADE, STEPS, one_chunk, picture_milliseconds, psnr_lost
 
 OUTPUTS = {
     "metrics": ("metrics.csv", None), "costs": ("ablations.csv", None), "trained": ("avatars/full/config.json", None)
@@ -23,7 +20,7 @@ OUTPUTS = {
 
 SHORT_TRAINING = CostedStage(
     name="train_avatar",
-    arguments=FILES + EFFECTS + "eyes:--fitted-eyes eyes:{results}/eyes.json --out {out}/avatars/full",
+    files={"avatar": "{out}/avatars/full", "scores": "{out}"},
     inputs=(
         "atlas.safetensors",
         "effects.json",
@@ -36,13 +33,13 @@ SHORT_TRAINING = CostedStage(
     metrics=(psnr_lost("partial"), psnr_lost("all"), picture_milliseconds()),
     unit="steps",
     work=lambda output: read_json(output["trained"])["settings"]["steps"],
-    afterwards={"evaluate_avatar": FILES + EFFECTS + "--avatars {out}/avatars/full --out {out}"},
+    afterwards=("evaluate_avatar",),
     warm_up={"steps": 1},
 )
 
 ATLAS = CostedStage(
     name="unwrap_atlas",
-    arguments="--capture {capture} --index {results}/index --out {out}",
+    files={"results": "{out}", "atlas": "{out}/atlas.safetensors", **MADE},
     inputs=(
         "index/capture.json", "tracking/0000.safetensors", "calibration/lights.parquet", "patterns.parquet",
         "frames.parquet", "effects.json", "calibration/color.json",
@@ -52,7 +49,7 @@ ATLAS = CostedStage(
     unit="texels",
     work=lambda output: read_json(output["trained"])["texels"],
     runs_on=one_chunk,
-    afterwards={stage: words.replace("{results}/atlas", "{out}/atlas") for stage, words in TRAINED.items()},
+    afterwards=("trace_irradiance", *AFTER_TRACING),
     timed=("trace_irradiance", "train_avatar"),
     later_settings={"train_avatar": {"steps": STEPS}},
     warm_up={},

@@ -1,4 +1,4 @@
-"""What texels would show of gloss and of transport, a column each, for the fits of `appearance_fits`."""
+"""Columns of gloss and of transport at texels, for the fits of `appearance_fits`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def gloss_columns(
 
 
 def transport_columns(seen: SeenTexels, lit: Sequence[TexelLight]) -> Float64[np.ndarray, "n columns 3"]:
-    """Light by the cosine it comes at, piecewise linear: as if nothing were in its way, and where it arrives."""
+    """Light by the cosine that it comes at, piecewise linear, unoccluded and as it arrives."""
     step, parts = COSINE_KNOTS[1] - COSINE_KNOTS[0], []
     for light in lit:
         columns = []

@@ -1,4 +1,4 @@
-"""Which effects of appearance a capture calls for, as decibels of PSNR that its training images say they are worth."""
+"""Evidence for effects of appearance: their worth in decibels of PSNR on training images."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class Evidence:
 
 
 def choose_images(
-    images: pd.DataFrame, booked: pd.DataFrame, usable: set[int], fully_lit: int, partially_lit: int, cameras: int
+    images: pd.DataFrame, synced: pd.DataFrame, usable: set[int], fully_lit: int, partially_lit: int, cameras: int
 ) -> pd.DataFrame:
-    """Training images of a few frames, evenly spread: some fully lit, some partially, by a few cameras.
+    """Choose training images of a few frames, evenly spread, some fully lit, by a few cameras.
 
     Args:
         images: of the index: camera, frame, path and why held out.
-        booked: frames.parquet of book_patterns.
+        synced: frames.parquet of book_patterns.
         usable: frames that are tracked and have a light on.
     """
-    booked = booked.set_index("frame")
-    known = images[images.frame.isin(booked.index) & images.frame.isin(usable)]
-    train = known[~known[FLAGS].any(axis=1) & ~known.frame.map(booked.test_pattern).astype(bool)]
-    lit = train.frame.map(booked.fully_lit).astype(bool)
+    synced = synced.set_index("frame")
+    known = images[images.frame.isin(synced.index) & images.frame.isin(usable)]
+    train = known[~known[FLAGS].any(axis=1) & ~known.frame.map(synced.test_pattern).astype(bool)]
+    lit = train.frame.map(synced.fully_lit).astype(bool)
     frames = [*spread(train.frame[lit], fully_lit), *spread(train.frame[~lit], partially_lit)]
     chosen = train[train.frame.isin(frames) & train.camera.isin(spread(train.camera, cameras))]
     return chosen.sort_values(["frame", "camera"])
@@ -53,7 +53,7 @@ def spread(values: pd.Series, count: int) -> list:
 
 
 def describe(found: Explained) -> str:
-    """What the numbers rest on."""
+    """Text that says what the numbers rest on."""
     return (
         f"{found.observations} colours of texels in training images, {100 * found.strays:.1f} % left out as strays, "
         f"residual {100 * found.floor:.2f} % of full scale"
@@ -61,12 +61,12 @@ def describe(found: Explained) -> str:
 
 
 def specular_evidence(found: Explained) -> Evidence:
-    """What gloss explains that no colour of a texel does, in dB."""
+    """Gain by gloss over what colours of texels explain, in dB."""
     return Evidence(found.gloss_db, f"gloss explains {found.gloss_db:.2f} dB of {describe(found)}")
 
 
 def transport_evidence(found: Explained) -> Evidence:
-    """What transport by the angle of the light explains beyond GGX, traced visibility and one bounce, in dB."""
+    """Gain by transport beyond GGX, traced visibility and one bounce, in dB."""
     text = f"beyond GGX, traced visibility and one bounce, transport explains {found.transport_db:.2f} dB of "
     return Evidence(found.transport_db, text + describe(found))
 
@@ -74,7 +74,7 @@ def transport_evidence(found: Explained) -> Evidence:
 def deferred_evidence(
     found: Explained, seen: SeenTexels, atlas: Atlas, spacing_m: Float64[np.ndarray, " t"]
 ) -> Evidence:
-    """What shading per Gaussian would lose, in dB.
+    """Loss by shading per Gaussian in place of per pixel, in dB.
 
     Interpolating over Gaussians widens a lobe of variance s^2 by that of the mirrored direction over a Gaussian,
     (0.6 x 2 x the turn of the normal from texel to texel)^2, which lowers its peak by that ratio. What a pixel averages

@@ -1,4 +1,4 @@
-"""How much better texels' colours are explained by gloss, and by transport that no surface model has.
+"""Gains in explaining texels' colours by gloss, and by transport that no surface model has.
 
 Observed colours are fitted by one albedo per texel times its shading, plus what is under test, by linear least squares.
 Residuals count as PSNR counts them: in sRGB, to first order, so squared and weighted by the squared slope of the
@@ -40,7 +40,7 @@ effect of light, which all are well below: three in a hundred on a tracked body,
 
 @dataclass(frozen=True)
 class Explained:
-    """What fits say of a capture's colours.
+    """Results of fitting a capture's colours.
 
     Attributes:
         observations: how many colours were fitted.
@@ -101,7 +101,10 @@ def explain_colors(
 
 
 def without_strays(left: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
-    """1 for observations, 0 for those that are not what they are taken for: a wrong pose, a neighbour, no subject."""
+    """Weight of observations: 0 for strays, else 1.
+
+    Strays are not what they are taken for: a wrong pose, a neighbour, no subject.
+    """
     length = np.linalg.norm(left, axis=1)
     return (length <= STRAY_SIGMAS / MEDIAN_LENGTH * np.median(length)).astype(np.float64)
 
@@ -112,7 +115,7 @@ def decibels(without: float, with_it: float) -> float:
 
 
 def mean_sent(sent: Float64[np.ndarray, "some 3"], hits: Int64[np.ndarray, "P rays"]) -> Float64[np.ndarray, "P 3"]:
-    """Irradiance by way of what cosine-spread rays hit, if that sends `sent` / pi alike to all sides."""
+    """Irradiance from what cosine-spread rays hit, each sending `sent` / pi alike to all sides."""
     padded = np.concatenate([sent, np.zeros((1, 3))])
     return padded[hits].mean(1) if hits.size else np.zeros((len(hits), 3))
 
@@ -120,7 +123,7 @@ def mean_sent(sent: Float64[np.ndarray, "some 3"], hits: Int64[np.ndarray, "P ra
 def fit_albedo(
     seen: SeenTexels, shading: Float64[np.ndarray, "F P 3"], weight: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "P 3"]:
-    """Of each texel, times 1 / pi: at most white, whatever little light says; 0 where not seen or not lit."""
+    """Albedo of each texel over pi: at most white, 0 where not seen or not lit."""
     shaded, albedo = shading[seen.frame, seen.point], np.zeros((len(seen.texels), 3))
     for c in range(3):
         dot, norm = (
@@ -153,8 +156,10 @@ class AlbedoFit:
     points: int
 
     def residual(self, columns: Float64[np.ndarray, "n k 3"], everywhere: bool = False) -> Float64[np.ndarray, "n k 3"]:
-        """Columns times the slope, less each texel's shading times what fits best where observations count; 0 where
-        they do not, unless asked for."""
+        """Columns times the slope, less what one albedo per texel explains of them.
+
+        The albedo is fitted where observations count; the result is 0 where they do not, unless `everywhere`.
+        """
         unit, rest = self.slope * self.shaded, self.slope[:, None] * columns
         for c in range(3):
             norm = np.bincount(self.point, self.kept * unit[:, c] ** 2, self.points)
@@ -177,7 +182,7 @@ def solve_shared(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def solve_apart(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Coefficients of any sign, each colour its own, held to 0 where the columns say little about them."""
+    """Coefficients of any sign, each colour its own, held to 0 where columns say little of them."""
     coefficients = np.zeros(columns.shape[1:])
     for c in range(3):
         size = np.maximum(np.sqrt((columns[..., c] ** 2).sum(0)), np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""What an effect costs where it is simulated, and saves where it is not."""
+"""Costs of effects where they are simulated, which are spared where they are not."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ LOBE, NORMAL = 2, 3
 
 
 def effect_cost(effect: str, texels: int, chunks: int) -> dict[str, int | float]:
-    """Jobs, blended channels, parameters and estimated seconds of training (with the default settings, one core).
+    """Jobs, blended channels, parameters and seconds of training that an effect costs.
 
-    Negative where simulating less takes more: unturned SH has more coefficients than zonal lobes, and is faster.
+    Seconds are estimates for the default settings on one core. Negative where simulating less takes more: unturned SH
+    has more coefficients than zonal lobes, and is faster.
     """
     settings = TrainAvatar()
     width = settings.shadow_width

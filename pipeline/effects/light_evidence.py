@@ -1,4 +1,4 @@
-"""Cheap measurements that tell which light effects a scene calls for: distant occluders, and lights that are near."""
+"""Cheap measurements for effects of light: distant occluders, and lights that are near."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ PosedFrame = tuple[np.ndarray, Float64[np.ndarray, "_ 3"]]
 def texel_points(
     atlas: Atlas, vertices: np.ndarray, texels: np.ndarray
 ) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
-    """Posed points of the texels listed and the unit normals of their faces (zero for a face without area), float64."""
+    """Posed points of some texels and unit normals of their faces, float64.
+
+    Normals are zero for a face without area.
+    """
     corners = vertices.astype(np.float64)[atlas.corners[texels]]
     points = (corners * atlas.barycentric[texels, :, None]).sum(1)
     triangles = np.arange(3 * len(texels)).reshape(-1, 3)
@@ -28,9 +31,10 @@ def texel_points(
 def blocked_from_afar(
     atlas: Atlas, frames: Iterable[PosedFrame], local_radius: float, pairs_per_frame: int, random: np.random.Generator
 ) -> tuple[int, int]:
-    """Of random (texel, lit light) pairs that face each other, how many a surface further than `local_radius` blocks.
+    """Count random pairs of a texel and a light facing it, and those blocked from afar.
 
-    What blocks from nearer is shape that the local frame and normal already stand for. Returns (blocked, facing).
+    Blocked are those by a surface further than `local_radius`: what blocks from nearer is shape that the local frame
+    and normal already stand for. Returns (blocked, facing).
     """
     blocked = facing = 0
     for vertices, positions in frames:
@@ -47,7 +51,7 @@ def blocked_from_afar(
 def falloff_spread(
     atlas: Atlas, frames: Iterable[PosedFrame], points_per_frame: int, random: np.random.Generator, percentile: float
 ) -> float:
-    """How unevenly lights shine on the subject: a percentile of |L(v) / L(centre) - 1| over texels v and lit lights.
+    """Unevenness of lights: a percentile of |L(v) / L(centre) - 1| over texels v and lit lights.
 
     L is I / d^2, so intensities cancel; the centre is the mean of the texels drawn. 0 if there are no frames.
     """

@@ -1,17 +1,17 @@
-"""Mean textures: what colour each texel has on average over the cameras that see it, in frames in which all is lit."""
+"""Mean textures: average colours of texels over the cameras that see them, fully lit."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float32, Float64, Int64
 from scipy.spatial import cKDTree
 
+from pipeline.capture.images import ImageSource
 from pipeline.effects.seen_texels import observe_texels
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.pose_interpolation import neighbours
@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SeenColors:
-    """What the images of one frame show of the texels.
+    """Mean colours that the images of one frame show of the texels.
 
     Attributes:
         mean: linear RGB; zero where a texel is not seen.
@@ -34,7 +34,7 @@ class SeenColors:
 
 
 def seen_colors(
-    folder: Path, images: pd.DataFrame, facts: Mapping, cameras: Mapping[str, Camera],
+    source: ImageSource, images: pd.DataFrame, cameras: Mapping[str, Camera],
     colors: Mapping[str, Float64[np.ndarray, "3 3"]], atlas: Atlas, vertices: Float32[np.ndarray, "v 3"],
     cosine_power: float,
 ) -> SeenColors:  # fmt: skip
@@ -50,7 +50,7 @@ def seen_colors(
         image = images.iloc[row : row + 1]
         posed = {int(image.frame.iloc[0]): vertices}
         # Image by image: all observations of a large atlas at once would not fit in memory.
-        seen = observe_texels(folder, image, facts, cameras, colors, atlas, every, posed)
+        seen = observe_texels(source, image, cameras, colors, atlas, every, posed)
         if len(seen.point) and not (seen.color > 0).any():
             log.warning("%s: all that is seen of the subject is black; left out", image.path.iloc[0])
             continue
@@ -61,7 +61,7 @@ def seen_colors(
 
 
 def joined(found: Sequence[SeenColors]) -> SeenColors:
-    """What several frames show together."""
+    """Mean colours of several frames together."""
     weight = np.sum([colors.weight for colors in found], axis=0)
     total = np.sum([colors.weight[:, None] * colors.mean for colors in found], axis=0)
     return SeenColors(_divided(total, weight), weight)
@@ -90,7 +90,7 @@ def between_lit_frames(
     textures: Float64[np.ndarray, "lit texels 3"], lit: Bool[np.ndarray, " frames"],
     takes: Int64[np.ndarray, " frames"],
 ) -> Float64[np.ndarray, "frames texels 3"]:  # fmt: skip
-    """Textures of all frames: between fully lit neighbours of the same take along a line (RGCA 3, data preparation)."""
+    """Textures of all frames, linear between fully lit neighbours of the same take (RGCA 3)."""
     before, after, share = neighbours(np.flatnonzero(lit).astype(np.int64), len(lit), takes)
     later = share[:, None, None]
     return (1 - later) * textures[before] + later * textures[after]

@@ -1,4 +1,4 @@
-"""Which effects of geometry, light and cameras a capture calls for: cheap measurements without its images."""
+"""Evidence for effects of geometry, light and cameras: cheap measurements without images."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SURFACE_FRAMES, SURFACE_TEXELS = 32, 1024
 def shadow_evidence(
     atlas: Atlas, frames: list[PosedFrame], local_radius_percent: float, rays: int, random: np.random.Generator
 ) -> Evidence:
-    """Share, in percent, of pairs of a texel and a light facing each other that a distant surface blocks."""
+    """Share, in percent, of facing texel-light pairs that a distant surface blocks."""
     if not frames:
         return Evidence(0.0, "no tracked frame has a light on")
     extent = float(np.ptp(atlas.rest_vertices, axis=0).max())
@@ -62,8 +62,10 @@ def near_field_evidence(atlas: Atlas, frames: list[PosedFrame], rays: int, rando
 
 
 def articulation_evidence(chunks: Sequence[TrackedChunk], atlas: Atlas) -> Evidence:
-    """Spread of local rotations around their means, in degrees: of the liveliest joint, or of the surface where the
-    template has no joints."""
+    """Spread of local rotations around their means, in degrees.
+
+    Of the liveliest joint, or of the surface where the template has no joints.
+    """
     if any(chunk.joint_rotations is None or not chunk.joint_rotations.shape[1] for chunk in chunks):
         return surface_articulation(np.concatenate([chunk.vertices for chunk in chunks]), atlas)
     spreads = rotation_spread_deg(np.concatenate([chunk.joint_rotations for chunk in chunks]))
@@ -74,7 +76,7 @@ def articulation_evidence(chunks: Sequence[TrackedChunk], atlas: Atlas) -> Evide
 
 
 def surface_articulation(vertices: Float[np.ndarray, "frames v 3"], atlas: Atlas) -> Evidence:
-    """Root mean square over texels of how far their frames turn against the body as a whole (Kabsch 1976)."""
+    """Root mean square turn of tangent frames against the whole body, degrees (Kabsch 1976)."""
     some = np.unique(np.linspace(0, len(vertices) - 1, SURFACE_FRAMES).astype(int))
     texels = np.unique(np.linspace(0, atlas.texel_count - 1, SURFACE_TEXELS).astype(int))
     rest = atlas.rest_vertices.astype(np.float64)
@@ -92,8 +94,11 @@ def surface_articulation(vertices: Float[np.ndarray, "frames v 3"], atlas: Atlas
 
 
 def rotation_spread_deg(rotations: Float[np.ndarray, "frames joints 4"]) -> Float64[np.ndarray, " joints"]:
-    """Per joint, a percentile of the angle to the mean rotation, degrees. The mean is the eigenvector of the largest
-    eigenvalue of sum q q^T (Markley et al. 2007, Averaging Quaternions), blind to the sign of q."""
+    """Percentile of the angle between each joint's rotations and their mean, degrees.
+
+    The mean is the eigenvector of the largest eigenvalue of sum q q^T (Markley et al. 2007, Averaging Quaternions),
+    blind to the sign of q.
+    """
     q = rotations.astype(np.float64)
     mean = np.linalg.eigh(np.einsum("fji,fjk->jik", q, q))[1][..., -1]
     away = rotation_vector_from_quaternion(multiply_quaternions(conjugate_quaternion(mean), q))
@@ -101,7 +106,7 @@ def rotation_spread_deg(rotations: Float[np.ndarray, "frames joints 4"]) -> Floa
 
 
 def distortion_evidence(cameras: dict[str, Camera], downsample: float) -> Evidence:
-    """Largest displacement by the calibrated distortion inside any image, in pixels of the images used."""
+    """Largest displacement by lens distortion inside any image, in pixels of the images used."""
     sizes = {name: largest_displacement_px(camera) / downsample for name, camera in cameras.items()}
     worst = max(sizes, key=lambda name: sizes[name])
     text = f"the lens of {worst} moves a point of the image by up to {sizes[worst]:.2f} image pixels"
@@ -109,7 +114,7 @@ def distortion_evidence(cameras: dict[str, Camera], downsample: float) -> Eviden
 
 
 def largest_displacement_px(camera: Camera) -> float:
-    """Largest distance in the camera's pixels between where a pinhole and where this lens images a point."""
+    """Largest distance between a pinhole's and this lens's image of a point, camera pixels."""
     x, y = np.meshgrid(np.linspace(0, camera.width, GRID), np.linspace(0, camera.height, GRID))
     pinhole = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3)
     in_camera = np.linalg.solve(camera.K, pinhole.T).T

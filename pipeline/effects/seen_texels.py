@@ -1,16 +1,15 @@
-"""What training images show of some texels: colours with where, from where and when they were seen."""
+"""Observations of texels in training images: colours, and from where they were seen."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Float32, Float64, Int64
 
-from pipeline.capture.images import read_image
+from pipeline.capture.images import ImageSource
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.depth_maps import draw_depth, seen_well
 from pipeline.geometry.sampling import sample_bilinear
@@ -53,9 +52,8 @@ class SeenTexels:
 
 
 def observe_texels(
-    folder: Path,
+    source: ImageSource,
     images: pd.DataFrame,
-    facts: Mapping,
     cameras: Mapping[str, Camera],
     colors: Mapping[str, Float64[np.ndarray, "3 3"]],
     atlas: Atlas,
@@ -67,9 +65,8 @@ def observe_texels(
     Images are taken as recorded: points are projected through the lens, and colours corrected afterwards.
 
     Args:
-        folder: of the capture.
+        source: the capture's images.
         images: camera, frame and path of each image.
-        facts: `images` of capture.json: transfer and black level.
         cameras: at the resolution of the images.
         colors: corrected-from-raw, of cameras that have one.
         vertices: posed template of each frame, metres.
@@ -87,7 +84,7 @@ def observe_texels(
         step_m = STEP_PIXELS * distance / np.sqrt(camera.K[0, 0] * camera.K[1, 1])
         depth_map = draw_depth(camera, meshes[at], faces)
         chosen = np.flatnonzero(seen_well(camera, depth_map, points[at], normals[at], float(step_m)))
-        image = read_image(folder / row.path, facts["transfer"], facts["black_level"])
+        image = source.read(row.path)
         pixels, depth = camera.project(points[at, chosen])
         color = sample_bilinear(image[None], np.zeros(len(chosen), np.int64), pixels)[0].astype(np.float64)
         found = (color < BRIGHTEST).all(1)  # not where it is no number, either
@@ -105,8 +102,10 @@ def observe_texels(
 
 
 def texel_turns(atlas: Atlas, normals: Float[np.ndarray, "t 3"]) -> Float64[np.ndarray, " t"]:
-    """Root mean square angle, radians, between the normal of each texel and those to its right and below; 0 where
-    neither belongs to the same piece of surface."""
+    """Root mean square angle, radians, between the normals of each texel and of its neighbours.
+
+    Neighbours are the texels to its right and below; 0 where neither belongs to the same piece of surface.
+    """
     index = atlas.to_map(np.arange(len(normals)), outside=-1.0)
     total, count = np.zeros((2, len(normals)))
     for here, there in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):

@@ -1,4 +1,4 @@
-"""The light on some texels of a frame: of each lamp apart, of all together, and by way of one bounce."""
+"""Light on some texels of a frame: of each lamp, of all together, and by way of one bounce."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Two-sphere eyes: their shape, and the fit to tracked eyeballs."""
+"""Two-sphere eyes: `eye_shape` is their geometry, `eye_fit` fits it to tracked eyeballs."""

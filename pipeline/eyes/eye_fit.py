@@ -1,4 +1,4 @@
-"""Fitting two-sphere eyes to the tracked vertices of the eye parts, and the file of what was found.
+"""Fit of two-sphere eyes to the tracked vertices of the eye parts, and its file eyes.json.
 
 The head's frame is that of the template at rest. In it an eye's part turns about a fixed centre; the turn that best
 brings the resting part to the tracked one says where the eye's axis points, and the vertices' distances to the two
@@ -76,7 +76,7 @@ class FittedEye:
 
     @classmethod
     def from_json(cls, stored: Mapping, where: str) -> FittedEye:
-        """What `as_json` gave.
+        """Read an entry that `as_json` gave.
 
         Raises:
             InputError: if keys are missing or the shape is none of an eye; `where` is named.
@@ -157,7 +157,7 @@ def fit_eye(
 def _axes(
     name: str, rest: np.ndarray, tracked: np.ndarray, gaze: np.ndarray
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "frames 3"], float]:
-    """The axis at rest, the tracked axis in every frame, and how far it is off the gaze (degrees, rms)."""
+    """The axis at rest, the tracked axis in every frame, and its rms angle to the gaze, degrees."""
     try:
         turns = np.stack([align_rigid(rest, part, LEAST_SIGMA_M).R for part in tracked])
     except ValueError as error:
@@ -175,7 +175,10 @@ def _axes(
 
 
 def _sphere_through(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4"]:
-    """Centre and radius of the algebraic least-squares fit: |x|^2 = 2 c . x + (r^2 - |c|^2) is linear."""
+    """Centre and radius of the algebraic least-squares fit.
+
+    |x|^2 = 2 c . x + (r^2 - |c|^2) is linear in them.
+    """
     middle = points.mean(0)
     x = points - middle
     solved = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x * x).sum(1), rcond=None)[0]
@@ -185,8 +188,10 @@ def _sphere_through(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
 def _distances(
     x: np.ndarray, points: np.ndarray, axes: np.ndarray
 ) -> tuple[Float64[np.ndarray, "n 1"], Float64[np.ndarray, "n unknowns"]]:
-    """Signed distances to the union of the spheres, positive outside, and their derivatives by centre, r_e, and, if
-    they are among the unknowns, r_c and d."""
+    """Signed distances to the union of the spheres, positive outside, and their derivatives.
+
+    Derivatives are by centre, r_e, and, if they are among the unknowns, r_c and d.
+    """
     offset = points - x[:3]
     length = np.linalg.norm(offset, axis=1)
     residual, jacobian = length - x[3], np.zeros((len(points), len(x)))
@@ -222,11 +227,14 @@ def _with_cornea(ball: Solution, points: np.ndarray, axes: np.ndarray, frames: i
 
 
 def _sigmas(found: Solution, frames: int) -> Float64[np.ndarray, " unknowns"]:
-    """Standard deviations, as if there were one frame: the others repeat the same vertices' errors."""
+    """Standard deviations, as if there were one frame.
+
+    The others repeat the same vertices' errors.
+    """
     return np.sqrt(np.diag(found.covariance) * frames)
 
 
 def _sizes(found: Solution, frames: int) -> list[float]:
-    """Those of the centre's least known coordinate and of each size."""
+    """Standard deviations of the centre's least known coordinate and of each size."""
     sigmas = _sigmas(found, frames)
     return [float(sigmas[:3].max()), *sigmas[3:].tolist()]

@@ -1,4 +1,4 @@
-"""The explicit eye: eyeball and cornea, two spheres that overlap, turned by the gaze (RGCA section 3.4).
+"""The explicit eye: eyeball and cornea, two spheres that overlap (RGCA section 3.4).
 
 The eyeball's centre c_e is the origin here. Its surface is that of the union of a ball of radius r_e and a ball of
 radius r_c around d g, where g is the eye's axis. Seen from c_e it has one point in every direction, so that a texel of
@@ -46,19 +46,22 @@ class EyeShape:
 
     @property
     def is_sphere(self) -> bool:
-        """Whether no cornea stands out."""
+        """True if no cornea stands out."""
         return self.cornea_offset_m + self.cornea_radius_m <= self.radius_m
 
     @property
     def limbus_angle(self) -> float:
-        """Angle from the axis, seen from c_e, at which the spheres meet, radians; 0 for a plain sphere."""
+        """Angle from the axis at which the spheres meet, seen from c_e, radians.
+
+        0 for a plain sphere.
+        """
         if self.is_sphere:
             return 0.0
         r, c, d = self.radius_m, self.cornea_radius_m, self.cornea_offset_m
         return math.acos(min(1.0, max(-1.0, (r * r + d * d - c * c) / (2 * r * d))))
 
     def fault(self) -> str:
-        """Why this is no eye, or nothing."""
+        """Sentence that says why this is no eye, or nothing."""
         r, c, d = self.radius_m, self.cornea_radius_m, self.cornea_offset_m
         if not (all(map(math.isfinite, (r, c, d))) and r > 0 and c > 0 and d >= 0):
             return f"expected positive radii and an offset of at least 0, found {r:g}, {c:g} and {d:g} m"
@@ -99,8 +102,10 @@ def eye_surface(
     cornea_radius: Float[np.ndarray, "*#n"] | Float[Tensor, "*#n"] | float,
     cornea_offset: Float[np.ndarray, "*#n"] | Float[Tensor, "*#n"] | float,
 ) -> EyeSurface:
-    """The surface in unit directions from c_e: rho w with rho the larger of r_e and of the far root t of |t w - d g| =
-    r_c, which is d u + sqrt(r_c^2 - d^2 (1 - u^2)) with u = w . g.
+    """Surface of eyes in unit directions w from c_e.
+
+    It is rho w with rho the larger of r_e and of the far root t of |t w - d g| = r_c, which is
+    d u + sqrt(r_c^2 - d^2 (1 - u^2)) with u = w . g.
 
     Finite, with finite gradients, for all positive radii, also those of no eye (`EyeShape.fault`): where the cornea's
     sphere is not met, the surface is the eyeball's; a cornea that holds the whole eyeball is the whole surface.
@@ -127,8 +132,9 @@ def _column(values: np.ndarray | Tensor | float) -> np.ndarray | Tensor | float:
 def turn_to(
     axis: Float[np.ndarray, "*n 3"] | Float[Tensor, "*n 3"], gaze: Float[np.ndarray, "*n 3"] | Float[Tensor, "*n 3"]
 ) -> Float[np.ndarray, "*n 3 3"] | Float[Tensor, "*n 3 3"]:
-    """The rotation that brings the unit vectors `axis` to `gaze`, of any length, on the shortest way: an eye that turns
-    from where it rests does not roll about its axis (Listing's law).
+    """Shortest rotation from the unit vectors `axis` to `gaze`, of any length.
+
+    An eye that turns from where it rests does not roll about its axis (Listing's law).
 
     A gaze of length zero says nothing: the eye rests. So does, for want of one shortest way, the opposite direction.
     """

@@ -1,1 +1,1 @@
-"""Pictures that a person judges results by: one module per picture, `style` for what they share."""
+"""Pictures that a person judges results by: one module per picture, and `style` for all."""

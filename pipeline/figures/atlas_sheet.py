@@ -22,14 +22,17 @@ CAPTION_PX, BORDER_PX = 18, 2
 
 
 def spread_tiles(count: int) -> list[int]:
-    """Which of so many maps are shown."""
+    """Numbers of the maps that are shown, of `count`."""
     return sorted({int(index) for index in np.linspace(0, count - 1, min(SHEET_TILES, count))})
 
 
 def write_atlas_sheet(
     path: Path, atlas: Atlas, tiles: Sequence[tuple[str, Float[np.ndarray, "texels channels"]]]
 ) -> None:
-    """Write a PNG of the tiles: a caption, and below it values 0..1 as grey (one channel) or RGB (three)."""
+    """Write a PNG of the tiles, each below its caption.
+
+    Values 0..1 are shown as grey (one channel) or RGB (three).
+    """
     outside = atlas.to_map(np.zeros(atlas.texel_count), 1.0) > 0
     drawn = [_tile(caption, atlas.to_map(values.T), outside) for caption, values in tiles]
     across = int(np.ceil(np.sqrt(len(drawn))))

@@ -1,4 +1,7 @@
-"""Mirror balls as the cameras see them: the outline found, and highlights where measured and where predicted."""
+"""Mirror balls as the cameras see them, with outlines and highlights.
+
+Outlines are those found; highlights are drawn where they were measured and where they are predicted.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,10 @@ LEGEND = (
 LABEL_BOX = {"facecolor": "black", "alpha": 0.6, "linewidth": 0, "pad": 0.8}
 
 WHITE_PERCENTILE = 99.8
-"""Brightness shown as white: sixty highlights of ten pixels each are a hundredth of the picture, their peaks less."""
+"""Percentile of the brightness that is shown as white.
+
+Sixty highlights of ten pixels each are a hundredth of the picture, their peaks less.
+"""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a review of a calibration reads, and all its residuals as one table."""
+"""Input of a review of a calibration, and all its residuals as one table."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RESIDUAL_COLUMNS = ["kind", "camera", "name", *NUMBERS[:-1], "unit", "weight"]
 
 @dataclass(frozen=True)
 class Calibration:
-    """What the calibrating stages found, and where in the capture they looked.
+    """Results of the calibrating stages, and the places in the capture where they looked.
 
     Attributes:
         boards, balls, charts: the index's calibration_cameras.json, _lights.json and _color.json.
@@ -78,7 +78,7 @@ def read_calibration(index: Path, calibration: Path) -> Calibration:
 
 
 def read_verdicts(path: Path) -> list[Verdict]:
-    """What a stage wrote of its verdicts.
+    """Read the verdicts that a stage wrote.
 
     Raises:
         InputError: if the file is missing or has other columns.

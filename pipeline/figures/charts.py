@@ -1,4 +1,7 @@
-"""Colour charts before and after correction, with the colours that the average camera sees set into the patches."""
+"""Colour charts before and after correction.
+
+The colours that the average camera sees are set into the patches.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,10 @@ from pipeline.calibration.color.color_chart import COLUMNS, PATCHES, ROWS
 from pipeline.figures.style import INK, add_panels, frame_panel, grid_size, picture
 
 CELL_PX, OVERSAMPLING = 16, 4
-"""Pixels per patch in the picture: enough for glare and stains to show; and how many times finer it is sampled."""
+"""Pixels per patch in the picture, and times that it is sampled finer.
+
+Enough pixels for glare and stains to show.
+"""
 
 PANEL_INCHES = (3.04, 0.994)
 """Two charts and the gap between them: the proportions of what `_draw_pair` draws."""
@@ -50,7 +56,9 @@ class Chart:
 
 
 def upright(image: Float32[np.ndarray, "h w 3"], centers: Float64[np.ndarray, "24 2"]) -> Float32[np.ndarray, "H W 3"]:
-    """The chart as `ROWS` x `COLUMNS` square cells of `CELL_PX`, patch k in the middle of cell k; noise is averaged.
+    """The chart as `ROWS` x `COLUMNS` square cells of `CELL_PX`, noise averaged.
+
+    Patch k lies in the middle of cell k.
 
     Args:
         centers: of the patches, pixels; first pixel centre at (0.5, 0.5).
@@ -65,10 +73,11 @@ def upright(image: Float32[np.ndarray, "h w 3"], centers: Float64[np.ndarray, "2
 
 
 def average_colors(residuals: pd.DataFrame, corrections: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "24 3"]:
-    """What the average camera sees of each patch, from each camera's fitted colours (residuals_color.parquet).
+    """Colour of each patch for the average camera.
 
-    fitted = M_c value and corrected_from_raw_c = mean(M) M_c^-1, so that corrected fitted colours are mean(M) value for
-    every camera; the median is over cameras that could measure a patch, NaN where none could.
+    From each camera's fitted colours (residuals_color.parquet): fitted = M_c value and corrected_from_raw_c = mean(M)
+    M_c^-1, so that corrected fitted colours are mean(M) value for every camera; the median is over cameras that could
+    measure a patch, NaN where none could.
     """
     raw, residual = (residuals[[f"{prefix}{c}" for c in "rgb"]].to_numpy(np.float64) for prefix in ("", "residual_"))
     matrices = np.stack([corrections[camera] for camera in residuals.camera])
@@ -82,14 +91,20 @@ def display(linear: np.ndarray, white: float) -> np.ndarray:
     return srgb_from_linear(np.clip(linear * (WHITE_LEVEL / white), 0, 1))
 
 
-def white_of(target: Float64[np.ndarray, "24 3"]) -> float:
-    """Linear level of the white patch's brightest channel; of the brightest patch, if no camera measured the white."""
+def white_level(target: Float64[np.ndarray, "24 3"]) -> float:
+    """Linear level of the white patch's brightest channel.
+
+    If no camera measured the white patch, it is the brightest patch's.
+    """
     return float(np.nanmax(target[WHITE_PATCH] if np.isfinite(target[WHITE_PATCH]).all() else target))
 
 
 def difference(color: Float64[np.ndarray, "24 3"], target: Float64[np.ndarray, "24 3"]) -> float:
-    """Mean CIEDE2000 over the patches that are measured in both; `target` is white where its white patch is."""
-    white = white_of(target)
+    """Mean CIEDE2000 over the patches that are measured in both.
+
+    `target` is white where its white patch is.
+    """
+    white = white_level(target)
     usable = np.isfinite(color).all(1) & np.isfinite(target).all(1)
     lab = [skimage.color.rgb2lab(display(colors[usable], white)) for colors in (color, target)]
     return float(skimage.color.deltaE_ciede2000(*lab).mean())
@@ -98,7 +113,9 @@ def difference(color: Float64[np.ndarray, "24 3"], target: Float64[np.ndarray, "
 def draw_charts(
     path: Path, charts: list[Chart], target: Float64[np.ndarray, "24 3"], grades: Mapping[str, Grade], which: str
 ) -> None:
-    """Write a PNG with one panel per camera: its chart as recorded on the left, corrected on the right.
+    """Write a PNG with one panel per camera: its chart as recorded, and corrected.
+
+    The recorded chart is on the left.
 
     Args:
         target: colours of the average camera, set into each patch.
@@ -113,7 +130,7 @@ def draw_charts(
     with picture(path, size, "Colour charts", notes) as figure:
         for axes, chart in zip(add_panels(figure, len(charts), PANEL_INCHES, columns), charts, strict=True):
             corrected = chart.color @ chart.correction.T
-            _draw_pair(axes, chart, target, white_of(target))
+            _draw_pair(axes, chart, target, white_level(target))
             before, after = (difference(color, target) for color in (chart.color, corrected))
             detail = f"mean Delta E {before:.2f} before, {after:.2f} after"
             frame_panel(axes, chart.camera, detail, grades.get(chart.camera, "good"))

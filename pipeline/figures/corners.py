@@ -1,4 +1,7 @@
-"""Detected and projected board corners drawn on each camera's worst image: if that is right, all are."""
+"""Detected and projected board corners drawn on each camera's worst image.
+
+If that is right, all are.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,10 @@ class BoardView:
 
 
 def worst_view(corners: pd.DataFrame) -> int:
-    """The view of one camera (rows of residuals_cameras.parquet) that the fit leaves the largest residuals in."""
+    """View of one camera in which the fit leaves the largest residuals.
+
+    `corners` are its rows of residuals_cameras.parquet.
+    """
     misfit = {view: rms(rows[["residual_x", "residual_y"]].to_numpy()) for view, rows in corners.groupby("view")}
     return int(max(misfit, key=lambda view: misfit[view]))
 

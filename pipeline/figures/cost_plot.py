@@ -1,4 +1,7 @@
-"""Time against error, one panel per dial: what each setting costs, the Pareto front, and the setting that will do."""
+"""Time against error, one panel per dial.
+
+Shown are the cost of each setting, the Pareto front, and the setting that will do.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ LEFT_INCHES, BELOW_INCHES, ABOVE_INCHES, RIGHT_INCHES = 0.75, 0.55, 0.45, 0.2
 COLUMNS = 3
 
 LEAST_RANGE = 2.0
-"""Largest over smallest value of an axis, at least: 3.0 and 3.1 seconds do not look like a steep curve."""
+"""Smallest ratio of an axis's ends. 3.0 and 3.1 seconds must not look like a steep curve."""
 
 WIDE_RANGE = 6.0
 """Largest over smallest value from which ticks at 1, 2, 5, 10 ... are enough of them."""
@@ -46,7 +49,9 @@ LEGEND = (
 
 
 def draw_costs(path: Path, table: pd.DataFrame, repeats: int) -> None:
-    """Write a PNG with one panel per dial, of the metric that decides: the first one of each dial.
+    """Write a PNG with one panel per dial, of the metric that decides.
+
+    That is the first metric of each dial.
 
     Args:
         table: of `pipeline.metrics.cost.cost_table`.
@@ -98,7 +103,10 @@ def _draw_dial(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def _name_settings(axes: Axes, known: pd.DataFrame, height: np.ndarray) -> None:
-    """Each setting's name beside its dot, in the first of four places where it hides no other name or dot."""
+    """Write each setting's name beside its dot.
+
+    It stands in the first of four places where it hides no other name or dot.
+    """
     points_per_px = 72 / axes.figure.dpi
     dots = axes.transData.transform(np.stack([known.seconds, height], 1)) * points_per_px
     taken = [(x - 3, y - 3, x + 3, y + 3) for x, y in dots]

@@ -1,4 +1,7 @@
-"""Where in each camera's image board corners were seen, and where never: there the lens is extrapolated."""
+"""Coverage of each camera's image by board corners.
+
+Where none were seen, the lens is extrapolated.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,10 @@ LEGEND = (
 
 
 def count_cells(pixels: Float64[np.ndarray, "corners 2"], width: int, height: int) -> Int64[np.ndarray, "rows columns"]:
-    """Corners in each of the `CELLS` x `CELLS` cells of an image, those that the cameras' verdicts count."""
+    """Corners in each of the `CELLS` x `CELLS` cells of an image.
+
+    The cells are those that the cameras' verdicts count.
+    """
     counts, _, _ = np.histogram2d(pixels[:, 1], pixels[:, 0], bins=CELLS, range=((0, height), (0, width)))
     return counts.astype(np.int64)
 

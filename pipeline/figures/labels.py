@@ -20,10 +20,10 @@ def place_labels(
     axes: Axes, points: Float64[np.ndarray, "labels 2"], texts: Sequence[str], colors: Sequence[str],
     obstacles: Float64[np.ndarray, "points 2"], size_pt: float = 7.5,
 ) -> int:  # fmt: skip
-    """Write each text beside its point, away from the axes' middle if there is room; return how many found none.
+    """Write each text beside its point; return the number that found no room.
 
-    Greedy: a text takes the first free of `DIRECTIONS` x `DISTANCES_PT` places, nearest first, outwards first. Limits
-    of the axes have to be final.
+    Greedy: a text takes the first free of `DIRECTIONS` x `DISTANCES_PT` places, nearest first, away from the axes'
+    middle first. Limits of the axes have to be final.
 
     Args:
         points, obstacles: in data coordinates.

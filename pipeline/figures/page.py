@@ -1,4 +1,7 @@
-"""What all HTML pages share: style, frame and verdicts; and the page of a review, with its pictures beside it."""
+"""Style, frame and verdicts of all HTML pages, and the page of a review.
+
+A review's pictures lie beside its page.
+"""
 
 from __future__ import annotations
 
@@ -84,12 +87,12 @@ def write_document(path: Path, title: str, parts: Sequence[str], style: str = ""
 
 
 def verdict_tiles(verdicts: Sequence[Verdict]) -> str:
-    """How many of each kind are good, weak and failed."""
+    """Tiles with the counts of good, weak and failed, per kind."""
     return f'<div class="tiles">{"".join(_tile(kind, verdicts) for kind in KINDS)}</div>'
 
 
 def verdict_list(verdicts: Sequence[Verdict]) -> str:
-    """What is not good, failed first; all verdicts can be unfolded."""
+    """List of failed and weak verdicts, failed first; all can be unfolded."""
     if not verdicts:
         return "<p>Nothing was judged.</p>"
     amiss = [verdict for verdict in verdicts if verdict.grade != "good"]

@@ -1,7 +1,7 @@
-"""The tracked capture as a recording for rerun's viewer: cameras, lights, images, keypoints and the moving mesh.
+"""The tracked capture as a recording for rerun's viewer.
 
-Images are undistorted, so that the viewer, whose cameras are pinholes, lays the mesh over them where it belongs. Its
-pixels count from the image's upper left corner, as ours do.
+It has cameras, lights, images, keypoints and the moving mesh. Images are undistorted, so that the viewer, whose cameras
+are pinholes, lays the mesh over them where it belongs. Its pixels count from the image's upper left corner, as ours do.
 
 Entities: stage/mesh, stage/lights, stage/keypoints/tracked and .../triangulated; stage/cameras/{camera} with image,
 image/detected and image/tracked below; errors/keypoints_px, errors/overlap. Timelines: frame, time.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -36,7 +36,10 @@ UNLIT = 45
 """Grey of a light that is off."""
 
 WHITE_PERCENTILE, WHITE_LEVEL = 99.5, 0.8
-"""This part of a camera's fully lit image has this linear brightness; all its images keep that exposure."""
+"""Percentile of a camera's fully lit image, and the linear brightness that it is shown with.
+
+All images of the camera keep that exposure.
+"""
 
 FRUSTUM_M, LIGHT_M, KEYPOINT_M = 0.15, 0.03, 0.012
 KEYPOINT_PT = 2.5
@@ -63,7 +66,7 @@ class _Shown:
     @property
     def pinhole(self) -> Camera:
         """The same without distortion."""
-        return replace(self.distorted, dist=np.zeros(5))
+        return self.distorted.pinhole()
 
     @property
     def entity(self) -> str:
@@ -72,7 +75,10 @@ class _Shown:
 
 
 def write_recording(path: Path, found: TrackedCapture, settings: ReviewTracking, pool: Executor) -> None:
-    """Write an .rrd file of about `settings.recording_mb` at most: of more frames, evenly chosen ones."""
+    """Write an .rrd file of about `settings.recording_mb` at most.
+
+    Of more frames than fit, evenly chosen ones.
+    """
     names = evenly(list(found.cameras), settings.recording_cameras)
     shown = list(pool.map(lambda name: _shown_camera(found, name, settings.recording_size_px), names))
     weld = weld_vertices(found.template.vertices_rest, found.template.faces)
@@ -160,11 +166,13 @@ def _log_images(
         else:
             stream.log(entity, rr.EncodedImage.cleared())
         detected = found.detected[list(found.cameras).index(one.name), row] / one.factor
-        seen = np.isfinite(detected).all(1)
-        straight = one.distorted.undistort(detected[seen]) if seen.any() else np.zeros((0, 2))
+        straight, seen = np.full_like(detected, np.nan), np.isfinite(detected).all(1)
+        if seen.any():
+            straight[seen] = one.distorted.undistort(detected[seen])
+        seen = np.isfinite(straight).all(1)  # a fisheye also shows what no pinhole does
         tracked, depth = one.pinhole.project(found.keypoints_m[row])
         sets = {
-            "detected": (straight @ one.pinhole.K[:2, :2].T + one.pinhole.K[:2, 2], seen, DETECTED),
+            "detected": (straight[seen] @ one.pinhole.K[:2, :2].T + one.pinhole.K[:2, 2], seen, DETECTED),
             "tracked": (tracked[depth > 0], depth > 0, TRACKED),
         }
         for name, (pixels, which, color) in sets.items():

@@ -1,4 +1,7 @@
-"""What the fit left over in each camera's image, as magnified arrows: a pattern in them means a model is off."""
+"""Residuals of the fit in each camera's image, as magnified arrows.
+
+A pattern in them means that a model is off.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,9 @@ def draw_residuals(
     path: Path, corners: pd.DataFrame, cameras: Mapping[str, Camera], names: Sequence[str], grades: Mapping[str, Grade],
     which: str,
 ) -> None:  # fmt: skip
-    """Write a PNG with one panel per camera of `names`; arrows point from detected to projected corners.
+    """Write a PNG with one panel per camera of `names`.
+
+    Arrows point from detected to projected corners.
 
     Args:
         corners: columns camera, x, y, residual_x, residual_y, weight: residuals_cameras.parquet.

@@ -1,4 +1,7 @@
-"""Residuals over their own noise against the normal curve: whether the noise is what the fit took it for."""
+"""Histogram of residuals over their noise, against the normal curve.
+
+It shows whether the noise is as the fit assumes.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +40,10 @@ PANEL_INCHES = (3.7, 2.5)
 
 
 def normalised(residuals: pd.DataFrame, kind: str) -> Float64[np.ndarray, " components"]:
-    """Residual components of one kind over their noise, which is estimated from their median length.
+    """Residual components of one kind over their noise.
 
-    Patches have the noise of their camera, whose response is fitted alone; corners and highlights have one for all.
+    The noise is estimated from their median length. Patches have the noise of their camera, whose response is fitted
+    alone; corners and highlights have one for all.
     """
     rows = residuals[(residuals.kind == kind) & residuals[COMPONENTS[kind]].notna().all(axis=1)]
     groups = [rows] if kind != "patch" else [group for _, group in rows.groupby("camera")]

@@ -1,4 +1,7 @@
-"""The stage from above and from the side: cameras, lights with their uncertainty, survey, balls and boards."""
+"""The stage from above and from the side, with all that was calibrated.
+
+Shown are cameras, lights with their uncertainty, survey, balls and boards.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +27,14 @@ from pipeline.geometry.cameras import Camera
 CAMERA, BALL, BOARD = "#0072b2", "#cc79a7", "#9aa3af"
 
 FRUSTUM_SHARE, ELLIPSE_SHARE, ROOM_SHARE = 0.07, 0.02, 0.06
-"""Over the stage's extent: depth of a frustum, median half axis of a magnified ellipse, room beyond the outermost."""
+"""Sizes in the picture, as shares of the stage's extent.
+
+Depth of a frustum, median half axis of a magnified ellipse, room beyond the outermost.
+"""
 
 LIGHT_MARKS: dict[Grade, str] = {"good": "o", "weak": "^", "failed": "X"}
 MARK_PT: dict[Grade, float] = {"good": 2.0, "weak": 4.0, "failed": 7.0}
-"""Marks in the middle of the ellipses, and their sizes: what is not good shows without colours, too."""
+"""Marks in the middle of the ellipses, and their sizes. Weak and failed show without colours, too."""
 
 MOST_NAMES = 40
 """Cameras up to which all are named; of more, only those that are not good."""
@@ -56,7 +62,10 @@ class Stage:
 
 
 def light_covariances(lights: pd.DataFrame) -> Float64[np.ndarray, "lights 3 3"]:
-    """Covariance of each light's position, square metres; NaN for lights that keep their surveyed position."""
+    """Covariance of each light's position, square metres.
+
+    NaN for lights that keep their surveyed position.
+    """
     full = np.empty((len(lights), 3, 3))
     rows, columns = np.triu_indices(3)
     full[:, rows, columns] = full[:, columns, rows] = lights[COVARIANCE].to_numpy(np.float64)
@@ -64,7 +73,10 @@ def light_covariances(lights: pd.DataFrame) -> Float64[np.ndarray, "lights 3 3"]
 
 
 def one_sigma_ellipse(covariance: Float64[np.ndarray, "2 2"]) -> tuple[float, float, float]:
-    """Full axes of the ellipse x^T C^-1 x = 1, and the angle of the first from the first coordinate axis, degrees."""
+    """Full axes of the ellipse x^T C^-1 x = 1, and the angle of the first in degrees.
+
+    The angle is from the first coordinate axis.
+    """
     value, vector = np.linalg.eigh(covariance)
     first, second = 2 * np.sqrt(np.maximum(value, 0))
     return float(first), float(second), float(np.degrees(np.arctan2(vector[1, 0], vector[0, 0])))
@@ -130,7 +142,10 @@ def _places(stage: Stage) -> np.ndarray:
 
 
 def _set_limits(axes: Axes, places: np.ndarray, extent: float, plane: tuple[int, int]) -> None:
-    """Both views show a cube of the same side; from above, z points down, towards who looks along -z."""
+    """Set limits so that both views show a cube of the same side.
+
+    From above, z points down, towards an observer who looks along -z.
+    """
     middle = (places.min(0) + places.max(0))[list(plane)] / 2
     half = (0.5 + ROOM_SHARE + FRUSTUM_SHARE / 2) * extent
     axes.set(xlim=(middle[0] - half, middle[0] + half))
@@ -171,7 +186,8 @@ def _draw_cameras(
 ) -> None:
     for name, camera in stage.cameras.items():
         w, h = float(camera.width), float(camera.height)
-        rays = camera.ray_directions(np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float64))
+        framing = camera if camera.lens.perspective else camera.pinhole()
+        rays = framing.ray_directions(np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float64))
         corners = camera.center + depth_m * rays / (rays @ camera.R[2])[:, None]
         flat, apex = corners[:, list(plane)], camera.center[list(plane)]
         grade = grades.get(("camera", name), "good")

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, header, panels, which panels to show, and files that are the same on every run."""
+"""Style of all pictures: colours, header, panels, choice of panels, and reproducible files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ INK, MUTED, FAINT = "#1c2026", "#626a76", "#d5d9df"
 
 OBSERVED, PREDICTED, IGNORED = "#56b4e9", "#f0e442", "#d55e00"
 PREDICTED_ON_WHITE = "#b3a600"
-"""On dark images, and in legends; with `GRADE_COLORS` from Okabe and Ito's palette, told apart by colour-blind eyes."""
+"""Colours of marks on dark images, and the one for predictions in legends, on white.
+
+With `GRADE_COLORS` from Okabe and Ito's palette, told apart by colour-blind eyes.
+"""
 
 GRADE_COLORS: dict[Grade, str] = {"good": "#009e73", "weak": "#e69f00", "failed": "#d55e00"}
 GRADE_INKS: dict[Grade, str] = {"good": INK, "weak": "#8f5f00", "failed": "#b04600"}
@@ -35,7 +38,10 @@ CROSSHAIR = MarkerPath([(-1, 0), (-0.35, 0), (0.35, 0), (1, 0), (0, -1), (0, -0.
 """A cross with a hole: what is predicted to be in the middle stays visible."""
 
 IGNORED_WEIGHT = 0.1
-"""Weight in the robust fit below which an observation is shown as left out: residuals of 7 standard deviations."""
+"""Weight in the robust fit below which an observation is shown as left out.
+
+Residuals of 7 standard deviations have it.
+"""
 
 WIDEST_INCHES, DPI, MARGIN_INCHES, GAP_INCHES, BAR_INCHES = 13.0, 100, 0.12, 0.16, 0.5
 TITLE_INCHES, LINE_INCHES, LEGEND_INCHES, CAPTION_INCHES = 0.38, 0.20, 0.26, 0.44
@@ -54,7 +60,7 @@ RC = {
 def picture(
     path: Path, size: tuple[float, float], title: str, notes: Sequence[str], legend: Sequence[Artist] = ()
 ) -> Iterator[Figure]:
-    """Yield a figure whose upper part is taken by a header; write it to `path` as PNG when the block ends.
+    """Yield a figure with a header on top; write it to `path` as PNG when the block ends.
 
     Args:
         size: inches (width, height) left for the drawing below the header.
@@ -88,7 +94,10 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 def grid_size(count: int, panel: tuple[float, float]) -> tuple[tuple[float, float], int]:
-    """Inches of a grid of `count` panels of `panel` inches (width, height), and its number of columns."""
+    """Size of a grid of `count` panels in inches, and its number of columns.
+
+    `panel` is the size of one in inches, width and height.
+    """
     most = max(1, int((WIDEST_INCHES - MARGIN_INCHES) // (panel[0] + GAP_INCHES)))
     rows = math.ceil(count / most)
     columns = math.ceil(count / rows)
@@ -98,7 +107,10 @@ def grid_size(count: int, panel: tuple[float, float]) -> tuple[tuple[float, floa
 
 
 def add_panels(figure: Figure, count: int, panel: tuple[float, float], columns: int) -> list[Axes]:
-    """Axes of `panel` inches (width, height), row by row, below the header, with room for captions above each."""
+    """Axes of `panel` inches (width, height), row by row, below the header.
+
+    Above each is room for captions.
+    """
     width, height = figure.get_size_inches()
     top = figure.subplotpars.top * height
     axes = []
@@ -110,7 +122,10 @@ def add_panels(figure: Figure, count: int, panel: tuple[float, float], columns: 
 
 
 def frame_panel(axes: Axes, name: str, detail: str, grade: Grade = "good") -> None:
-    """A thin frame without ticks; above it the name, with its grade if that is not good, and a line of numbers."""
+    """Put a thin frame without ticks round a panel, and its name and numbers above it.
+
+    The name comes with its grade if that is not good.
+    """
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set(visible=True, color=FAINT if grade == "good" else GRADE_COLORS[grade])
     axes.spines[:].set_linewidth(0.8 if grade == "good" else 2.0)
@@ -121,7 +136,10 @@ def frame_panel(axes: Axes, name: str, detail: str, grade: Grade = "good") -> No
 
 
 def add_color_bar(figure: Figure, scale: Normalize, colors: str | Colormap, label: str) -> None:
-    """A flat colour bar in the lower left corner, with its label to the right: `BAR_INCHES` high with its numbers."""
+    """Add a flat colour bar in the lower left corner, with its label to the right.
+
+    With its numbers it is `BAR_INCHES` high.
+    """
     width, height = figure.get_size_inches()
     axes = figure.add_axes((MARGIN_INCHES / width, 0.27 / height, 2.2 / width, 0.11 / height))
     ticks = MaxNLocator(5, integer=scale.vmax > 1)
@@ -130,7 +148,10 @@ def add_color_bar(figure: Figure, scale: Normalize, colors: str | Colormap, labe
 
 
 def show_gray(axes: Axes, image: np.ndarray, corner: tuple[int, int], dark: float, white: float) -> None:
-    """Show grey pixels [height, width] whose first has its outer corner at `corner` (x, y), in `GRAY_LEVELS`."""
+    """Show grey pixels [height, width] in `GRAY_LEVELS`.
+
+    The first pixel has its outer corner at `corner` (x, y).
+    """
     (x, y), (height, width) = corner, image.shape
     box = axes.get_window_extent()
     scale = min(1.0, max(box.width / width, box.height / height))
@@ -147,13 +168,16 @@ def worst(scores: Mapping[str, float], grades: Mapping[str, Grade], most: int) -
     return sorted(ranked[:most])
 
 
-def shown_of(shown: int, total: int, what: str) -> str:
+def shown_count(shown: int, total: int, what: str) -> str:
     """'all 12 cameras', or 'the 24 worst of 160 cameras'."""
     return f"all {total} {what}" if shown == total else f"the {shown} worst of {total} {what}"
 
 
 def round_factor(factor: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, 50 ... up to `factor`, at least 1: what can be undone in the head."""
+    """The largest of 1, 2, 5, 10, 20, 50 ... up to `factor`, at least 1.
+
+    A magnification by such a factor can be undone in the head.
+    """
     if factor <= 1:
         return 1.0
     power = 10.0 ** math.floor(math.log10(factor))

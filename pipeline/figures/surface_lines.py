@@ -1,4 +1,7 @@
-"""Level lines of the rest pose's coordinates, drawn on the posed surface: they read like a grid at any mesh density."""
+"""Level lines of the rest pose's coordinates, drawn on the posed surface.
+
+They read like a grid at any mesh density.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ LINES_ACROSS = 30
 
 
 def level_lines(vertices: Float64[np.ndarray, "vertices 3"], faces: Int64[np.ndarray, "faces 3"]) -> SurfacePoints:
-    """Both ends of every piece of line, alternating: where planes of equal x, y or z of the rest pose cut faces."""
+    """Both ends of every piece of the level lines, alternating.
+
+    Planes of equal x, y or z of the rest pose cut faces there.
+    """
     step = np.ptp(vertices, axis=0).max() / LINES_ACROSS
     corners, weights = [np.zeros((0, 2, 3), np.int64)], [np.zeros((0, 2, 3))]
     for axis in range(3):

@@ -1,4 +1,7 @@
-"""Where boards and mirror balls stood: places that no stage keeps, found again from images and residuals."""
+"""Places of boards and mirror balls, found again from images and residuals.
+
+No stage keeps them.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +40,10 @@ def locate_balls(
 
 
 def locate_boards(corners: pd.DataFrame, cameras: Mapping[str, Camera]) -> list[Float64[np.ndarray, "corners 3"]]:
-    """Corners of boards, triangulated from where the fit projects them; two cameras have to see them.
+    """Corners of boards, triangulated from their projections by the fit.
 
-    Of more than `MOST_BOARDS` views of boards, at most so many are chosen, evenly over their numbers.
+    Two cameras have to see them. Of more than `MOST_BOARDS` views of boards, at most so many are chosen, evenly over
+    their numbers.
 
     Args:
         corners: residuals_cameras.parquet.

@@ -1,4 +1,4 @@
-"""What a review of the tracking reads: all chunks together, and what the cameras saw."""
+"""Input of a review of the tracking: all chunks together, and the cameras' images."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class TrackedCapture:
         return np.array([name not in self.held_out for name in self.cameras])
 
     def image(self, name: str, row: int, factor: int) -> Float32[np.ndarray, "height width 3"] | None:
-        """Corrected linear RGB of the `row`th frame, `factor` times smaller; None if there is no image."""
+        """Corrected linear RGB of the `row`th frame, `factor` times smaller; None without an image."""
         entry = self._entry(name, row)
         if entry is None:
             return None
@@ -87,7 +87,10 @@ class TrackedCapture:
         return block_means(np.nan_to_num(image, posinf=0.0, neginf=0.0), factor, small) @ matrix.T
 
     def mask(self, name: str, row: int, factor: int) -> Float32[np.ndarray, "height width"] | None:
-        """Share of each pixel, 0..1, that shows the subject, `factor` times smaller; None if there is no mask."""
+        """Share of each pixel, 0..1, that shows the subject, `factor` times smaller.
+
+        None if there is no mask.
+        """
         entry = self._entry(name, row)
         if entry is None or pd.isna(entry.mask_path):
             return None
@@ -102,7 +105,7 @@ class TrackedCapture:
 def read_tracked_capture(
     capture: Path, index: Path, calibration: Path, tracking: Sequence[Path], patterns: Path
 ) -> TrackedCapture:
-    """Everything from the folders of a capture, its index and calibration, and from the chunks that track_mesh wrote.
+    """Read a capture with its index, its calibration and its tracked chunks.
 
     Raises:
         InputError: naming a file that is missing or unreadable, or does not belong to the template.
@@ -116,16 +119,16 @@ def read_tracked_capture(
     chunks = [_read_chunk(path, template, targets) for path in tracking]
     tables, *arrays = zip(*chunks, strict=True)
     vertices, keypoints, triangulated = map(np.concatenate, arrays)
-    booked = read_table(patterns)
+    synced = read_table(patterns)
     frames = pd.concat([table.assign(chunk=number) for number, table in enumerate(tables)], ignore_index=True)
     frames = frames.merge(read_table(index / "frames.parquet"), on="frame", how="left", validate="one_to_one")
-    frames["fully_lit"] = frames.frame.isin(booked.frame[booked.fully_lit])
+    frames["fully_lit"] = frames.frame.isin(synced.frame[synced.fully_lit])
     colors = read_json(calibration / "color.json")["cameras"]
     return TrackedCapture(
         described["subject"], capture, described["images"], template, cameras,
         frozenset(images.camera[images.test_camera]), frames, vertices, targets.names, keypoints, triangulated,
         _detected(read_table(index / "keypoints_2d.parquet"), list(cameras), frames.frame.to_numpy(), targets.names),
-        images.set_index(["camera", "frame"]).sort_index(), read_table(calibration / "lights.parquet"), booked,
+        images.set_index(["camera", "frame"]).sort_index(), read_table(calibration / "lights.parquet"), synced,
         {name: np.asarray(matrix, np.float64) for name, matrix in colors.items()},
     )  # fmt: skip
 

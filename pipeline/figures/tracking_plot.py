@@ -1,4 +1,4 @@
-"""How well every frame of a tracking fits, over time: keypoints, silhouettes, jumps."""
+"""Fit of every frame of a tracking, over time: keypoints, silhouettes, jumps."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""The tracked template laid over images: its outline and level lines, the mask's outline, keypoints seen and projected.
+"""The tracked template laid over images.
 
-A panel shows the part of the image that the subject is in, at about the panel's own resolution.
+Drawn are its outline and level lines, the mask's outline, keypoints seen and projected. A panel shows the part of the
+image that the subject is in, at about the panel's own resolution.
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ MARGIN = 0.06
 MASK = "#cc79a7"
 
 WHITE_PERCENTILE, WHITE_LEVEL = 98.0, 0.55
-"""This part of the subject's linear values is at most this bright: dim frames show, and marks stand out."""
+"""Percentile of the subject's linear values, and the brightness that it is shown with.
+
+So dim frames show, and marks stand out.
+"""
 
 LEGEND = (
     Line2D([], [], color=PREDICTED_ON_WHITE, linewidth=1.6, label="tracked: outline, lines on the surface"),
@@ -57,7 +61,7 @@ LEGEND = (
 
 @dataclass(frozen=True)
 class Panel:
-    """What one panel shows; pixels are those of the reduced image.
+    """Content of one panel; pixels are those of the reduced image.
 
     Attributes:
         camera: at the panel's resolution.

@@ -1,4 +1,4 @@
-"""Which frames of a tracking, and which cameras, need a look, and why."""
+"""Verdicts on a tracking: frames and cameras that need a look, with the reason."""
 
 from __future__ import annotations
 
@@ -9,27 +9,40 @@ from pipeline.base.verdicts import Grade, Verdict
 from pipeline.figures.tracked_capture import TrackedCapture
 
 FEW_INLIERS, HARDLY_ANY = 0.8, 0.5
-"""Share of detected keypoints near the template's: detectors are wrong at one in twenty; at half, the pose is."""
+"""Share of detected keypoints near the template's, below which a frame is weak or failed.
+
+Detectors are wrong at one in twenty; at half, the pose is.
+"""
 
 LOW_OVERLAP, NO_OVERLAP = 0.9, 0.7
-"""Overlap of silhouettes: hair and cloth that no template has take a few percent; a limb that is off takes ten."""
+"""Overlap of silhouettes below which a frame is weak or failed.
+
+Hair and cloth that no template has take a few percent; a limb that is off takes ten.
+"""
 
 ODD = 6.0
-"""Robust standard deviations from the median of all frames, beyond which a frame is not like the others."""
+"""Robust standard deviations from the median beyond which a frame is not like the others."""
 
 ODD_ERROR_SHARE, ODD_OVERLAP, ODD_JUMP_M = 0.3, 0.02, 0.01
-"""Differences from the median that nobody minds: of the keypoints' error over it; of overlaps; of jumps, metres."""
+"""Differences from the median that nobody minds.
+
+Of the keypoints' error, over the median; of overlaps; of jumps, metres.
+"""
 
 CAMERA_OFF, CAMERA_LOST = 2.0, 5.0
-"""Median error of a camera's keypoints over that of all cameras: knocked, or calibrated badly; another stage."""
+"""Median error of a camera's keypoints over that of all cameras: weak, and failed.
+
+Beyond the first, the camera was knocked or is calibrated badly; beyond the second, the calibration is another stage's.
+"""
 
 Reasons = list[tuple[Grade, str]]
 
 
 def jumps_m(found: TrackedCapture) -> Float64[np.ndarray, " frames"]:
-    """How far vertices are, on average, from the middle between the frames before and after; NaN at a segment's ends.
+    """Mean distance of vertices from the middle between the frames before and after, metres.
 
-    For the motion x(t) it is x'' dt^2 / 2: a tracking that slips for a frame has it, and a body hardly does.
+    NaN at a segment's ends. For the motion x(t) it is x'' dt^2 / 2: a tracking that slips for a frame has it, and a
+    body hardly does.
     """
     middle = np.full(len(found.frames), np.nan)
     segment = found.frames.segment.to_numpy()
@@ -107,7 +120,10 @@ def _median(values: np.ndarray) -> float:
 
 
 def _usual(values: np.ndarray, least: float) -> tuple[float, float]:
-    """The range round the median that is like the other frames: `ODD` robust deviations, `least` at least."""
+    """Range round the median of frames that are like the others.
+
+    `ODD` robust deviations, `least` at least.
+    """
     middle = _median(values)
     spread = max(ODD * 1.4826 * _median(np.abs(values - middle)), least)  # 1.4826: MAD to standard deviation
     return middle - spread, middle + spread

@@ -1,4 +1,7 @@
-"""Texture maps of a template: is its own layout usable, cut a new one, and find the point under every texel centre."""
+"""Texture maps of a template: its own layout if usable, else a new one.
+
+And the point under every texel centre.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +57,9 @@ def uv_areas(uv: Float[np.ndarray, "f 3 2"]) -> Float64[np.ndarray, " f"]:
 
 
 def rasterize_faces(uv: Float[np.ndarray, "f 3 2"], size: int) -> TexelTable:
-    """The texels of a `size` x `size` map whose centre lies inside a face or on its border, each with one face.
+    """Texels whose centre lies inside a face or on its border, each with one face.
+
+    Of a `size` x `size` map.
 
     Where several faces claim a centre (a shared edge, an overlap), the one of lowest index has it.
     """
@@ -97,7 +102,9 @@ def _inside(
 
 
 def tangent_weights(uv: Float[np.ndarray, "f 3 2"]) -> Float64[np.ndarray, "f 3"]:
-    """Weights w with dP/du parallel to sum_i w_i P_i on each face; they sum to zero and their largest is 1 in size.
+    """Weights w of a face's corners with dP/du parallel to sum_i w_i P_i.
+
+    They sum to zero and their largest is 1 in size.
 
     From P(u, v) = linear: dP/du = (dv2 e1 - dv1 e2) / det. A face without area in the map gets its first edge.
     """
@@ -110,7 +117,10 @@ def tangent_weights(uv: Float[np.ndarray, "f 3 2"]) -> Float64[np.ndarray, "f 3"
 def chart_ids(
     faces: Int[np.ndarray, "f 3"], uv: Float[np.ndarray, "f 3 2"], weld: Int[np.ndarray, " v"]
 ) -> Int[np.ndarray, " f"]:
-    """Per face, its connected piece of the map: faces are joined by corners equal in space and in the map."""
+    """Connected piece of the map of each face.
+
+    Faces are joined by corners equal in space and in the map.
+    """
     keys = np.concatenate([weld[faces].reshape(-1, 1), uv.reshape(-1, 2)], 1)
     count, corner = np.unique(keys, axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
@@ -122,7 +132,10 @@ def chart_ids(
 def reasons_against(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], uv: Float[np.ndarray, "v 2"] | None, size: int
 ) -> list[str]:
-    """Why texture coordinates per vertex cannot serve as an atlas; an empty list if they can."""
+    """Reasons for which texture coordinates per vertex cannot serve as an atlas.
+
+    An empty list if they can.
+    """
     if uv is None:
         return ["the template has no texture coordinates"]
     if not np.isfinite(uv).all():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,9 +14,10 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from pipeline.base.errors import InputError, listed
 from pipeline.base.files import read_json
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lenses import BROWN_CONRADY
 
 UP = np.array([0.0, 1.0, 0.0])
-NO_DISTORTION = np.zeros(5)
+NO_DISTORTION = BROWN_CONRADY.no_distortion()
 
 SMALLEST_SINE = 1e-6
 """Sine between view direction and the vertical below which 'upright' says nothing, and -z of the world is up."""
@@ -26,7 +26,7 @@ Vector = tuple[float, float, float]
 
 
 class Keyframe(BaseModel):
-    """Where the camera is in one picture.
+    """Pose of the camera in one picture.
 
     Attributes:
         picture: number of the picture, from 0.
@@ -76,7 +76,9 @@ def orbit(
     center: Float64[np.ndarray, " 3"], radius: float, rise: float, turns: float, fov_y_degrees: float,
     width: int, height: int, pictures: int,
 ) -> list[Camera]:  # fmt: skip
-    """`turns` rounds about the vertical through `center`, `rise` metres above it, from its +z side towards +x.
+    """Cameras on `turns` rounds about the vertical through `center`.
+
+    `rise` metres above it, from its +z side towards +x.
 
     The last picture is one step short of the end, so that whole turns loop.
     """
@@ -86,12 +88,14 @@ def orbit(
 
 
 def through_cameras(cameras: list[Camera], height: int, pictures: int) -> list[Camera]:
-    """Smoothly from the first camera to the last, at each in evenly spaced pictures; one camera stands still.
+    """Cameras smoothly from the first to the last, at each in evenly spaced pictures.
+
+    One camera stands still.
 
     Pictures have the first camera's shape, `height` pixels high. Centres and intrinsics follow monotone cubics
     (Fritsch and Carlson 1980: no overshoot), rotations a spline.
     """
-    same = [replace(camera.downsampled(camera.height / height), dist=NO_DISTORTION) for camera in cameras]
+    same = [camera.downsampled(camera.height / height).pinhole() for camera in cameras]
     first = same[0]
     if len(same) == 1:
         return [first] * pictures

@@ -1,4 +1,7 @@
-"""Chart cutting and packing by xatlas, in a watched child process because xatlas can hang when it ends its threads."""
+"""Chart cutting and packing by xatlas, in a watched child process.
+
+xatlas can hang when it ends its threads.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,10 @@ class CutMesh:
 def largest_packing(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], size: int, padding: int
 ) -> Float32[np.ndarray, "f 3 2"] | None:
-    """Texture coordinates per face corner of the packing of largest scale; see `xatlas_child.largest_packing`."""
+    """Texture coordinates per face corner of the packing of largest scale.
+
+    See `xatlas_child.largest_packing`.
+    """
     area = np.linalg.norm(area_vectors(vertices, faces), axis=1).sum()
     return _run(vertices, faces, size=size, padding=padding, search=True, high=size / np.sqrt(area)).get("uv")
 
@@ -56,7 +62,7 @@ def cut_and_pack(
 
 
 def _run(vertices: np.ndarray, faces: np.ndarray, **numbers: Any) -> dict[str, np.ndarray]:
-    """What the child makes of a mesh.
+    """Run the child on a mesh and read its result.
 
     Raises:
         InputError: if xatlas cannot unwrap it, or stands still again and again.

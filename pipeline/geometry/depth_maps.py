@@ -1,4 +1,4 @@
-"""Depth of a mesh as a camera sees it, and which points of its surface are seen well enough to compare colours."""
+"""Depth of a mesh as a camera sees it, and points seen well enough to compare colours."""
 
 from __future__ import annotations
 
@@ -65,8 +65,11 @@ def seen_well(
     normals: Float64[np.ndarray, "points 3"],
     step_m: float = DEPTH_STEP_M,
 ) -> Bool[np.ndarray, " points"]:
-    """Points that face the camera and around whose pixel (3 x 3) the depth map shows their own surface only: what is
-    within `step_m` of their depth."""
+    """Points that a camera sees, away from other surfaces.
+
+    They face the camera, and around their pixel (3 x 3) the depth map shows their own surface only: what is within
+    `step_m` of their depth.
+    """
     pixels, depth = camera.project(points)
     way = camera.center - points
     facing = (way * normals).sum(1) > LEAST_COSINE * np.linalg.norm(way, axis=1)

@@ -1,4 +1,4 @@
-"""Reading meshes, node transforms and skins from glTF 2.0 binary files (.glb), accessor by accessor.
+"""Meshes, node transforms and skins from glTF 2.0 binary files (.glb).
 
 Source: Khronos glTF 2.0 specification, sections 3.6 (accessors), 3.7 (meshes, skins) and 3.5 (nodes).
 """
@@ -28,7 +28,10 @@ MAX_INFLUENCE_SETS = 4
 
 @dataclass(frozen=True)
 class Primitive:
-    """One glTF primitive as it lies in the file (no transform applied); `joints` index into the skin's joint list."""
+    """One glTF primitive as it lies in the file, no transform applied.
+
+    `joints` index into the skin's joint list.
+    """
 
     node: int
     positions: np.ndarray
@@ -80,7 +83,10 @@ class GltfFile:
         return np.ndarray(shape, dtype, self._buffer(view.buffer), start, strides).copy()
 
     def accessor(self, index: int) -> np.ndarray:
-        """Accessor `index` as [count, components]: float64 if it holds floats or normalised integers, else int64."""
+        """Accessor `index` as [count, components].
+
+        float64 if it holds floats or normalised integers, else int64.
+        """
         accessor = self.document.accessors[index]
         dtype, components = np.dtype(COMPONENT_DTYPES[accessor.componentType]), COMPONENT_COUNTS[accessor.type]
         if accessor.bufferView is None:
@@ -101,7 +107,7 @@ class GltfFile:
         return values.astype(np.int64)
 
     def local_parts(self, index: int) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"], np.ndarray]:
-        """Translation, rotation and the remaining 3x3 (scale, and shear if any) of a node: M = T R S."""
+        """Translation, rotation and the remaining 3x3 (scale, any shear) of a node: M = T R S."""
         node = self.document.nodes[index]
         if node.matrix is not None:
             matrix = np.array(node.matrix, np.float64).reshape(4, 4).T
@@ -129,7 +135,9 @@ class GltfFile:
         return matrix
 
     def primitives(self) -> list[Primitive]:
-        """Every triangle primitive that a node shows, in the order of the file's meshes and primitives.
+        """Every triangle primitive that a node shows.
+
+        In the order of the file's meshes and primitives.
 
         Raises:
             InputError: if there is none, or one is not made of triangles.

@@ -1,4 +1,6 @@
-"""Points carried by a posed template, and their derivatives by every rotation and by the root translation.
+"""Points carried by a posed template, and their derivatives by its pose.
+
+By every rotation and by the root translation.
 
 A tracked point k (a keypoint, or a vertex) is ``sum_j G_j B_kj`` in template space: for a joint, B is (0, 0, 0, 1) at
 that joint; for a vertex, its skinning weight times its bind position. Rotations are perturbed on the right,
@@ -85,7 +87,10 @@ class TrackedPoints:
 def tracked_points(
     template: Template, joints: Int64[np.ndarray, " points"], vertices: Int64[np.ndarray, " points"]
 ) -> TrackedPoints:
-    """Points that sit on a joint (index into the skin's joints) or, where that is -1, on a vertex."""
+    """Points that sit on a joint or on a vertex.
+
+    On a joint (index into the skin's joints) or, where that is -1, on a vertex.
+    """
     carriers = max(len(template.joint_nodes), 1)
     parts = np.zeros((len(joints), carriers, 4))
     on_joint = joints >= 0
@@ -123,7 +128,10 @@ def point_positions(points: TrackedPoints, pose: Pose) -> Float64[np.ndarray, "f
 def points_with_derivatives(
     points: TrackedPoints, pose: Pose
 ) -> tuple[Float64[np.ndarray, "frames points 3"], Float64[np.ndarray, "frames points 3 unknowns"]]:
-    """World positions and their derivatives by the unknowns of `moved`, in metres per metre or radian."""
+    """World positions and their derivatives by the unknowns of `moved`.
+
+    In metres per metre or radian.
+    """
     template, scale = points.template, points.template.scale_to_m
     transforms = _carrier_transforms(points, pose)
     contributions = np.einsum("fjab,kjb->fkja", transforms, points.parts, optimize=True)
@@ -145,7 +153,10 @@ def points_with_derivatives(
 
 
 def moved(points: TrackedPoints, pose: Pose, step: Float64[np.ndarray, "frames unknowns"]) -> Pose:
-    """The pose after a step: root translation, root rotation about the pivot, then each free joint's rotation."""
+    """Pose after a step.
+
+    Root translation, root rotation about the pivot, then each free joint's rotation.
+    """
     rotation = multiply_quaternions(pose.root_rotation, quaternion_from_rotation_vector(step[:, 3:6]))
     pivot_before = matrix_from_quaternion(pose.root_rotation) @ points.pivot
     translation = pose.root_translation + step[:, :3] + pivot_before - matrix_from_quaternion(rotation) @ points.pivot

@@ -1,4 +1,6 @@
-"""Robust non-linear least squares with Gaussian priors, for problems of up to a few thousand parameters.
+"""Robust non-linear least squares with Gaussian priors.
+
+For problems of up to a few thousand parameters.
 
 Levenberg-Marquardt on iteratively reweighted residuals (Triggs et al. 2000, sections 3.3 and 4.3). The loss is
 Cauchy's, whose influence falls with the error, so that a gross mistake does not count at all; its scale is not a
@@ -49,7 +51,7 @@ class Solution:
 
 
 def robust_sigma(residual: Float64[np.ndarray, "observations components"], least: float, fitted: int = 0) -> float:
-    """Standard deviation of one component, from the median length of the residual vectors; at least `least`.
+    """Standard deviation of one component from the median residual length; at least `least`.
 
     `fitted` parameters shrink the residuals: sqrt(numbers / (numbers - fitted)) undoes it.
     """
@@ -119,6 +121,12 @@ def _covariance(normal: np.ndarray) -> np.ndarray:
     value = np.maximum(value, len(value) * np.finfo(float).eps * value[-1])
     with np.errstate(over="ignore"):  # infinite for a parameter that no residual depends on
         return (vector / value) @ vector.T / np.outer(scale, scale)
+
+
+def cauchy(squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cost and weight of whitened squared residuals."""
+    ratio = squared / CAUCHY**2
+    return 0.5 * CAUCHY**2 * np.log1p(ratio), 1 / (1 + ratio)
 
 
 def cauchy_weights(

@@ -23,7 +23,10 @@ modelled twice (hair, cloth) point away from each other, and their average would
 
 
 def array_module(array: np.ndarray | Tensor) -> ModuleType:
-    """`torch` for tensors, else `numpy`: the functions used here have the same names and positions in both."""
+    """`torch` for tensors, else `numpy`.
+
+    The functions used here have the same names and positions in both.
+    """
     return torch if isinstance(array, Tensor) else np
 
 
@@ -50,7 +53,10 @@ def area_vectors(vertices: Float[Tensor, "*b v 3"], faces: Int[Tensor, "f 3"]) -
 def area_vectors(
     vertices: Float[np.ndarray, "*b v 3"] | Float[Tensor, "*b v 3"], faces: Int[np.ndarray, "f 3"] | Int[Tensor, "f 3"]
 ) -> Float[np.ndarray, "*b f 3"] | Float[Tensor, "*b f 3"]:
-    """Per face, its outward normal (counter-clockwise corners) times its area; zero for a degenerate face."""
+    """Outward normal of each face times its area.
+
+    Corners are counter-clockwise; zero for a degenerate face.
+    """
     a, b, c = (vertices[..., faces[:, i], :] for i in range(3))
     return array_module(vertices).linalg.cross(b - a, c - a) / 2
 
@@ -68,7 +74,9 @@ def vertex_normals(
     faces: Int[np.ndarray, "f 3"] | Int[Tensor, "f 3"],
     weld: Int[np.ndarray, " v"] | Int[Tensor, " v"],
 ) -> Float[np.ndarray, "*b v 3"] | Float[Tensor, "*b v 3"]:
-    """Smooth unit normals: the area-weighted mean over the faces around a vertex and around all vertices welded to it.
+    """Smooth unit normals of vertices.
+
+    The area-weighted mean over the faces around a vertex and around all vertices welded to it.
 
     Degenerate faces have no area and contribute nothing. A vertex whose faces have none, or cancel exactly, gets zero.
 
@@ -96,7 +104,9 @@ def _add_rows(sums: np.ndarray | Tensor, rows: np.ndarray | Tensor, values: np.n
 
 
 def weld_vertices(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " v"]:
-    """Per vertex, the lowest index among the vertices in the same place (`WELD_TOLERANCE`), itself included.
+    """Lowest index among the vertices in the same place, per vertex.
+
+    Within `WELD_TOLERANCE`, itself included.
 
     Exporters repeat a vertex along every texture seam; normals and charts must not see those seams. Vertices whose own
     faces look in opposite directions (`BACK_TO_BACK`) stay apart. Use rest positions: in motion, surfaces touch.
@@ -115,7 +125,7 @@ def weld_vertices(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 
 
 
 def is_closed(faces: Int[np.ndarray, "f 3"], weld: Int[np.ndarray, " v"]) -> bool:
-    """Whether every edge of the welded mesh is shared by two faces that run through it in opposite directions."""
+    """True if two faces share every edge of the welded mesh, in opposite directions."""
     welded = weld[faces]
     ahead = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]])
     ahead = ahead[ahead[:, 0] != ahead[:, 1]]

@@ -12,7 +12,9 @@ from pipeline.geometry.rotations import conjugate_quaternion, matrix_from_quater
 def neighbours(
     known: Int64[np.ndarray, " known"], frames: int, takes: Int64[np.ndarray, " frames"] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every frame: which of `known` come before and after it, and how far between these it is, 0..1.
+    """Known frames before and after every frame, and how far between these it is, 0..1.
+
+    From the frames in `known`.
 
     Before the first and after the last, both are the nearest. Where one of them belongs to another take (`takes`) than
     the frame, the other stands for both.
@@ -32,8 +34,9 @@ def fill_between(
     pose: Pose, known: Int64[np.ndarray, " known"], frames: int, pivot: Float64[np.ndarray, " 3"],
     takes: Int64[np.ndarray, " frames"] | None = None,
 ) -> Pose:  # fmt: skip
-    """Poses of all `frames` from those of the `known` ones: rotations by slerp and the pivot along a line in between,
-    the nearest pose before the first and after the last.
+    """Interpolate poses of all `frames` from those of the `known` ones.
+
+    Rotations by slerp and the pivot along a line in between, the nearest pose before the first and after the last.
     """
     before, after, share = neighbours(known, frames, takes)
     rotation = slerp(pose.root_rotation[before], pose.root_rotation[after], share)

@@ -44,7 +44,9 @@ class Alignment:
 def align_rigid(
     source: Float64[np.ndarray, "points 3"], target: Float64[np.ndarray, "points 3"], least_sigma: float = 1e-9
 ) -> Alignment:
-    """Rotation and translation (no scale, no mirror) that bring `source` onto `target`, robust to outliers.
+    """Rotation and translation that bring `source` onto `target`, robust to outliers.
+
+    No scale, no mirror.
 
     Kabsch (1976) with the determinant of Umeyama (1991), reweighted by Cauchy's loss from the coordinatewise start
     of an L1 fit: weights begin at 1 / distance, so that a third of wrong pairs does not decide where it begins.
@@ -71,7 +73,7 @@ def align_rigid(
 def fit_scale(
     source: Float64[np.ndarray, "points 3"], target: Float64[np.ndarray, "points 3"]
 ) -> tuple[float, float]:  # fmt: skip
-    """How many times larger `target` is than `source`, and the standard deviation of that number.
+    """Ratio of the sizes of `target` and `source`, and its standard deviation.
 
     From the median ratio of distances between points, which needs no motion and bears a quarter of wrong pairs, to the
     robust similarity (Umeyama 1991).

@@ -1,4 +1,6 @@
-"""Rotations as matrices, quaternions (w, x, y, z) and rotation vectors (axis times angle), stable near 0 and pi.
+"""Rotations as matrices, quaternions (w, x, y, z) and rotation vectors (axis times angle).
+
+Stable near 0 and pi.
 
 All functions are batched over leading dimensions. Those for calibration and tracking are float64 NumPy;
 `matrix_from_quaternion` also takes torch tensors, because Gaussians are oriented by it.
@@ -78,7 +80,10 @@ def quaternion_from_rotation_vector(vector: Float64[np.ndarray, "*batch 3"]) -> 
 
 
 def rotation_vector_from_quaternion(quaternion: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch 3"]:
-    """Rotation vectors of at most pi, from quaternions of any length but zero (q and -q give the same)."""
+    """Rotation vectors of at most pi, from quaternions of any length but zero.
+
+    q and -q give the same.
+    """
     q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
     q = np.where(q[..., :1] < 0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
@@ -122,7 +127,10 @@ def conjugate_quaternion(quaternion: Float64[np.ndarray, "*batch 4"]) -> Float64
 def slerp(
     start: Float64[np.ndarray, "*#batch 4"], end: Float64[np.ndarray, "*#batch 4"], at: float | np.ndarray
 ) -> Float64[np.ndarray, "*out 4"]:
-    """Unit quaternions at a fraction `at` (of a broadcastable shape without the 4) of the shorter way to `end`."""
+    """Unit quaternions at a fraction `at` of the shorter way to `end`.
+
+    `at` is of a broadcastable shape without the 4.
+    """
     step = rotation_vector_from_quaternion(multiply_quaternions(conjugate_quaternion(start), end))
     return multiply_quaternions(start, quaternion_from_rotation_vector(step * np.asarray(at, np.float64)[..., None]))
 

@@ -16,7 +16,10 @@ def sample_bilinear(
     frame: Int64[np.ndarray, " points"],
     pixels: Float64[np.ndarray, "points 2"],
 ) -> tuple[Float64[np.ndarray, "points *channels"], Float64[np.ndarray, "points *channels 2"]]:
-    """Bilinear value and gradient at pixels of the images stack[frame]; outside, those of the nearest edge."""
+    """Bilinear value and gradient at pixels of the images stack[frame].
+
+    Outside, those of the nearest edge.
+    """
     height, width = stack.shape[1:3]
     x = np.clip(pixels[:, 0] - PIXEL_CENTER, 0, width - 1 - EDGE_PX)
     y = np.clip(pixels[:, 1] - PIXEL_CENTER, 0, height - 1 - EDGE_PX)

@@ -151,7 +151,10 @@ def draw_silhouette(
 def silhouette_overlap(
     views: Sequence[View], vertices: Float64[np.ndarray, "frames vertices 3"], faces: Int64[np.ndarray, "faces 3"]
 ) -> Float64[np.ndarray, " frames"]:
-    """Intersection over union of drawn and given masks per frame, all views pooled; NaN for a frame without masks."""
+    """Intersection over union of drawn and given masks per frame, all views pooled.
+
+    NaN for a frame without masks.
+    """
     common, either = np.zeros(len(vertices)), np.zeros(len(vertices))
     for view in views:
         for frame in np.flatnonzero(view.usable):

@@ -1,4 +1,6 @@
-"""Template meshes and linear-blend skinning: rest pose, joints, weights, and the posed vertices of every frame.
+"""Template meshes and linear-blend skinning.
+
+Rest pose, joints, weights, and the posed vertices of every frame.
 
 A vertex v of a rigged template is, in template space (metres, before the root transform),
 ``scale_to_m * sum_j w_vj G_j B_j v``: B_j the inverse bind matrices, G_j the joints' global transforms. Each joint is
@@ -52,7 +54,7 @@ class Template:
 
     @property
     def rigged(self) -> bool:
-        """Whether the template has joints."""
+        """True if the template has joints."""
         return len(self.joint_nodes) > 0
 
     @property
@@ -157,7 +159,10 @@ def _bind(file: GltfFile, primitive: Primitive, skeleton: dict[str, np.ndarray])
 
 
 def joints_in_order(parents: Int64[np.ndarray, " joints"]) -> list[int]:
-    """Joint indices so that every parent comes before its children (a skin may list them in any order)."""
+    """Joint indices so that every parent comes before its children.
+
+    A skin may list them in any order.
+    """
     order: list[int] = []
     waiting = list(np.flatnonzero(parents < 0))
     while waiting:
@@ -184,7 +189,7 @@ def joint_transforms(
 def blended_transforms(
     template: Template, joint_rotations: Float64[np.ndarray, "frames joints 4"]
 ) -> Float64[np.ndarray, "frames vertices 3 4"]:
-    """What skinning applies to each vertex before skinning (linear-blend skinning), glTF units."""
+    """Transform that linear-blend skinning applies to each vertex, glTF units."""
     palette = (joint_transforms(template, joint_rotations) @ template.inverse_bind)[:, :, :3]
     return np.einsum("vj,fjab->fvab", template.weights, palette, optimize=True)
 

@@ -29,7 +29,10 @@ class SurfacePoints:
 def spread_points(
     vertices: Float64[np.ndarray, "vertices 3"], faces: Int64[np.ndarray, "faces 3"], count: int
 ) -> SurfacePoints:
-    """`count` points, evenly by area: one in each of `count` equal parts of the faces' summed area, drawn at random."""
+    """`count` points, evenly by area, drawn at random.
+
+    One in each of `count` equal parts of the faces' summed area.
+    """
     random = generator_for("spread_points", count)
     area = np.linalg.norm(area_vectors(vertices, faces), axis=1).cumsum()
     face = np.searchsorted(area, (np.arange(count) + random.random(count)) / count * area[-1])
@@ -43,7 +46,10 @@ def at_vertices(vertices: Int64[np.ndarray, " points"]) -> SurfacePoints:
 
 
 def spread_vertices(vertices: Float64[np.ndarray, "vertices 3"], count: int) -> Int64[np.ndarray, " chosen"]:
-    """Up to `count` vertices spread evenly over the surface: farthest-point sampling, from the first vertex on."""
+    """Up to `count` vertices spread evenly over the surface.
+
+    Farthest-point sampling, from the first vertex on.
+    """
     chosen = [0]
     distance2 = ((vertices - vertices[0]) ** 2).sum(1)
     while len(chosen) < min(count, len(vertices)) and distance2.max() > 0:

@@ -1,4 +1,7 @@
-"""Points and smooth normals of all texels of a posed mesh in a few passes: what light falls on, without tangents."""
+"""Points and smooth normals of all texels of a posed mesh in a few passes.
+
+What light falls on, without tangents.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,9 @@ kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
 def texel_surface(
     atlas: Atlas, vertices: Float[np.ndarray, "v 3"]
 ) -> tuple[Float64[np.ndarray, "t 3"], Float64[np.ndarray, "t 3"], Float64[np.ndarray, "t 3"]]:
-    """Point, smooth unit normal and unit normal of the face at each texel: the first two as `texel_frames` has them,
-    some thirty times as fast. A face without area has the normal 0.
+    """Point, smooth unit normal and unit normal of the face at each texel.
+
+    The first two as `texel_frames` has them, some thirty times as fast. A face without area has the normal 0.
 
     Args:
         atlas: NumPy.

@@ -1,4 +1,6 @@
-"""The texel map of a template, and the posed point and tangent frame of each texel: one Gaussian stands on each.
+"""The texel map of a template, and the posed point and tangent frame of each texel.
+
+One Gaussian stands on each.
 
 `Atlas` holds either NumPy arrays (as read) or torch tensors (`Atlas.to_torch`); `texel_frames` takes both.
 """
@@ -31,7 +33,9 @@ FIELD_SHAPES = {
 
 @dataclass(frozen=True)
 class Atlas:
-    """Which point of the template each valid texel of a square map shows. All arrays NumPy, or all torch.
+    """Map from the valid texels of a square to points of the template.
+
+    All arrays NumPy, or all torch.
 
     Attributes:
         size: texels per side of the map.
@@ -75,7 +79,10 @@ class Atlas:
         return Atlas(self.size, **tensors)
 
     def to_map(self, values: np.ndarray | Tensor, outside: float = 0.0) -> np.ndarray | Tensor:
-        """Spread values per texel [..., T] over the map [..., size, size]; `outside` where there is no texel."""
+        """Spread values per texel [..., T] over the map [..., size, size].
+
+        `outside` where there is no texel.
+        """
         shape = (*values.shape[:-1], self.size, self.size)
         full = values.new_full(shape, outside) if isinstance(values, Tensor) else np.full(shape, outside, values.dtype)
         full[..., self.texel[:, 0], self.texel[:, 1]] = values
@@ -122,7 +129,9 @@ def texel_frames(
 ) -> tuple[
     Float[np.ndarray, "*b t 3"] | Float[Tensor, "*b t 3"], Float[np.ndarray, "*b t 3 3"] | Float[Tensor, "*b t 3 3"]
 ]:
-    """Posed point v_k and frame TBN_k of each texel, interpolated from the posed mesh (RFGCA, above 5 and 6).
+    """Posed point v_k and tangent frame TBN_k of each texel.
+
+    Interpolated from the posed mesh (RFGCA, above 5 and 6).
 
     n: the smooth normal, barycentric mean of the vertex normals; where that is zero, the face's normal.
     t: the direction of increasing u, made orthogonal to n. b = n x t, so a frame is a proper rotation also where the
@@ -161,7 +170,10 @@ def _across(vectors: np.ndarray | Tensor, n: np.ndarray | Tensor) -> np.ndarray 
 def any_tangent(
     n: Float[np.ndarray, "*b 3"] | Float[Tensor, "*b 3"],
 ) -> Float[np.ndarray, "*b 3"] | Float[Tensor, "*b 3"]:
-    """A unit vector across each unit vector n (Duff et al. 2017, Building an Orthonormal Basis, Revisited)."""
+    """A unit vector across each unit vector n.
+
+    Duff et al. 2017, Building an Orthonormal Basis, Revisited.
+    """
     xp = array_module(n)
     x, y, z = n[..., 0], n[..., 1], n[..., 2]
     sign = xp.where(z < 0, -xp.ones_like(z), xp.ones_like(z))

@@ -1,4 +1,6 @@
-"""Robust triangulation of many points from many cameras: hypotheses from camera pairs, then reweighted refinement.
+"""Robust triangulation of many points from many cameras.
+
+Hypotheses from camera pairs, then reweighted refinement.
 
 Observations are normalised image coordinates (`Camera.undistort`), so lens distortion is out of the way; residuals
 are normalised coordinates times the focal length: pixels of an undistorted image. Hypotheses are scored as in MSAC
@@ -61,7 +63,10 @@ def triangulate(
     confidence: Float64[np.ndarray, "cameras points"],
     inlier_px: float,
 ) -> Triangulation:
-    """Triangulate points from normalised coordinates `observed` (NaN: not seen) weighted by `confidence`."""
+    """Triangulate points from normalised coordinates, weighted by `confidence`.
+
+    `observed` is NaN where a point is not seen.
+    """
     seen = np.isfinite(observed).all(-1) & (confidence > 0)
     weight = np.where(seen, confidence, 0.0)
     points = _best_hypothesis(cameras, np.where(seen[..., None], observed, 0.0), weight, inlier_px)

@@ -44,7 +44,9 @@ def generate(vertices: np.ndarray, faces: np.ndarray, charts: dict[str, Any], pa
 
 
 def largest_packing(vertices: np.ndarray, faces: np.ndarray, size: int, padding: int, high: float) -> np.ndarray | None:
-    """Coordinates [f, 3, 2] float32 of the packing of largest scale that fits a `size` x `size` map, or None.
+    """Texture coordinates [f, 3, 2] of the packing of largest scale that fits, or None.
+
+    float32, in a map of `size` x `size` texels.
 
     The scale, in texels per metre, is the same for all charts. With fewer than `padding` texels between charts if not
     even small ones fit. `high` is the scale at which the mesh would fill the whole map: no packing does, and xatlas

@@ -24,7 +24,9 @@ GOLDEN = (1 + 5**0.5) / 2
 
 
 def cosine_directions(count: int, points: int) -> Float64[np.ndarray, "points count 3"]:
-    """Unit directions about +z with density cosine / pi, the same for all points but for a turn about z.
+    """Unit directions about +z with density cosine / pi.
+
+    The same for all points but for a turn about z.
 
     A Fibonacci spiral on the disc, raised to the hemisphere (Malley's method; Pharr et al., Physically Based
     Rendering, 13.6.3). The turns of neighbouring points are far apart, so that their errors average out in a picture.
@@ -44,7 +46,9 @@ def trace_bounces(
     face_normals: Float[np.ndarray, "f 3"],
     count: int,
 ) -> Int32[np.ndarray, "t {count}"]:
-    """The texel that each of `count` rays from each texel hits; t, one past the last, where it hits none.
+    """Trace the texel that each of `count` rays from each texel hits.
+
+    With t texels it is t, one past the last, where a ray hits none.
 
     Args:
         atlas: NumPy.
@@ -76,7 +80,7 @@ def nearest_texels(atlas: Atlas) -> Int[np.ndarray, "size size"]:
 def bounced_irradiance(
     radiance: Float[Tensor, "t channels"], hits: Int[Tensor, "t rays"]
 ) -> Float[Tensor, "t channels"]:
-    """Irradiance at every texel from all others of the given radiance; `hits` as `trace_bounces` makes them."""
+    """Irradiance at every texel from all others of the given radiance. `hits` as `trace_bounces` makes them."""
     padded = torch.cat([radiance, torch.zeros_like(radiance[:1])])
     summed = torch.nn.functional.embedding_bag(hits, padded, mode="sum")
     return summed * (torch.pi / hits.shape[1])

@@ -1,4 +1,6 @@
-"""Sums over all pairs of point and light in plain torch, for devices whose memory the compiled kernels cannot read.
+"""Sums over all pairs of point and light in plain torch.
+
+For devices whose memory the compiled kernels cannot read.
 
 Points are taken in pieces whose intermediate numbers fit, and made again in the backward pass instead of kept.
 """
@@ -18,7 +20,7 @@ PAIRS_AT_ONCE = 2**21
 
 
 def sum_in_pieces(sum_over_lights: Callable[..., Tensor], per_point: Sequence[Tensor | None], lights: int) -> Tensor:
-    """`sum_over_lights(*per_point)`, a piece of the points at a time; what is None stays None in every piece."""
+    """`sum_over_lights(*per_point)`, a piece of the points at a time. What is None stays None in every piece."""
     points = len(per_point[0])
     size = max(1, PAIRS_AT_ONCE // max(1, lights))
     sums = []

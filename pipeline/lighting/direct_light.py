@@ -1,4 +1,7 @@
-"""Light that reaches a matte surface straight from point lights, shadows included."""
+"""Direct light on a matte surface, in luminance: what white reflects, times pi.
+
+sum_j I_j / d_j^2 max(0, n . w_j) Vis_j.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,10 @@ def direct_light(
     normals: Float64[np.ndarray, "points 3"],
     lights: FrameLights,
 ) -> Float64[np.ndarray, " points"]:
-    """sum_j I_j / d_j^2 max(0, n . w_j) Vis_j, in luminance: what a white matte surface reflects, times pi."""
+    """Direct light on a matte surface, in luminance: what white reflects, times pi.
+
+    sum_j I_j / d_j^2 max(0, n . w_j) Vis_j.
+    """
     points = surface.carried(vertices)
     edges = vertices[surface.corners[:, 1:]] - vertices[surface.corners[:, :1]]
     face_normals = unit_or(np.cross(edges[:, 0], edges[:, 1]), 0.0)

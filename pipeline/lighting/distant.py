@@ -1,4 +1,6 @@
-"""Distant lights: one direction each, whatever the place, so that a frame's light is 81 numbers for all texels.
+"""Distant lights: one direction each, whatever the place.
+
+A frame's light is 81 numbers for all texels.
 
 `gather_distant` is `pipeline.lighting.zonal.gather_light` without distances, by the addition theorem read backwards
 (`pipeline.lighting.environment_sh`): its cost does not depend on the number of lights. Its slow twin is
@@ -59,7 +61,10 @@ def light_harmonics(
 def gather_harmonics(
     points: Float[Tensor, "points 3"], turn: Float[Tensor, "3 3"], lights: PointLights
 ) -> Float[Tensor, "points 81 channels"]:
-    """Project lights on harmonics at every point, sum_j I_j / d_j^2 Y_lm(w_j), the directions w_j turned by `turn`."""
+    """Project lights on harmonics at every point, sum_j I_j / d_j^2 Y_lm(w_j).
+
+    The directions w_j are turned by `turn`.
+    """
     out = points.new_zeros(len(points), COEFFICIENTS, lights.intensities.shape[1])
     for position, intensity in zip(lights.positions_m, lights.intensities, strict=True):
         offset = position - points

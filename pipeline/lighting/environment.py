@@ -54,7 +54,9 @@ class Environment:
         return Lights(self.directions().reshape(-1, 3), self.irradiances() @ LUMINANCE, distant=True)
 
     def reduced(self, height: int) -> Environment:
-        """A smaller panorama of the same light: each new pixel is the mean, by solid angle, of those it covers.
+        """A smaller panorama of the same light.
+
+        Each new pixel is the mean, by solid angle, of those it covers.
 
         `height` must divide the panorama's; a panorama that is no higher is returned as it is.
         """

@@ -1,4 +1,6 @@
-"""Specular light of an environment map by one look-up per pixel (RFGCA 12-13; RGCA 8, after Kautz et al. 2000).
+"""Specular light of an environment map by one look-up per pixel.
+
+RFGCA 12-13; RGCA 8, after Kautz et al. 2000.
 
 The specular lobe of every mirror direction q and roughness sigma is summed over the map beforehand,
 

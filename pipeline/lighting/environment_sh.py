@@ -1,4 +1,4 @@
-"""Light of an environment map for the transfer's lobes, by spherical harmonics of the light (RFGCA 7-9).
+"""Light of an environment map by spherical harmonics, for the transfer (RFGCA 7-9).
 
 A zonal lobe about axis a gathers from distant lights of irradiance E_j, with the addition theorem read backwards,
 
@@ -25,7 +25,9 @@ COEFFICIENTS = DEGREES**2
 
 
 def spherical_harmonics(directions: Float[Tensor, "n 3"], degrees: int = DEGREES) -> Float[Tensor, "n {degrees**2}"]:
-    """Real, orthonormal Y_lm of unit directions for l < degrees, at index l^2 + l + m; m < 0 are the sines.
+    """Real, orthonormal Y_lm of unit directions for l < degrees.
+
+    At index l^2 + l + m, where those with m < 0 are the sines.
 
     Polynomials of x, y, z (Sloan 2013, Efficient Spherical Harmonic Evaluation): no angle, so finite with finite
     gradients everywhere, the poles on z included. Without the Condon-Shortley sign, which no sum over m sees.
@@ -50,7 +52,7 @@ def spherical_harmonics(directions: Float[Tensor, "n 3"], degrees: int = DEGREES
 
 
 def project_environment(environment: Environment) -> Float64[np.ndarray, "81 3"]:
-    """L_lm of all pixels, linear RGB; a row at a time, for a large map's harmonics fill no memory."""
+    """L_lm of all pixels, linear RGB. A row at a time, for a large map's harmonics fill no memory."""
     rows = zip(environment.directions(), environment.radiance * environment.solid_angles()[:, None, None], strict=True)
     return sum(spherical_harmonics(torch.from_numpy(row)).numpy().T @ irradiances for row, irradiances in rows)
 
@@ -58,7 +60,9 @@ def project_environment(environment: Environment) -> Float64[np.ndarray, "81 3"]
 def gather_environment(
     axes: Float[Tensor, "points 3 3"], light: Float[Tensor, "coefficients channels"]
 ) -> Float[Tensor, "points 3 degrees channels"]:
-    """Incident light per axis and degree: `pipeline.lighting.zonal.gather_light` of distant lights.
+    """Gather incident light per axis and degree.
+
+    As `pipeline.lighting.zonal.gather_light`, of distant lights.
 
     Args:
         axes: rotation matrices; column a is the axis of lobe a.

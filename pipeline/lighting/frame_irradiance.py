@@ -1,4 +1,4 @@
-"""The irradiance map of one tracked frame, by whichever way is cheaper: rays to its lights, or bits of its pose."""
+"""The irradiance map of one tracked frame, by whichever way is cheaper. Rays to its lights, or bits of its pose."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class StageLights:
         return Lights(self.places, self.luminances.get(frame, np.zeros(len(self.places))), self.distant)
 
     def lit_count(self, frame: int) -> int:
-        """How many lights are on."""
+        """Number of lights that are on."""
         return int((self.at(frame).luminances > 0).sum())
 
 
@@ -93,12 +93,12 @@ class FrameTracer:
 
     @cached_property
     def blocks(self) -> TexelBlocks:
-        """Where the texels lie on the map."""
+        """Blocks of the map that the texels lie in."""
         return TexelBlocks(self.atlas.texel)
 
     @cached_property
     def neighbours(self) -> Neighbours:
-        """Which texels lend each other their rays."""
+        """Texels that lend each other their rays."""
         return Neighbours(self.atlas)
 
     def trace(self, frame: int, vertices: Float[np.ndarray, "v 3"], random: np.random.Generator) -> IrradianceMap:

@@ -16,7 +16,7 @@ CHANNELS = ["intensity_r", "intensity_g", "intensity_b"]
 
 @dataclass(frozen=True)
 class FrameLights:
-    """The lit lights of one frame: positions in the stage frame, metres, and radiant intensities, linear RGB."""
+    """The lit lights of one frame. Positions in the stage frame, metres, and radiant intensities, linear RGB."""
 
     positions: Float64[np.ndarray, "m 3"]
     intensities: Float64[np.ndarray, "m 3"]
@@ -40,7 +40,7 @@ def read_frame_lights(lights: Path, patterns: Path) -> dict[int, FrameLights]:
     complaints = Complaints(patterns)
     for light in sorted(set(table.light)):
         if light not in positions.index or not np.isfinite(positions.loc[light]).all():
-            complaints.add(lights, f"light {light}", expected="one finite position", found="none", mend="calibrate it")
+            complaints.add(lights, f"light {light}", expected="one finite position", found="none", hint="calibrate it")
     numbers = table[CHANNELS].to_numpy(np.float64)
     for row in table[~(np.isfinite(numbers) & (numbers >= 0)).all(1)].itertuples():
         complaints.add(

@@ -43,7 +43,7 @@ BLOCKED, CLEAR, BELOW_HORIZON = 0, 1, 2
 
 
 class Neighbours:
-    """Which texels lie around each texel of an atlas, in its own chart: the same for all frames."""
+    """Texels around each texel of an atlas, in its own chart: the same for all frames."""
 
     def __init__(self, atlas: Atlas) -> None:
         self.texel, self.chart = atlas.texel.astype(np.int32), atlas.chart.astype(np.int32)
@@ -60,7 +60,7 @@ class Neighbours:
 
 
 def lights_that_count(scene: Scene, samples: Samples) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Probability of each light, the same for all texels, and the number of equal lights that vary as much."""
+    """Probability of each light, and the number of equal lights that vary as much. Both are the same for all texels."""
     weights = np.ones_like(scene.luminances) if samples.sampling == "uniform" else scene.luminances
     probability = weights / weights.sum()
     return probability, 1 / float((probability**2).sum())
@@ -169,8 +169,9 @@ def gather(
 @kernel
 @no_type_check
 def strengths(point, normal, face_normal, lights, luminances, distant, least2, light, fall):
-    """L_j and L_j max(0, n . w_j) of every light, 0 below the face's horizon; returns the sums of L_j over all lights
-    and over those above the horizon, then both of the other.
+    """L_j and L_j max(0, n . w_j) of every light, 0 below the face's horizon.
+
+    Returns the sums of L_j over all lights and over those above the horizon, then both of the other.
 
     Without branches, so that four lights are computed at a time.
     """

@@ -1,4 +1,6 @@
-"""Normalised irradiance per texel (RFGCA 15-16, A.1-A.3): how much of the light sent to a point arrives there.
+"""Normalised irradiance per texel (RFGCA 15-16, A.1-A.3).
+
+It says how much of the light sent to a point arrives there.
 
     Irradiance(v) = sum_j L_j(v) Vis_j(v) / sum_j L_j(v),   L_j(v) = I_j / |v - x_j|^2, luminance, no cosine.
 
@@ -54,14 +56,14 @@ class Lights:
     distant: bool = False
 
     def lit(self) -> Lights:
-        """Those that shine: a light at zero is off, and costs nothing."""
+        """The lights that shine: one at zero is off, and costs nothing."""
         on = self.luminances > 0
         return Lights(self.places[on], self.luminances[on], self.distant)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """How lights are drawn.
+    """Number, probabilities and pattern of drawn lights.
 
     Attributes:
         count: per texel.
@@ -155,14 +157,17 @@ def trace_irradiance(
 
 
 def unlit_map(points: int) -> IrradianceMap:
-    """The map of a frame without a lit light: 1 everywhere, by definition (METHOD.md's 0/0)."""
+    """The map of a frame without a lit light: 1 everywhere.
+
+    The ratio of sums leaves it open (0 / 0).
+    """
     return IrradianceMap(np.ones(points), np.ones(points), np.zeros(points), 0, 0, True)
 
 
 def light_scene(
     occluders: Occluders, points: np.ndarray, face_normals: np.ndarray, lights: Lights, normals: np.ndarray | None
 ) -> Scene | None:
-    """What the sums need, or None if no light is lit."""
+    """Points and lights as the sums need them, or None if no light is lit."""
     lit = lights.lit()
     if not len(lit.luminances):
         return None
@@ -186,7 +191,7 @@ def _trace_all(scene: Scene) -> IrradianceMap:
 
 
 def exact_map(scene: Scene, arrived: np.ndarray, cosine_arrived: np.ndarray, rays: int, pairs: int) -> IrradianceMap:
-    """Make the map from the sums over what is seen; `pairs`: of point and light that rays were asked for."""
+    """Make the map from the sums over what is seen. `pairs`: of point and light that rays were asked for."""
     values, cosine_visibility = scene.shares(arrived, cosine_arrived)
     return IrradianceMap(values, cosine_visibility, np.zeros_like(values), rays, pairs - rays, False)
 
@@ -237,7 +242,9 @@ def draw_lights(
     uniform: Float64[np.ndarray, " t"],
     per_arriving: Float64[np.ndarray, " t"] | None = None,
 ) -> tuple[Int[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
-    """One light per point, by inversion of the cumulative distribution, and the probability it had.
+    """Draw one light per point, and tell the probability it had.
+
+    By inversion of the cumulative distribution.
 
     Args:
         uniform: numbers in [0, 1), one per point.

@@ -20,20 +20,24 @@ COLUMNS = ("light", *NUMBERS)
 
 @dataclass(frozen=True)
 class LightList:
-    """Keyframes of each light by name: picture numbers, rising, and rows of x, y, z in metres and r, g, b in radiant
-    intensity, linear."""
+    """Keyframes of each light by name.
+
+    Picture numbers, rising, and rows of x, y, z in metres and r, g, b in radiant intensity, linear.
+    """
 
     keys: Mapping[str, tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, "n 6"]]]
 
     def at(self, picture: int) -> FrameLights:
-        """The lights in a picture: linear between keyframes, constant before the first and after the last."""
+        """The lights in a picture. Linear between keyframes, constant before the first and after the last."""
         rows = [[np.interp(picture, times, column) for column in rows.T] for times, rows in self.keys.values()]
         values = np.array(rows, np.float64)
         return FrameLights(values[:, :3], values[:, 3:])
 
 
 def read_light_list(path: Path) -> LightList:
-    """Read a .csv table or a .json list of objects with light, x, y, z, r, g, b and, for keyframes, picture.
+    """Read a .csv table or a .json list of objects.
+
+    They have light, x, y, z, r, g, b and, for keyframes, picture.
 
     Raises:
         InputError: naming every row that is not finite, is darker than black, or stands twice for one picture.

@@ -1,4 +1,6 @@
-"""Random numbers that decide which light a texel draws, spread over the map so that neighbours err in different ways.
+"""Random numbers that decide which light a texel draws.
+
+Spread over the map so that neighbours err in different ways.
 
 Every texel's number is uniform in [0, 1) on its own, whatever the pattern, so every estimate stays unbiased; only how
 the errors of neighbours hang together differs, which is what a blur, or a network that looks at the map, sees.

@@ -1,4 +1,4 @@
-"""The spherical Gaussians of both papers and the mirror direction they are centred on (RGCA 6, RFGCA 13)."""
+"""The spherical Gaussians of both papers, and the mirror direction (RGCA 6, RFGCA 13)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ def unit(vectors: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3"]:
 
 
 def mirror_direction(normal: Float[Tensor, "*n 3"], to_camera: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3"]:
-    """q = 2 (n . w_o) n - w_o, for unit vectors pointing away from the surface (RFGCA section 3.2.2)."""
+    """Mirror direction q = 2 (n . w_o) n - w_o (RFGCA section 3.2.2).
+
+    For unit vectors pointing away from the surface.
+    """
     return 2 * (normal * to_camera).sum(-1, keepdim=True) * normal - to_camera
 
 
@@ -43,14 +46,19 @@ def angle_between(p: Float[Tensor, "*#n 3"], q: Float[Tensor, "*#n 3"]) -> Float
 def angular_gaussian(
     p: Float[Tensor, "*#n 3"], q: Float[Tensor, "*#n 3"], sigma: Float[Tensor, "*#n"]
 ) -> Float[Tensor, "*out"]:
-    """G(p; q, sigma) = C / sigma exp(-(angle(p, q) / sigma)^2 / 2)  (RFGCA 13); broadcasts like its arguments."""
+    """Spherical Gaussian of an angle (RFGCA 13).
+
+    G(p; q, sigma) = C / sigma exp(-(angle(p, q) / sigma)^2 / 2); broadcasts like its arguments.
+    """
     return LOBE_CONSTANT / sigma * torch.exp(-0.5 * (angle_between(p, q) / sigma).square())
 
 
 def cosine_gaussian(
     p: Float[Tensor, "*#n 3"], q: Float[Tensor, "*#n 3"], sigma: Float[Tensor, "*#n"]
 ) -> Float[Tensor, "*out"]:
-    """G(p; q, lambda, mu) = mu exp(lambda (p . q - 1)), the usual spherical Gaussian (RGCA supplement C).
+    """The usual spherical Gaussian, of a cosine (RGCA supplement C).
+
+    G(p; q, lambda, mu) = mu exp(lambda (p . q - 1)).
 
     lambda = 1 / sigma^2 and mu = C / sigma, so that near its centre it is the angular one of the same sigma. Of unit
     vectors, p . q - 1 = -|p - q|^2 / 2, which keeps its digits where the cosine is one and nothing else.

@@ -1,5 +1,6 @@
-"""Matte and glossy reflection of point lights that a surface point sees: Lambert, and Cook-Torrance with GGX or, as
-learned lobes have it, with a Gaussian of the half vector's angle.
+"""Matte and glossy reflection of point lights that a surface point sees.
+
+Lambert, and Cook-Torrance with GGX or, as learned lobes have it, with a Gaussian of the half vector's angle.
 
 Every pair of point and light has its own visibility bit, so a shadow has an edge, and each highlight is shadowed by
 itself: what one shadow factor per point (RFGCA 16) cannot do. Rows of bits are packed as np.packbits does
@@ -39,7 +40,9 @@ def arriving_vectors(
     normals: Float[Tensor, "points 3"],
     lights: PointLights,
 ) -> Float[Tensor, "points channels 3"]:
-    """Gather vector irradiance: sum of I_j / d_j^2 w_j over the lights seen and above the horizon of the normal.
+    """Gather vector irradiance.
+
+    Sum of I_j / d_j^2 w_j over the lights seen and above the horizon of the normal.
 
     Its product with the normal is the irradiance sum_j V_j I_j / d_j^2 max(0, n . w_j), and it is also that sum's
     derivative with respect to n. No gradient flows through it.
@@ -110,7 +113,7 @@ def gather_reflections_reference(
     points: Tensor, normals: Tensor, to_camera: Tensor, alpha: Tensor, light_positions: Tensor, intensities: Tensor,
     seen: Tensor | None = None, gaussian: bool = False,
 ) -> Tensor:  # fmt: skip
-    """Slow twin of `gather_reflections` in plain torch, `seen` as a mask [lights, points]: its oracle."""
+    """Slow twin of `gather_reflections` in plain torch, its oracle. `seen` is a mask [lights, points]."""
     offset = light_positions - points[:, None]
     distance2 = offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
     to_light = offset / distance2.sqrt()

@@ -1,4 +1,6 @@
-"""The arithmetic around shadow rays, one pass each: what arrives at a point, which light it draws, its ray, its sum.
+"""The arithmetic around shadow rays, one pass each.
+
+What arrives at a point, which light it draws, its ray, its sum.
 
 Embree answers a ray in about a hundred nanoseconds, as long as a few NumPy operations on it take; these loops keep all
 of the rest below a quarter of that. They run on one thread each and without the interpreter's lock, so frames are
@@ -21,8 +23,10 @@ gives infinity where Python's raises: a loop that may raise is not vectorised (e
 @kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def share_of_arriving(points, normals, axes, luminances, distant, least2, arrived, cosine_arrived):
-    """Divide, in place, what arrived at each point by the sum of L_j over all lights, and what fell on it by the sum of
-    L_j max(0, n . w_j). Where nothing arrived, nothing is summed; where nothing can fall, the share is 0.
+    """Divide, in place, sums over lights that are seen by sums over all lights.
+
+    What arrived at each point by the sum of L_j, what arrived times cosines by the sum of L_j max(0, n . w_j). Where
+    nothing arrived, nothing is summed; where nothing can fall, the share is 0.
 
     The sums are in the number type of the lights: float64, or where a single drawn light is all that is known of a
     point, float32: eight lights at a time, four times as fast, and with a thousand lights the sums are dearer than the
@@ -92,7 +96,9 @@ def block_variances(values, block, count, variance):
 @kernel
 @no_type_check
 def draw_by_weight(weights, uniform, chosen, probability):
-    """One light per point with probability proportional to its weight, by inversion of the cumulative distribution.
+    """Draw one light per point with probability proportional to its weight.
+
+    By inversion of the cumulative distribution.
 
     A table tells where in it to start looking (Chen and Asau 1974): a step or two from there is the light.
     """
@@ -118,7 +124,9 @@ def draw_by_weight(weights, uniform, chosen, probability):
 @kernel
 @no_type_check
 def draw_by_arrival(points, lights, luminances, distant, least2, per_arriving, uniform, chosen, probability):
-    """One light per point with probability proportional to what would arrive; `per_arriving`: 1 over the sum of all.
+    """Draw one light per point with probability proportional to what would arrive.
+
+    `per_arriving`: 1 over the sum of all.
 
     A second pass over the lights instead of a table of points x lights: memory does not grow with the lights.
     """
@@ -154,7 +162,9 @@ def aim(
     ways,
     lengths,
 ):
-    """Rays from points to lights, of the pairs whose light is above the horizon; returns how many were written.
+    """Rays from points to lights, of the pairs whose light is above the horizon.
+
+    Returns how many were written.
 
     Args:
         chosen: a light per point; or empty: lights from `first` on, as many as there is room for in `rows`.
@@ -200,7 +210,7 @@ def aim(
 def add_clear_rays(
     points, normals, lights, luminances, distant, least2, probability, rows, hits, arrived, cosine_arrived
 ):
-    """Add L_j of every ray that met nothing (-1), plain and cosine-weighted; over the probability, if that is given."""
+    """Add L_j of every ray that met nothing (-1), plain and cosine-weighted. Over the probability, if that is given."""
     drawn = probability.shape[0] > 0
     for r in range(hits.shape[0]):
         if hits[r] != -1:
@@ -224,7 +234,10 @@ def add_clear_rays(
 @kernel
 @no_type_check
 def add_seen_bits(points, normals, light, luminance, distant, least2, bits, arrived, cosine_arrived):
-    """Add one light at the points whose bit is set (most significant bit of a byte first, as np.packbits has it)."""
+    """Add one light at the points whose bit is set.
+
+    The most significant bit of a byte comes first, as np.packbits has it.
+    """
     for i in range(points.shape[0]):
         if not bits[i >> 3] & (128 >> (i & 7)):
             continue

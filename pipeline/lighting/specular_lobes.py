@@ -1,4 +1,6 @@
-"""Specular light from point sources through the angular spherical Gaussian (RFGCA 12-13), summed over all lights.
+"""Specular light of point sources through a spherical Gaussian (RFGCA 12-13).
+
+Summed over all lights.
 
 A kernel, because pixels times lights times the dozen operations of a lobe is the largest tensor of a training step if
 written in torch. Its slow twin is `gather_specular_reference`.

@@ -1,4 +1,4 @@
-"""How far an estimated irradiance map is off, told from its samples alone.
+"""Standard error of an estimated irradiance map, told from its samples alone.
 
 A single draw says nothing of its own variance, so it is taken from the same draw of the texels in a small block around
 it. With several stratified draws per texel this is done stratum by stratum, and the variance of their mean is the sum
@@ -19,7 +19,7 @@ BLOCK = 1 << BLOCK_BITS
 
 
 class TexelBlocks:
-    """Which block of a map each texel lies in: the same for all frames."""
+    """Blocks of a map that texels lie in: the same for all frames."""
 
     def __init__(self, texel: Int[np.ndarray, "t 2"]) -> None:
         """Args:

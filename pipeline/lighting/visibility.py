@@ -1,4 +1,4 @@
-"""Which points of a posed mesh see which lights: shadow rays through Embree (Wald et al. 2014), at any scale."""
+"""Visibility of lights from a posed mesh, by shadow rays at any scale. Embree (Wald et al. 2014) answers them."""
 
 from __future__ import annotations
 
@@ -59,14 +59,17 @@ class Rays:
 
 
 def light_blocks(points: int, lights: int) -> list[range]:
-    """Lights in groups that make enough rays at a time to be worth a call, and few enough to stay in memory."""
+    """Lights in groups that make enough rays to be worth a call, and fit into memory."""
     size = max(1, RAYS_AT_ONCE // max(points, 1))
     return [range(start, min(start + size, lights)) for start in range(0, lights, size)]
 
 
 def face_rows(faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
-    """Faces as an array of tuples [f]. embreex reads a mesh entry by entry through Python, which makes a number object
-    of each, and of each row of indices an array first, unless objects and tuples are what it finds."""
+    """Faces as an array of tuples [f].
+
+    embreex reads a mesh entry by entry through Python, which makes a number object of each, and of each row of indices
+    an array first, unless objects and tuples are what it finds.
+    """
     rows = np.empty(len(faces), object)
     rows[:] = list(map(tuple, faces.tolist()))
     return rows
@@ -113,7 +116,7 @@ class Occluders:
         chosen: Int[np.ndarray, " n"] | None = None,
         block: range = range(0),
     ) -> Rays:
-        """Rays from receivers to lights, of those pairs whose light is above the horizon of the receiver's face.
+        """Rays from receivers to lights above the horizon of the receiver's face.
 
         A light on or below it is hidden by the face itself, on open meshes as well: known without a ray.
 
@@ -144,7 +147,7 @@ class Occluders:
         face_normals: Float[np.ndarray, "n 3"],
         lights: Float[np.ndarray, "*#rows 3"],
     ) -> tuple[Bool[np.ndarray, " n"], int]:
-        """Whether each point sees its light, and the number of rays it took.
+        """Trace whether each point sees its light, and tell the number of rays it took.
 
         Args:
             points: on the mesh.
@@ -162,7 +165,9 @@ class Occluders:
         face_normals: Float[np.ndarray, "n 3"],
         lights: Float[np.ndarray, "*#rows 3"],
     ) -> Float64[np.ndarray, " n"]:
-        """Distance from each point to the first surface on its way to the light; infinite if there is none.
+        """Distance from each point to the first surface on its way to the light.
+
+        Infinite if there is none.
 
         NaN where the light is below the horizon.
         """
@@ -178,7 +183,9 @@ class Occluders:
         face_normals: Float[np.ndarray, "n 3"],
         directions: Float[np.ndarray, "n 3"],
     ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-        """The first face on the way from each point, and where it is hit (barycentric); -1 if there is none.
+        """The first face on the way from each point, and where it is hit (barycentric).
+
+        -1 if there is none.
 
         Also -1 for directions below the horizon of the point's face.
         """

@@ -1,4 +1,6 @@
-"""Visibility of every texel to every light, one bit each: traced once per pose, then any pattern costs no rays.
+"""Visibility of every texel to every light, one bit each.
+
+Traced once per pose, then any pattern costs no rays.
 
 A light's bits say which texels see it. Changing which lights are on, or how bright they are, then is a masked sum
 (`irradiance_from_bits`); only moving the mesh or a light calls for new rays. Bits may be kept in files, found again by
@@ -46,7 +48,10 @@ def trace_bits(
     places: Float64[np.ndarray, "m 3"],
     distant: bool = False,
 ) -> VisibilityBits:
-    """Visibility of all points to all lights (`places`: positions, or directions of distant ones), lit or not."""
+    """Visibility of all points to all lights, lit or not.
+
+    `places` are their positions, or directions of distant ones.
+    """
     points, face_normals, places = (np.ascontiguousarray(a, np.float64) for a in (points, face_normals, places))
     receivers, count = Receivers(points, face_normals), len(points)
     bits, traced = np.zeros((len(places), (count + 7) // 8), np.uint8), 0
@@ -87,7 +92,7 @@ def irradiance_from_bits(
 
 
 def bits_are_cheaper(lights: int, lit: list[int], samples: int | None) -> bool:
-    """Whether bits pay for the patterns of one pose.
+    """Bits pay for the patterns of one pose.
 
     Args:
         lights: of the stage, all of which get bits.
@@ -100,7 +105,7 @@ def bits_are_cheaper(lights: int, lit: list[int], samples: int | None) -> bool:
 
 
 def visibility_key(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, places: np.ndarray) -> str:
-    """Digest of all that visibility depends on: points and mesh, lights, and the offsets of the rays."""
+    """Digest of all that visibility depends on. Points and mesh, lights, and the offsets of the rays."""
     offsets = np.array([ORIGIN_OFFSET, LIGHT_CLEARANCE])
     parts = [np.ascontiguousarray(array, dtype) for array, dtype in (
         (points, np.float64), (vertices, np.float64), (faces, np.int64), (places, np.float64), (offsets, np.float64)

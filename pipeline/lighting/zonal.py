@@ -1,4 +1,4 @@
-"""Light from point sources, gathered by Legendre degree along a Gaussian's three axes (RFGCA 7-9).
+"""Light of point sources by Legendre degree along a Gaussian's axes (RFGCA 7-9).
 
 A transfer lobe that is zonal about axis a, with coefficients z_l, reflects from a light of direction w
 
@@ -27,7 +27,7 @@ NORMALISATION = np.array([(2 * degree + 1) / (4 * math.pi) for degree in range(D
 
 
 def clamped_cosine_coefficients() -> Float[np.ndarray, "degrees"]:
-    """Zonal coefficients of max(0, cos) / pi, the Lambertian lobe: 2 pi integral_0^1 t P_l(t) dt / pi (Funk-Hecke)."""
+    """Zonal coefficients of max(0, cos) / pi, the Lambertian lobe. 2 pi integral_0^1 t P_l(t) dt / pi (Funk-Hecke)."""
     nodes, weights = np.polynomial.legendre.leggauss(DEGREES + 1)  # exact for polynomials to degree 2 * 10 - 1
     t, weight = (nodes + 1) / 2, weights / 2
     return 2 * np.stack([np.sum(weight * t * np.polynomial.Legendre.basis(n)(t)) for n in range(DEGREES)])
@@ -41,8 +41,10 @@ def gather_light_reference(
     seen: Tensor | None = None,
     degrees: int = DEGREES,
 ) -> Tensor:
-    """Slow twin of `gather_light` in plain torch, any float type, `seen` as a mask [points, lights]: its oracle,
-    forward and backward."""
+    """Slow twin of `gather_light` in plain torch: its oracle, forward and backward.
+
+    Any float type; `seen` is a mask [points, lights].
+    """
     to_light = light_positions - points[:, None]
     distance2 = to_light.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
     cosine = torch.einsum("pda,pnd->pna", axes, to_light / distance2.sqrt())
@@ -62,7 +64,9 @@ def gather_light(
     lights: PointLights,
     degrees: int = DEGREES,
 ) -> Float[Tensor, "points 3 {degrees} _"]:
-    """Gather incident light per axis and degree, differentiable in `points` and `axes`; by a kernel on the CPU.
+    """Gather incident light per axis and degree, differentiable in `points` and `axes`.
+
+    By a kernel on the CPU.
 
     Args:
         points: positions in the world, metres.

@@ -1,4 +1,6 @@
-"""One table of several subjects' avatars: mean scores, differences from a baseline, and whether these are chance.
+"""Table of several subjects' avatars: mean scores and differences from a baseline.
+
+A test says which differences are more than chance.
 
 Only images that both avatars were scored on count, image by image: what makes an image hard is the same for both and
 cancels. `pipeline.metrics.significance` says what is tested.
@@ -6,13 +8,14 @@ cancels. `pipeline.metrics.significance` says what is tested.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import InputError
-from pipeline.metrics.evaluation import LIT, METRICS, PSNR_CEILING_DB
+from pipeline.metrics.evaluation import LIT, PSNR_CEILING_DB
+from pipeline.metrics.image_metrics import metrics_in
 from pipeline.metrics.significance import (
     NOTHING,
     Estimate,
@@ -36,7 +39,9 @@ COLUMNS = [
 
 
 def compare(scores: pd.DataFrame, baseline: str) -> pd.DataFrame:
-    """One row per subject (and `ALL`, if there are several), variant, lighting and metric, over all held-out images.
+    """Compare variants with a baseline, over all held-out images.
+
+    One row per subject (and `ALL`, if there are several), variant, lighting and metric.
 
     mean is over images, `ALL`'s over subjects' means. difference is variant minus baseline, NaN for the baseline.
     *_error are standard errors for new frames of the same subjects, new_*_error for new subjects (`ALL` only); so with
@@ -52,10 +57,10 @@ def compare(scores: pd.DataFrame, baseline: str) -> pd.DataFrame:
     """
     scores = scores.assign(psnr_db=scores.psnr_db.clip(upper=PSNR_CEILING_DB))
     subjects = list(dict.fromkeys(scores.subject))
-    rows = []
+    rows, metrics = [], [metric.name for metric in metrics_in(scores)]
     for variant in dict.fromkeys(scores.variant):
         pairs = {name: _pair(scores, name, variant, baseline) for name in subjects}
-        rows += _rows({name: pair for name, pair in pairs.items() if pair is not None}, variant, baseline)
+        rows += _rows({name: pair for name, pair in pairs.items() if pair is not None}, variant, baseline, metrics)
     table = pd.DataFrame(rows, columns=COLUMNS)
     for _, group in table.groupby("subject"):
         for tested, corrected in (("p_value", "p_holm"), ("new_p_value", "new_p_holm")):
@@ -84,10 +89,12 @@ def _pair(scores: pd.DataFrame, subject: str, variant: str, baseline: str) -> pd
     return both
 
 
-def _rows(pairs: Mapping[str, pd.DataFrame], variant: str, baseline: str) -> list[dict]:
+def _rows(
+    pairs: Mapping[str, pd.DataFrame], variant: str, baseline: str, metrics: Sequence[str]
+) -> list[dict]:  # fmt: skip
     rows = []
     for lit, chosen in LIT.items():
-        for metric in METRICS:
+        for metric in metrics:
             names = {"variant": variant, "baseline": baseline, "lit": lit, "metric": metric}
             means, differences, counts = [], [], []
             for subject, pair in pairs.items():

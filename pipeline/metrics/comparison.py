@@ -20,15 +20,21 @@ WHITE = (255, 255, 255)
 PANELS = ("captured", "rendered", "error")
 
 
-def displayed(rgb_linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    """sRGB of what a display can show: clipped to [0, 1] first, which is the same as clipping after."""
-    return srgb_from_linear(np.clip(rgb_linear, 0, 1)).clip(0, 1)
+def preview_srgb(rgb_linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    """sRGB to look at: clipped to what a display can show, black where there is no number.
+
+    For pictures that are scored see `pipeline.metrics.evaluation.scored_srgb`.
+    """
+    return np.nan_to_num(srgb_from_linear(np.clip(rgb_linear, 0, 1)).clip(0, 1))
 
 
 def side_by_side(
     captured: Float[np.ndarray, "h w 3"], rendered: Float[np.ndarray, "h w 3"], label: str
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Captured | rendered | error with its colour bar, under a label; sRGB in [0, 1] in, 8-bit sRGB out."""
+    """Draw captured | rendered | error with its colour bar, under a label.
+
+    sRGB in [0, 1] in, 8-bit sRGB out.
+    """
     error = np.abs(rendered - captured).mean(2)
     pictures = [np.round(captured * 255), np.round(rendered * 255), _heat(error / ERROR_AT_TOP)]
     times = ENLARGE if captured.shape[0] < SMALL_SIDE else 1
@@ -44,7 +50,10 @@ def side_by_side(
 
 
 def split_picture(picture: UInt8[np.ndarray, "height width 3"]) -> dict[str, UInt8[np.ndarray, "h w 3"]]:
-    """Captured, rendered and error of `side_by_side`, by name, at the size at which they were scored."""
+    """Split a picture of `side_by_side` into captured, rendered and error, by name.
+
+    They have the size at which they were scored.
+    """
     row = picture[2 * LABEL_HEIGHT :]
     width = (row.shape[1] - 2 * GAP - BAR_WIDTH) // 3
     panels = [row[:, start : start + width] for start in (0, width + GAP, 2 * (width + GAP))]

@@ -1,4 +1,4 @@
-"""Accuracy against time: the order of runs, their statistics, the Pareto front, the cheapest setting that will do."""
+"""Accuracy against time: order and statistics of runs, Pareto front, cheapest setting."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ IMPORTS_ONLY = "imports only"
 
 @dataclass
 class Cost:
-    """What one setting of a dial cost in all its runs, and how wrong its output was in each.
+    """Cost of one setting of a dial in all its runs, and the errors of its output.
 
     Attributes:
         dial, setting: their names.
@@ -50,7 +50,9 @@ class Cost:
 
 
 def interleaved(items: Sequence[Item], repeats: Sequence[int]) -> Iterator[Item]:
-    """A B C A B C ...: whatever else slows the machine for a while slows all items, not the repeats of one.
+    """Repeat items in turn, A B C A B C ...
+
+    Whatever else slows the machine for a while slows all items, not the repeats of one.
 
     `repeats` says for every item how often it comes; it is left out of the last rounds if others come more often.
     """
@@ -96,7 +98,10 @@ def cost_table(costs: Sequence[Cost], relative_tolerance: float) -> pd.DataFrame
 def pareto_front(
     seconds: Float64[np.ndarray, " settings"], error: Float64[np.ndarray, " settings"]
 ) -> Bool[np.ndarray, " settings"]:
-    """Settings to which no other is at least equal in both and better in one; an error of NaN is never among them."""
+    """Mark the settings on the Pareto front of seconds and error.
+
+    No other setting is at least equal to them in both and better in one; an error of NaN is never among them.
+    """
     as_good = (seconds[:, None] <= seconds) & (error[:, None] <= error)
     better = (seconds[:, None] < seconds) | (error[:, None] < error)
     return ~(as_good & better).any(0) & np.isfinite(error)

@@ -1,9 +1,12 @@
-"""Scores of renderings against held-out images, one by one and averaged, with their protocol written beside them.
+"""Scores of renderings against held-out images, one by one and averaged.
+
+Their protocol is written beside them.
 
 The protocol: the captured image times its mask and the rendering over black, both converted to sRGB and clipped.
-PSNR over the pixels whose mask is at least one half; SSIM, LPIPS and FLIP on the box around these pixels. Each image
-gets its scores; a group's score is the plain mean over its images. Neither a larger crop nor more background changes
-any of them.
+PSNR over the pixels whose mask is at least one half; SSIM, LPIPS, FLIP and, where it is asked for, MS-SSIM on the box
+around these pixels, grown to the smallest side that the metric has (`pipeline.metrics.image_metrics`). Images smaller
+than that have no such score. Each image gets its scores; a group's score is the plain mean over its images. Neither a
+larger crop nor more background changes any of them.
 
 The ring of pixels beside the subject is black in both. A mask of zeros and ones cuts through pixels that the subject
 covers in part; those of them that it calls background hold up to half a pixel of subject, which it takes from the
@@ -13,7 +16,6 @@ early. Light further out is compared with black.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
@@ -23,10 +25,10 @@ import torch
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation
 
+from pipeline.base.color import srgb_from_linear
 from pipeline.base.progress import progress
-from pipeline.metrics.comparison import displayed
-from pipeline.metrics.images import SSIM_WINDOW, flip, foreground_box, psnr_db, ssim
-from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips
+from pipeline.metrics.image_metrics import DEFAULT_METRICS, ImageMetric, ImagePair, boxes_in_words, metrics_in
+from pipeline.metrics.lpips import Lpips
 
 FOREGROUND_MASK = 0.5
 """A pixel counts as subject if at least half of it is."""
@@ -38,19 +40,10 @@ PSNR_CEILING_DB = 100.0
 """What an exact match counts in a mean. Stored images are float16: near white their rounding alone is worth 77 dB, so
 no image that is not an exact match comes near; without a ceiling one exact (say, black) image makes a mean infinite."""
 
-REGION = (
-    f"psnr: pixels with mask >= {FOREGROUND_MASK}, per image, then mean over images "
-    f"(exact matches count {PSNR_CEILING_DB:g} dB); "
-    f"ssim, lpips, flip: box around these pixels (ssim, flip at least {SSIM_WINDOW}, lpips "
-    f"at least {SMALLEST_SIDE} px a side), mean over images; "
-    "captured x mask and rendering, both over black, the ring of pixels beside the subject black in both"
-)
 FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
 """Why an image is held out."""
 
 COLOR_SPACE = "sRGB"
-METRICS = ("psnr_db", "ssim", "lpips", "flip")
-HIGHER_IS_BETTER = {"psnr_db": True, "ssim": True, "lpips": False, "flip": False}
 SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "test": lambda t: t[list(FLAGS)].any(axis=1),
     "test_cameras": lambda t: t.test_camera,
@@ -73,7 +66,10 @@ LIT: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
 
 @runtime_checkable
 class ScoredImage(Protocol):
-    """What scoring reads of an image record (`pipeline.capture.records.ImageRecord` has it)."""
+    """Fields of an image record that scoring reads.
+
+    `pipeline.capture.records.ImageRecord` has them.
+    """
 
     camera: str
     frame: int
@@ -86,14 +82,24 @@ class ScoredImage(Protocol):
     mask: Any
 
 
+def region(metrics: Sequence[ImageMetric]) -> str:
+    """The part of an image that each metric looks at, for the column of that name."""
+    return (
+        f"psnr: pixels with mask >= {FOREGROUND_MASK}, per image, then mean over images "
+        f"(exact matches count {PSNR_CEILING_DB:g} dB); {boxes_in_words(metrics)}; "
+        "captured x mask and rendering, both over black, the ring of pixels beside the subject black in both"
+    )
+
+
 Render = Callable[[Any, Any], tuple[Any, Any]]
 """(frame record, image record) -> linear RGB [h, w, 3] over black and alpha [h, w]; tensors or arrays."""
 
 
 def evaluate(
-    render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any], lpips: Lpips | None = None
-) -> pd.DataFrame:
-    """Render and score every image that a split holds out: one row each, in the order of `images`.
+    render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any], lpips: Lpips | None = None,
+    metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
+) -> pd.DataFrame:  # fmt: skip
+    """Render and score every image that a split holds out: one row each, in their order.
 
     LPIPS is NaN if `lpips` is None. Images without foreground get NaN for PSNR.
 
@@ -106,18 +112,24 @@ def evaluate(
             continue
         if image.frame != number:  # one record for all images of a frame: renderers keep what depends on it only
             number, frame = image.frame, frames[image.frame]
-        captured, rendered = display_pair(render, image, frame)
+        captured, rendered = scored_pair(render, image, frame)
         foreground = np.asarray(image.mask) >= FOREGROUND_MASK
         flags = {name: getattr(image, name) for name in (*FLAGS, "fully_lit")}
-        scores = score_pair(rendered, captured, foreground, lpips)
-        rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **scores})
+        pair = ImagePair(rendered, captured, foreground, lpips)
+        scores = {metric.name: metric.measure(pair) for metric in metrics}
+        counts = {"foreground_pixels": int(foreground.sum())}
+        rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **scores, **counts})
     columns = ["index", "camera", "frame", *FLAGS, "fully_lit"]
     flags = dict.fromkeys(columns[3:], bool)
-    return pd.DataFrame(rows, columns=[*columns, *METRICS, "foreground_pixels"]).astype(flags)
+    names = [metric.name for metric in metrics]
+    return pd.DataFrame(rows, columns=[*columns, *names, "foreground_pixels"]).astype(flags)
 
 
-def display_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndarray, np.ndarray]:
-    """(captured, rendered) as sRGB in [0, 1], float32 [h, w, 3], both over black and black beside the subject."""
+def scored_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Render an image; return what was captured and what was rendered, as they are scored.
+
+    Both are sRGB in [0, 1], float32 [h, w, 3], over black and black beside the subject.
+    """
     with torch.no_grad():
         rgb, _ = render(frame, image)
     rgb = np.asarray(rgb.detach().cpu() if isinstance(rgb, torch.Tensor) else rgb, dtype=np.float32)
@@ -127,29 +139,19 @@ def display_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.nda
     if not np.isfinite(rgb).all():
         raise ValueError(f"{name}: expected finite pixels, found {(~np.isfinite(rgb)).sum()} that are not")
     foreground = np.asarray(image.mask) >= FOREGROUND_MASK
-    scored = (foreground | ~binary_dilation(foreground, TOUCHING))[..., None]
-    return displayed(image.image * image.mask[..., None] * scored), displayed(rgb * scored)
+    return scored_srgb(image.image * image.mask[..., None], foreground), scored_srgb(rgb, foreground)
 
 
-def score_pair(
-    rendered: Float[np.ndarray, "h w 3"],
-    captured: Float[np.ndarray, "h w 3"],
-    foreground: Bool[np.ndarray, "h w"],
-    lpips: Lpips | None = None,
-) -> dict[str, float]:
-    """All metrics of one pair of sRGB images over black; NaN for those that need foreground if there is none."""
-    scores = {"psnr_db": psnr_db(rendered, captured, foreground), "ssim": math.nan, "lpips": math.nan, "flip": math.nan}
-    scores["foreground_pixels"] = int(foreground.sum())
-    if not foreground.any():
-        return scores
-    box = foreground_box(foreground, SSIM_WINDOW)
-    scores["ssim"], scores["flip"] = ssim(rendered[box], captured[box]), flip(rendered[box], captured[box])
-    if lpips is not None:
-        box = foreground_box(foreground, SMALLEST_SIDE)
-        if min(rendered[box].shape[:2]) >= SMALLEST_SIDE:
-            x, y = (torch.from_numpy(i[box].transpose(2, 0, 1).copy())[None].float() for i in (rendered, captured))
-            scores["lpips"] = float(lpips(x, y))
-    return scores
+def scored_srgb(
+    rgb_linear: Float[np.ndarray, "h w 3"], foreground: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w 3"]:
+    """sRGB that the protocol scores: clipped, and black in the ring beside the subject.
+
+    Linear light is clipped to [0, 1] first, which is the same as clipping after. For pictures that are only looked at
+    see `pipeline.metrics.comparison.preview_srgb`.
+    """
+    kept = (foreground | ~binary_dilation(foreground, TOUCHING))[..., None]
+    return srgb_from_linear(np.clip(rgb_linear * kept, 0, 1)).clip(0, 1)
 
 
 def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
@@ -160,7 +162,9 @@ def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def summarize(per_image: pd.DataFrame) -> pd.DataFrame:
-    """One row per split x lighting: columns split, lit, images, foreground_pixels and the mean of each metric.
+    """Average scores: one row per split and lighting.
+
+    Columns split, lit, images, foreground_pixels and the mean of each metric.
 
     An empty group keeps its row, with 0 images and NaN scores: an absent number must not look like a forgotten one.
     """
@@ -169,6 +173,7 @@ def summarize(per_image: pd.DataFrame) -> pd.DataFrame:
     for split, in_split in SPLITS.items():
         for lit, in_lit in LIT.items():
             group = capped[in_split(capped) & in_lit(capped)]
+            means = {metric.name: group[metric.name].astype(float).mean() for metric in metrics_in(per_image)}
             counts = {"images": len(group), "foreground_pixels": int(group.foreground_pixels.sum())}
-            rows.append({"split": split, "lit": lit, **counts, **{m: group[m].astype(float).mean() for m in METRICS}})
+            rows.append({"split": split, "lit": lit, **counts, **means})
     return pd.DataFrame(rows)

@@ -1,4 +1,4 @@
-"""LPIPS (Zhang et al. 2018, version 0.1): distance of deep features, weighted by human judgement.
+"""LPIPS (Zhang et al. 2018, version 0.1): distance of deep features with learned weights.
 
     d(x, y) = sum_l mean_{h,w} sum_c w_lc (f_lc(x) - f_lc(y))^2,    f_l = features of layer l / their norm over channels
 
@@ -33,7 +33,7 @@ SMALLEST_SIDE = 32
 
 @dataclass(frozen=True)
 class Backbone:
-    """One published backbone: its layers, the ReLUs whose output is compared, and its weights file.
+    """Published backbone: its layers, the ReLUs that are compared, and its weights file.
 
     Attributes:
         layers: (outputs, kernel, stride, padding) of a convolution + ReLU, or (kernel, stride) of a max-pooling.
@@ -68,7 +68,10 @@ BACKBONES = {
 
 
 def build_features(net: str) -> nn.Sequential:
-    """The convolutional part of a backbone, randomly initialised; positions are those of torchvision's `features`."""
+    """Build the convolutional part of a backbone, randomly initialised.
+
+    Positions are those of torchvision's `features`.
+    """
     modules: list[nn.Module] = []
     inputs = 3
     for layer in BACKBONES[net].layers:
@@ -82,7 +85,9 @@ def build_features(net: str) -> nn.Sequential:
 
 
 class Lpips(nn.Module):
-    """LPIPS between sRGB images in [0, 1]; scaling to [-1, 1] happens inside, so nobody can forget it.
+    """LPIPS between sRGB images in [0, 1].
+
+    Scaling to [-1, 1] happens inside, so nobody can forget it.
 
     Differentiable in its inputs; its own parameters are frozen.
     """
@@ -116,7 +121,9 @@ class Lpips(nn.Module):
 
 
 def open_lpips(net: str, backbone: Path | None = None) -> tuple[Lpips | None, str]:
-    """LPIPS with its published weights, and a text that says which; (None, why not) if the backbone's file is absent.
+    """Load LPIPS with its published weights; return it with a text that says which.
+
+    It is (None, why not) if the backbone's file is absent.
 
     Args:
         net: "alex" or "vgg".

@@ -1,4 +1,4 @@
-"""One run of a program: how long it took, how much memory it held, and what it said if it failed."""
+"""One run of a program: its time, its memory, and what it printed if it failed."""
 
 from __future__ import annotations
 

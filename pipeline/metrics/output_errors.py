@@ -1,4 +1,6 @@
-"""How far calibrated cameras, lights and tracked vertices are from what is known to be true, or from better ones.
+"""Errors of calibrated cameras, lights and tracked vertices.
+
+They are against what is known to be true, or against better ones.
 
 A rig's frame is arbitrary, so cameras are compared after a rigid alignment of their centres
 (`pipeline.geometry.rigid_alignment`). Errors are root mean squares: a rig is as good as its bad cameras allow.
@@ -27,7 +29,7 @@ def rms(values: Float[np.ndarray, "*shape"]) -> float:
 
 
 def align_rigs(rig: Rig, expected: Rig) -> Alignment:
-    """Expected frame from the rig's, by the centres of the cameras that both have, sorted by name.
+    """Expected frame from the rig's, by the centres of the cameras that both have.
 
     Raises:
         InputError: if both share fewer than three cameras, or those stand on one line.
@@ -52,7 +54,9 @@ def focal_error_percent(rig: Rig, expected: Rig) -> float:
 
 
 def projection_error_px(rig: Rig, expected: Rig) -> float:
-    """RMS distance of projections, sensor pixels, of points all over each image and as far away as the subject.
+    """RMS distance of projections all over each image, sensor pixels.
+
+    The points are as far away as the subject.
 
     Counts what an image sees of all errors together: of pose, focal length and distortion that make up for each other
     nothing is left.
@@ -63,16 +67,21 @@ def projection_error_px(rig: Rig, expected: Rig) -> float:
         true = expected[name]
         x, y = np.meshgrid(*((np.arange(GRID) + 0.5) / GRID * side for side in (true.width, true.height)))
         pixels = np.stack([x.ravel(), y.ravel()], 1)
-        points = true.center + np.linalg.norm(subject - true.center) * true.ray_directions(pixels)
+        rays = true.ray_directions(pixels)
+        seen = np.isfinite(rays).all(1)  # the corners of a fisheye's image may be dark
+        points = true.center + np.linalg.norm(subject - true.center) * rays[seen]
         found, _ = rig[name].project((points - alignment.t) @ alignment.R)
-        squares.append(((found - pixels) ** 2).sum(1))
-    return float(np.sqrt(np.mean(squares)))
+        squares.append(((found - pixels[seen]) ** 2).sum(1))
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
 def light_error_in_rig_m(
     lights: Float64[np.ndarray, "lights 3"], rig: Rig, expected: Float64[np.ndarray, "lights 3"], expected_rig: Rig
 ) -> float:
-    """RMS distance of lights, metres, once the cameras lie over the expected ones: what lighting the subject needs."""
+    """RMS distance of lights, metres, once the cameras lie over the expected ones.
+
+    That is what lighting the subject needs.
+    """
     return rms(np.linalg.norm(align_rigs(rig, expected_rig).apply(lights) - expected, axis=1))
 
 

@@ -1,4 +1,4 @@
-"""How a cost grows with a size: the exponent of a power law beside a fixed cost, and how well it is known.
+"""Scaling law of a cost: the exponent of a power law beside a fixed cost, with its interval.
 
 The law is cost = fixed + factor size^exponent, each cost off by a random share: least squares of log cost. Whatever
 the machine did meanwhile, and whatever the law leaves out (caches, last blocks that are half empty), differs from size
@@ -46,7 +46,7 @@ Verdict = Literal["as predicted", "less than predicted", "more than predicted", 
 
 
 @dataclass(frozen=True)
-class Growth:
+class ScalingLaw:
     """cost = fixed + factor size^exponent.
 
     Attributes:
@@ -61,11 +61,11 @@ class Growth:
     factor: float
 
     def cost(self, size: float) -> float:
-        """What the law says, in the unit of the costs it was fitted to."""
+        """Cost at a size by the law, in the unit of the costs it was fitted to."""
         return self.fixed + self.factor * size**self.exponent
 
     def verdict(self, predicted: float, span: float = math.inf) -> Verdict:
-        """Whether a predicted exponent lies in the interval, and which way it misses.
+        """Verdict on a predicted exponent: inside the interval, below it or above.
 
         Args:
             span: largest over smallest size. A miss that makes less than `IMMATERIAL` of the cost from one to the other
@@ -79,12 +79,12 @@ class Growth:
         return "less than predicted" if predicted > self.high else "more than predicted"
 
 
-def fit_growth(
+def fit_scaling(
     size: Float64[np.ndarray, " runs"],
     cost: Float64[np.ndarray, " runs"],
     with_fixed: bool = True,
     level: float = 0.95,
-) -> Growth:
+) -> ScalingLaw:
     """Fit the law.
 
     Args:
@@ -116,19 +116,19 @@ def _medians(size: np.ndarray, cost: np.ndarray, unknowns: int) -> tuple[np.ndar
 
 def _law(
     exponent: float, low: float, high: float, share: float, z: np.ndarray, y: np.ndarray, middle: float
-) -> Growth:  # fmt: skip
+) -> ScalingLaw:  # fmt: skip
     """From the share of the growing part at the middle size."""
     scale = float(np.exp((y - np.log1p(share * np.expm1(exponent * np.log(z)))).mean()))
-    return Growth(exponent, low, high, scale * (1 - share), scale * share / middle**exponent)
+    return ScalingLaw(exponent, low, high, scale * (1 - share), scale * share / middle**exponent)
 
 
-def _line(x: np.ndarray, y: np.ndarray, middle: float, level: float) -> Growth:
+def _line(x: np.ndarray, y: np.ndarray, middle: float, level: float) -> ScalingLaw:
     """The power law alone: a line in logarithms, with Student's interval."""
     exponent = float(x @ y / (x @ x))
     left = y - y.mean() - exponent * x
     error = np.sqrt(left @ left / (len(x) - 2) / (x @ x))
     half = float(student.ppf((1 + level) / 2, len(x) - 2) * error) + ROUNDING
-    return Growth(exponent, exponent - half, exponent + half, 0.0, float(np.exp(y.mean()) / middle**exponent))
+    return ScalingLaw(exponent, exponent - half, exponent + half, 0.0, float(np.exp(y.mean()) / middle**exponent))
 
 
 def _best_share(exponent: float, z: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -143,7 +143,7 @@ def _best_share(exponent: float, z: np.ndarray, y: np.ndarray) -> tuple[float, f
     return share, least
 
 
-def _profile(z: np.ndarray, y: np.ndarray, middle: float, level: float) -> Growth:
+def _profile(z: np.ndarray, y: np.ndarray, middle: float, level: float) -> ScalingLaw:
     """The law with a fixed cost, and the exponents that an F-test lets pass."""
 
     def misfit(exponent: float) -> float:

@@ -54,7 +54,9 @@ NOTHING = Estimate(math.nan, math.nan, math.nan)
 
 
 def mean_over_images(value: Float64[np.ndarray, " images"], frame: Int[np.ndarray, " images"]) -> Estimate:
-    """The mean over images, and how far it would be from that of other frames of the same motion and cameras.
+    """Mean over images with the standard error over frames.
+
+    The error says how far the mean would be from that of other frames of the same motion and cameras.
 
     The error is that of blocks of `BLOCKS` runs of frames: with u_b the sum over block b of value - mean, it is
     sqrt(B / (B - 1) sum u_b^2) / images, which is the usual error of B block means if blocks have equally many images.
@@ -62,7 +64,7 @@ def mean_over_images(value: Float64[np.ndarray, " images"], frame: Int[np.ndarra
     if len(value) == 0:
         return NOTHING
     mean = float(value.mean())
-    _, block = np.unique(blocks_of(frame), return_inverse=True)
+    _, block = np.unique(frame_blocks(frame), return_inverse=True)
     count = int(block.max()) + 1
     if count < 2:
         return Estimate(mean, math.nan, math.nan)
@@ -70,8 +72,11 @@ def mean_over_images(value: Float64[np.ndarray, " images"], frame: Int[np.ndarra
     return Estimate(mean, float(np.sqrt(count / (count - 1) * (excess**2).sum()) / len(value)), count - 1.0)
 
 
-def blocks_of(frame: Int[np.ndarray, " images"]) -> Int[np.ndarray, " images"]:
-    """Number of each image's block: runs of frames with about equally many images; a frame is never cut."""
+def frame_blocks(frame: Int[np.ndarray, " images"]) -> Int[np.ndarray, " images"]:
+    """Block number of each image.
+
+    Blocks are runs of frames with about equally many images; a frame is never cut.
+    """
     frames, row, images = np.unique(frame, return_inverse=True, return_counts=True)
     middle = np.cumsum(images) - images / 2
     return (np.minimum(BLOCKS, len(frames)) * middle / len(frame)).astype(int)[row]
@@ -92,7 +97,10 @@ def over_these_subjects(estimates: Sequence[Estimate]) -> Estimate:
 
 
 def over_new_subjects(estimates: Sequence[Estimate]) -> Estimate:
-    """The mean of subjects' means, for subjects drawn as these were: the error is that of their spread."""
+    """Mean of subjects' means, with the standard error for new subjects.
+
+    The subjects count as drawn from all; the error is that of their spread.
+    """
     means = np.array([estimate.mean for estimate in estimates])
     if len(means) < 2:
         return Estimate(float(means.mean()), math.nan, math.nan)
@@ -100,7 +108,9 @@ def over_new_subjects(estimates: Sequence[Estimate]) -> Estimate:
 
 
 def holm(p_values: Float64[np.ndarray, " tests"]) -> Float64[np.ndarray, " tests"]:
-    """p-values corrected for there being several (Holm 1979): the chance of any false find at level a is at most a.
+    """Correct p-values for there being several, by Holm's method (1979).
+
+    The chance of any false find at level a is at most a.
 
     NaN are no tests and stay NaN.
     """

@@ -1,4 +1,6 @@
-"""Runs a program and writes its exit code, its times and its peak memory; `measured_run` starts it as a script.
+"""Run a program and write its exit code, its times and its peak memory.
+
+`measured_run` starts this file as a script.
 
 A process on its own that imports next to nothing: Linux counts what the parent held at the fork as the child's peak, so
 that under a program of 300 MB even `true` would peak at 300 MB.

@@ -76,7 +76,9 @@ def blend_backward(
     footprints, channels, tile_start, entries, tiles_across, tiles, slot_start, transmittance, ends_image,
     grad_features, grad_depth, grad_alpha, slots,
 ):  # fmt: skip
-    """Back to front through each tile; write the gradient of (Gaussian, tile) to its row of `slots` [s, d + 1 + 6].
+    """Write gradients of (Gaussian, tile) to rows of `slots` [s, d + 1 + 6].
+
+    Back to front through each tile.
 
     The first d + 1 columns are the gradient of the channels, the others the moments of dL/dq (`SUM_G` ...).
     """

@@ -57,14 +57,17 @@ def exp_nonpositive(x):
 
 @kernel_part(inline=True)
 def row_range(footprint, top, rows):
-    """Rows of the tile, first and one past the last, whose pixel centres lie within the footprint's height."""
+    """Rows of the tile, first and one past the last, that a footprint reaches.
+
+    Their pixel centres lie within its height.
+    """
     center, extent = footprint[CENTER_Y] - top - 0.5, footprint[EXTENT_Y]
     return math.ceil(max(center - extent, 0.0)), math.floor(min(center + extent, rows - 1.0)) + 1
 
 
 @kernel_part(inline=True)
 def reach(footprint, y, left):
-    """Of pixel row y: the tile's column nearest to the footprint's centre, e there, h, and whether it is reached.
+    """Of pixel row y: the column nearest to the footprint's centre, e there, h, if reached.
 
     Counting e from the nearest pixel keeps its relative precision in float32, however steep the footprint.
     """
@@ -107,7 +110,9 @@ def _note_middle(z, light, weight, middle, row):
 
 @kernel(parallel=True, fastmath=True)
 def blend(footprints, channels, tile_start, entries, tiles_across, median, features, depth, transmittance, ends_image):
-    """Blend `channels` [g, d + 1] into `features` [h, w, d] and `depth` [h, w]; see `Splatted` for what `median` does.
+    """Blend `channels` [g, d + 1] into `features` [h, w, d] and `depth` [h, w].
+
+    See `Splatted` for what `median` does.
 
     Also writes, [h, w] each, the transmittance left and the end of each pixel: the position, in the tile's list, of the
     first Gaussian that was not blended any more.

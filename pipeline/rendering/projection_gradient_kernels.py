@@ -1,4 +1,4 @@
-"""Backward pass of the projection: from moments of dL/dq over a footprint to gradients of the Gaussian."""
+"""Backward pass of the projection. From moments of dL/dq over a footprint to gradients of the Gaussian."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def project_backward(
     means, quaternions, scales, opacities, R, t, K, size, dilation, compensate, footprints, slot_start, slots,
     grad_means, grad_quaternions, grad_scales, grad_opacities, grad_features,
 ):  # fmt: skip
-    """Sum each Gaussian's slots, in order, and write its gradients; those of invisible Gaussians stay untouched."""
+    """Sum each Gaussian's slots, in order, and write its gradients. Those of invisible Gaussians stay untouched."""
     focal, principal = (K[0, 0], K[1, 1]), (K[0, 2], K[1, 2])
     count = grad_features.shape[1]
     for g in prange(means.shape[0]):

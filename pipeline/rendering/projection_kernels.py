@@ -1,4 +1,6 @@
-"""Projection of Gaussians to footprints and its backward pass, one Gaussian at a time in float64.
+"""Projection of Gaussians to footprints, one Gaussian at a time in float64.
+
+Its backward pass is in `projection_gradient_kernels`.
 
 Scalar code costs the same in either precision, and float64 removes what float32 cannot do for needles: at 3,000 px
 ``c_xx c_yy - c_xy^2`` has lost all its digits. The determinant still comes from the factor M = J R V diag(s), by
@@ -70,7 +72,7 @@ def read_row(matrix, i):
 
 @kernel_part()
 def unit_quaternion(quaternions, g):
-    """(w, x, y, z) of length 1, and the length it had; no rotation and length 0 for what is too short."""
+    """(w, x, y, z) of length 1, and the length it had. No rotation and length 0 for what is too short."""
     w, x = np.float64(quaternions[g, 0]), np.float64(quaternions[g, 1])
     y, z = np.float64(quaternions[g, 2]), np.float64(quaternions[g, 3])
     norm = math.sqrt(w * w + x * x + y * y + z * z)
@@ -137,7 +139,9 @@ def _pixel_range(center, half_extent, size):
 def project(
     means, quaternions, scales, opacities, R, t, K, size, dilation, compensate, near, footprints, depths, tiles
 ):
-    """Fill `footprints` [g, 8], `depths` [g] and `tiles` [g, 4] (first and last tile column, first and last tile row).
+    """Fill `footprints` [g, 8], `depths` [g] and `tiles` [g, 4].
+
+    Tiles: first and last tile column, first and last tile row.
 
     Gaussians that touch no pixel get an empty range of tiles (first > last) and an undefined footprint.
     """

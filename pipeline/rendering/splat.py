@@ -1,4 +1,6 @@
-"""Differentiable Gaussian splatting: on the CPU tiled, in parallel, the same numbers on every run; on a GPU by gsplat.
+"""Differentiable Gaussian splatting.
+
+On the CPU tiled, in parallel, the same numbers on every run; on a GPU by gsplat.
 
 The slow twin that says what it computes is `pipeline.rendering.splat_reference`; the conventions and their constants
 are in `pipeline.rendering.splat_conventions`. Tensors on a GPU go to `pipeline.rendering.splat_gsplat`.

@@ -1,4 +1,4 @@
-"""How far the kernels are from the float64 reference on one scene: value and gradients."""
+"""Errors of the kernels against the float64 reference on one scene: value, gradients."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def compare_with_reference(
     gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions = SplatOptions(),
     *, seed: int = 0,
 ) -> Disagreement:  # fmt: skip
-    """Render with kernels and reference, and back-propagate the same random pixel gradients, seeded by `seed`."""
+    """Render with kernels and reference, and back-propagate the same random gradients. They are seeded by `seed`."""
     skip = undecided_pixels(gaussians, view, options)
     generator = torch.Generator().manual_seed(seed)
     sizes = [(view.height, view.width, channels) for channels in (features.shape[1], 1, 1)]

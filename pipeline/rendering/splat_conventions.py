@@ -1,4 +1,4 @@
-"""What a splatted image is, said once for the kernels and for the reference that checks them.
+"""Definition of a splatted image, for the kernels and the reference that checks them.
 
 A Gaussian with mean m, rotation V (from its quaternion) and scales s is seen by a camera ``x = R m + t``, ``K``. With
 z its camera depth, J the Jacobian of the perspective projection at its mean and M = J R V diag(s), its footprint is
@@ -81,7 +81,7 @@ class NotFinite(ValueError):
 def check_splat_inputs(
     tensors: dict[str, Tensor], K: Tensor, width: int, height: int, dilation_px2: float, near_m: float
 ) -> None:
-    """Raises ValueError, naming the argument, for what would otherwise come out as a wrong image.
+    """Refuse, naming the argument, what would come out as a wrong image, by a ValueError.
 
     Args:
         tensors: name -> tensor; all must have the same length, lie on one device and be finite. `R` and `t` may have

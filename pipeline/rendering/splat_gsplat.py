@@ -1,4 +1,6 @@
-"""Splatting on a GPU: `pipeline.rendering.splat.splat` by gsplat 1.5.3, with this project's conventions.
+"""Splatting on a GPU.
+
+`pipeline.rendering.splat.splat` by gsplat 1.5.3, with this project's conventions.
 
 gsplat and `pipeline.rendering.splat_conventions` agree on EWA projection with J held within 0.3 of the half width
 outside the image, pixel centres at 0.5, quaternions w first, the camera's z as depth and as order (ties by index), on
@@ -26,7 +28,7 @@ FARTHEST_M = torch.finfo(torch.float32).max
 def splat_gsplat(
     gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions
 ) -> Splatted:
-    """Splat by gsplat, in float32, as `pipeline.rendering.splat.splat` does, which checks the arguments.
+    """Splat by gsplat, in float32, as `splat` does, which checks the arguments.
 
     Raises:
         InputError: if gsplat is not installed, and for a median depth.

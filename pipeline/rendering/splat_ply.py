@@ -1,4 +1,6 @@
-"""Gaussians as the .ply file of the reference 3DGS implementation (Kerbl et al. 2023), which splat viewers open.
+"""Gaussians as the .ply file of the reference 3DGS implementation.
+
+Kerbl et al. 2023; splat viewers open it.
 
 Little-endian float32 per Gaussian, in this order: x, y, z, nx, ny, nz, f_dc_0..2, opacity, scale_0..2, rot_0..3. A
 viewer shows SH_0 f_dc + 1/2 as it is, so colours are stored as sRGB; opacities as logits, scales as logarithms,

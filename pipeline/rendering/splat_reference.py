@@ -1,4 +1,6 @@
-"""Slow, readable twin of `pipeline.rendering.splat`: every pixel against every Gaussian, gradients by autograd.
+"""Slow, readable twin of `pipeline.rendering.splat`.
+
+Every pixel against every Gaussian, gradients by autograd.
 
 It is the oracle of the kernels and may run in float64. Conventions: `pipeline.rendering.splat_conventions`.
 """
@@ -51,7 +53,7 @@ class Footprints(NamedTuple):
 def splat_reference(
     gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions = SplatOptions()
 ) -> Splatted:
-    """Splat Gaussians into one image, in the dtype of their means; otherwise as `pipeline.rendering.splat.splat`."""
+    """Splat Gaussians into one image, in the dtype of their means. Otherwise as `pipeline.rendering.splat.splat`."""
     check_splat_arguments(gaussians, features, view, options)
     footprints = project_footprints(gaussians, view.to(gaussians.means.dtype), options)
     width, height, median_depth = view.width, view.height, options.median_depth
@@ -72,7 +74,9 @@ def splat_reference(
 
 
 def middle_depth(weights: Float[Tensor, "p v"], depth_m: Float[Tensor, " v"]) -> Float[Tensor, " p"]:
-    """Depth of the last Gaussian drawn that more than MEDIAN_TRANSMITTANCE of the light comes to; 0 without any.
+    """Median depth: that of the last Gaussian drawn that enough of the light comes to.
+
+    More than MEDIAN_TRANSMITTANCE; 0 without any Gaussian.
 
     What comes to Gaussian i is what the ones before it let through, 1 - sum of their weights.
     """
@@ -91,7 +95,7 @@ def pixel_centers(width: int, height: int) -> Float64[Tensor, "pixels 2"]:
 
 
 def rotations_from_quaternions(quaternions: Float[Tensor, "g 4"]) -> Float[Tensor, "g 3 3"]:
-    """Rotation matrices of (w, x, y, z) quaternions of any length; a zero quaternion is no rotation."""
+    """Rotation matrices of (w, x, y, z) quaternions of any length. A zero quaternion is no rotation."""
     norm_squared = (quaternions**2).sum(dim=1, keepdim=True)
     usable = norm_squared > MIN_QUATERNION_NORM**2
     unit = torch.where(usable, quaternions, torch.zeros_like(quaternions))
@@ -106,7 +110,7 @@ def rotations_from_quaternions(quaternions: Float[Tensor, "g 4"]) -> Float[Tenso
 
 
 def project_footprints(gaussians: Gaussians, view: CameraView, options: SplatOptions) -> Footprints:
-    """Project the means in perspective, and their factors by its Jacobian there; sorted by depth."""
+    """Project means in perspective, and factors by its Jacobian there; sorted by depth."""
     means, R, t, K = gaussians.means, view.R, view.t, view.K
     dilation_px2 = max(options.dilation_px2, MIN_DILATION_PX2)
     depth64 = means.detach().double() @ R[2].double() + t[2].double()
@@ -138,7 +142,9 @@ def _determinant(factor: Float[Tensor, "v 2 3"], dilation_px2: float) -> Float[T
 
 
 def footprint_alphas(footprints: Footprints, pixels: Float[Tensor, "p 2"]) -> Float[Tensor, "p v"]:
-    """opacity exp(-q / 2) of every Gaussian at every pixel, before the limits MAX_ALPHA and MIN_ALPHA.
+    """Opacity exp(-q / 2) of every Gaussian at every pixel.
+
+    Before the limits MAX_ALPHA and MIN_ALPHA.
 
     q = d^T adj(covariance) d / det, and the numerator is |a d_y - b d_x|^2 + dilation |d|^2: again no cancellation.
     """
@@ -151,7 +157,7 @@ def footprint_alphas(footprints: Footprints, pixels: Float[Tensor, "p 2"]) -> Fl
 
 
 def blend_weights(alphas: Float[Tensor, "p v"]) -> tuple[Float[Tensor, "p v"], Float[Tensor, " p"]]:
-    """Front-to-back blending weights w_i = alpha_i T_i and the transmittance left behind the last Gaussian.
+    """Front-to-back blending weights w_i = alpha_i T_i, and the transmittance left at the end.
 
     Args:
         alphas: as `footprint_alphas` returns them, front to back.

@@ -1,4 +1,4 @@
-"""Arguments of all splatting functions: Gaussians, the camera that sees them, and how they are drawn."""
+"""Arguments of all splatting functions. Gaussians, the camera that sees them, and how they are drawn."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class CameraView:
 
 @dataclass(frozen=True)
 class SplatOptions:
-    """How Gaussians are drawn.
+    """Options of drawing Gaussians.
 
     Attributes:
         dilation_px2: variance added to every footprint, px^2. 0.3 is gsplat's; it makes texels about a pixel wide cover

@@ -1,4 +1,4 @@
-"""Splatting at a multiple of the resolution, then filtering down: less blur than a wide dilation, less aliasing."""
+"""Splatting at a multiple of the resolution, then filtering down. Less blur than a wide dilation, less aliasing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which Gaussians touch which tile, front to back."""
+"""Lists of the Gaussians that touch each tile, front to back."""
 
 from __future__ import annotations
 

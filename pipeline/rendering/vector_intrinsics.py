@@ -58,7 +58,10 @@ def add_scaled(typing_context, target, target_at, source, source_at, factor):
 @intrinsic
 @no_type_check
 def add_product(typing_context, target, target_at, first, first_at, second, second_at):
-    """target.flat[target_at + k] += first.flat[first_at + k] * second.flat[second_at + k] for k < LANES."""
+    """Add a product of 16 numbers each, for k < LANES.
+
+    target.flat[target_at + k] += first.flat[first_at + k] * second.flat[second_at + k].
+    """
     if not (_is_float32_array(target) and _is_float32_array(first) and _is_float32_array(second)):
         return None
 

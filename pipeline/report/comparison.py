@@ -1,4 +1,4 @@
-"""Several subjects' avatars in one table: what their scores are, and which differences are more than chance."""
+"""Several subjects' avatars in one table: scores, and differences beyond chance."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.metrics.ablation_table import ALL
 from pipeline.report.part import Part
-from pipeline.report.scores import LIT_NAMES, METRIC_NAMES, TESTED, differences
+from pipeline.report.scores import LIT_NAMES, METRICS, TESTED, differences
 from pipeline.report.tables import Html, folded, html_table, number, paragraph
 
 NEW_SUBJECTS = (
@@ -29,7 +29,7 @@ def overview(table: pd.DataFrame) -> Part:
         own = ((variant, subject) for subject in subjects)
         cells.append([variant, *(_mean(values.loc[key]) if key in values.index else "–" for key in own)])
     head = ["avatar", *("all subjects" if subject == ALL else subject for subject in subjects)]
-    name = METRIC_NAMES["psnr_db"]
+    name = METRICS["psnr_db"].heading
     text = paragraph(f"{name}, {LIT_NAMES['all']}, mean of all held-out images ± standard error over frames.")
     return Part("Overview", text + html_table("PSNR by subject", head, cells, "s" + "n" * len(subjects)))
 

@@ -1,4 +1,4 @@
-"""What things cost: accuracy against time, the hard cases, and each stage's time and memory."""
+"""Costs: accuracy against time, the hard cases, and each stage's time and memory."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from pipeline.base.errors import InputError
 from pipeline.config.project import SECTIONS
 from pipeline.metrics.cost import IMPORTS_ONLY
 from pipeline.report.part import Part
-from pipeline.report.results import Found, missing_of, read_csv
+from pipeline.report.results import Results, missing_files, read_csv
 from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
 
 
-def accuracy_cost(found: Found) -> Part:
+def accuracy_cost(results: Results) -> Part:
     """The curves, and the cheapest setting within tolerance of each dial."""
     title = "Accuracy against time"
-    missing = missing_of(found.folder, ["accuracy_cost.csv", "accuracy_cost.png"])
+    missing = missing_files(results.folder, ["accuracy_cost.csv", "accuracy_cost.png"])
     if missing:
-        return Part(title, "", "what each accuracy dial costs", found.make("accuracy_cost.csv"))
-    table = found.csv("accuracy_cost.csv")
+        return Part(title, "", "what each accuracy dial costs", results.make("accuracy_cost.csv"))
+    table = results.csv("accuracy_cost.csv")
     chosen = table[table.chosen.astype(bool)]
-    picture = found.pictures.figure(found.folder / "accuracy_cost.png", "Error against seconds, dial by dial")
+    picture = results.pictures.figure(results.folder / "accuracy_cost.png", "Error against seconds, dial by dial")
     text = paragraph("The cheapest setting within tolerance, by dial and metric:")
     rest = table[table.setting != IMPORTS_ONLY]
     return Part(title, picture + text + _dials(chosen, "chosen") + folded("All settings", _dials(rest, "all")))
@@ -47,14 +47,14 @@ HARD_CASE_COLUMNS = (
 )  # fmt: skip
 
 
-def hard_cases(found: Found) -> Part:
-    """The table of numerical hard cases: errors with their bounds, and what a naive version does."""
+def hard_cases(results: Results) -> Part:
+    """Table of numerical hard cases: errors, their bounds, and what a naive version does."""
     title = "Hard cases"
-    if not found.hard_cases.is_file():
+    if not results.hard_cases.is_file():
         return Part(title, "", "the table of numerical hard cases", "make hard-cases")
-    table = read_csv(found.hard_cases)
+    table = read_csv(results.hard_cases)
     if absent := [name for name in HARD_CASE_COLUMNS if name not in table]:
-        raise InputError(f"{found.hard_cases}: expected the column {absent[0]}, found {', '.join(table.columns)}")
+        raise InputError(f"{results.hard_cases}: expected the column {absent[0]}, found {', '.join(table.columns)}")
     amiss = table[table.verdict != "PASS"]
     naive = int(table.naive_error.notna().sum())
     text = (
@@ -87,12 +87,12 @@ def _error(error: float) -> str:
     return "" if pd.isna(error) else significant(error) if math.isfinite(error) else "not finite"
 
 
-def stages(found: Found) -> Part:
+def stages(results: Results) -> Part:
     """Time and memory of each stage, of the last run of each of its jobs."""
     title = "Time and memory"
-    table = benchmarks(found)
+    table = benchmarks(results)
     if table.empty:
-        return Part(title, "", "benchmarks: Snakemake writes them when it runs a stage", found.make("metrics.csv"))
+        return Part(title, "", "benchmarks: Snakemake writes them when it runs a stage", results.make("metrics.csv"))
     longest, total = table.seconds.max(), table.seconds.sum()
     rows = [
         [
@@ -109,13 +109,13 @@ def stages(found: Found) -> Part:
     return Part(title, paragraph(text) + html_table("time and memory of stages", head, rows, "snnbnn"))
 
 
-def benchmarks(found: Found) -> pd.DataFrame:
+def benchmarks(results: Results) -> pd.DataFrame:
     """Columns stage, jobs, seconds and cpu_seconds (sums), peak_mb (largest), in data order.
 
     Of jobs too short to be sampled Snakemake leaves values empty, as NA or a dash.
     """
     rows = []
-    for path in sorted((found.folder / "benchmarks").glob("*.tsv")):
+    for path in sorted((results.folder / "benchmarks").glob("*.tsv")):
         table = pd.read_csv(path, sep="\t", na_values=["-", "NA"])
         row = pd.to_numeric(table[["s", "cpu_time", "max_rss"]].iloc[-1])
         rows.append([path.name.partition(".")[0], row.s, row.cpu_time, row.max_rss])

@@ -31,22 +31,22 @@ class Pictures:
         text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
         alt = escape(caption or path.stem.replace("_", " "), quote=True)
         # On a phone a plot keeps a legible width and scrolls by itself.
-        image = f'<img src="{self.of_file(path)}" alt="{alt}">'
+        image = f'<img src="{self.file_uri(path)}" alt="{alt}">'
         region = f'<div class="scroll plot" tabindex="0" role="region" aria-label="{alt}">{image}</div>'
         return f"<figure>{region}{text}</figure>"
 
-    def of_file(self, path: Path) -> str:
+    def file_uri(self, path: Path) -> str:
         """Data URI of a PNG file: its own bytes if they are few enough."""
         try:
             content = path.read_bytes()
             if len(content) <= self.limit_bytes:
                 return _uri("png", content)
             with Image.open(path) as image:
-                return self.of_image(np.asarray(image.convert("RGB")))
+                return self.image_uri(np.asarray(image.convert("RGB")))
         except OSError as error:
             raise InputError(f"{path}: expected a PNG picture, found: {error}") from error
 
-    def of_image(self, image: UInt8[np.ndarray, "h w 3"]) -> str:
+    def image_uri(self, image: UInt8[np.ndarray, "h w 3"]) -> str:
         """Data URI of 8-bit sRGB: without loss if that is small enough."""
         picture = Image.fromarray(image)
         content = _webp(picture, lossless=True)

@@ -1,4 +1,7 @@
-"""What was measured of the project as a whole, on scenes of its own: how costs grow, and what effects are worth."""
+"""Measurements of the project as a whole, on scenes of its own.
+
+They say how costs scale, and what effects are worth.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +12,27 @@ import pandas as pd
 
 from pipeline.base.errors import InputError
 from pipeline.report.part import Part
-from pipeline.report.results import Found, missing_of, read_csv
+from pipeline.report.results import Results, missing_files, read_csv
 from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
 
-GROWTH, EFFECTS = "growth", "effects_comparison.csv"
+EFFECTS = "effects_comparison.csv"
+SCALING, SCALING_FILES = "scaling", ("exponents.csv", "projection.csv", "scaling.png")
 """Below the folder of what belongs to no subject."""
 
-GROWTH_FILES = ("exponents.csv", "projection.csv", "growth.png")
+OLD_SCALING, OLD_SCALING_FILES = "growth", ("exponents.csv", "projection.csv", "growth.png")
+"""The same as an earlier version wrote it, shown where nothing newer is."""
 
 GRADES = {"as predicted": "good", "cannot tell": "weak", "less than predicted": "weak"}
 """Of verdicts; any other is a failure."""
 
 
-def cost_growth(found: Found) -> Part:
+def cost_scaling(results: Results) -> Part:
     """Exponents against predictions, their picture, and what the papers' captures would take."""
-    title, folder = "Growth of cost", found.project / GROWTH
-    if missing_of(folder, GROWTH_FILES):
-        return Part(title, "", "how time and memory grow with the sizes of a capture", "make growth")
+    title, folder, files = "Scaling of cost", results.project / SCALING, SCALING_FILES
+    if missing_files(folder, files):
+        folder, files = results.project / OLD_SCALING, OLD_SCALING_FILES
+    if missing_files(folder, files):
+        return Part(title, "", "how time and memory grow with the sizes of a capture", "make scaling")
     table = _read(folder / "exponents.csv", (
         "stage", "varied", "smallest", "largest", "held", "cost", "predicted", "exponent", "low", "high", "verdict",
         "reason",
@@ -44,7 +51,7 @@ def cost_growth(found: Found) -> Part:
         "how many times the largest measured job that is, all sizes multiplied. Trained is the default avatar, without "
         "the papers' networks."
     )
-    picture = found.pictures.figure(folder / "growth.png", "Time and memory against size, stage by stage")
+    picture = results.pictures.figure(folder / files[-1], "Time and memory against size, stage by stage")
     parts = [
         paragraph(text), picture, folded("All exponents", _exponents(table)),
         "<h3>What the papers' captures would take</h3>", paragraph(caution), _projection(projection),
@@ -85,9 +92,9 @@ def _hours(value: float) -> str:
     return f"{value:,.0f}" if value >= 100 else significant(value)
 
 
-def effects_comparison(found: Found) -> Part:
-    """What a plan saves, and what it costs in quality, on scenes that call for different effects."""
-    title, path = "Effects, planned against all on", found.project / EFFECTS
+def effects_comparison(results: Results) -> Part:
+    """Savings of a plan and their cost in quality, on scenes that call for other effects."""
+    title, path = "Effects, planned against all on", results.project / EFFECTS
     if not path.is_file():
         return Part(title, "", "scenes that call for different effects, planned and with everything on", "make effects")
     table = _read(path, (

@@ -1,4 +1,4 @@
-"""Where a result comes from: its inputs, the code, the settings, the packages and the machine, and no one's paths."""
+"""Origin of a result: inputs, code, settings, packages and machine, and no one's paths."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from pipeline.base.code_digest import code_digest
 from pipeline.base.files import digest_bytes, digest_file
 from pipeline.config.project import SECTIONS
 from pipeline.report.part import Part
-from pipeline.report.results import Found
+from pipeline.report.results import Results
 from pipeline.report.tables import folded, html_table, paragraph
 
 DISTRIBUTION = "lightstage-avatars"
 BYTES_IN_GIB = 2**30
 
 
-def provenance(found: Found) -> Part:
+def provenance(results: Results) -> Part:
     """Everything needed to tell whether two reports are of the same thing."""
     parts = [
         "<h3>Inputs</h3>", paragraph("BLAKE2b-128 of the indexed capture."),
-        html_table("inputs", ["what", "digest"], input_digests(found), "ts"),
+        html_table("inputs", ["what", "digest"], input_digests(results), "ts"),
         "<h3>Code</h3>", _code(),
-        "<h3>Settings</h3>", _settings(found),
+        "<h3>Settings</h3>", _settings(results),
         "<h3>Packages</h3>", folded("Versions", html_table("packages", ["package", "version"], versions(), "ss")),
         "<h3>Machine</h3>", paragraph("That of this page; stages may have run on others."),
         html_table("machine", ["what", "is"], machine(), "st"),
@@ -34,12 +34,12 @@ def provenance(found: Found) -> Part:
     return Part("Provenance", "".join(parts))
 
 
-def input_digests(found: Found) -> list[list[Any]]:
+def input_digests(results: Results) -> list[list[Any]]:
     """Rows (what, digest): every table of the index, the template, and all images together."""
-    rows = [[path.name, digest_file(path)] for path in sorted((found.folder / "index").glob("*.*")) if path.is_file()]
-    template = found.capture.get("template", {})
+    rows = [[path.name, digest_file(path)] for path in sorted((results.folder / "index").glob("*.*")) if path.is_file()]
+    template = results.capture.get("template", {})
     rows += [[key.replace("_", " "), value] for key, value in template.items() if key.endswith("_digest")]
-    images = found.table("index/images.parquet")
+    images = results.table("index/images.parquet")
     columns = [name for name in ("digest", "mask_digest") if name in images]
     together = digest_bytes("\n".join(images[columns].astype(str).agg(" ".join, axis=1)).encode())
     return [*rows, [f"{len(images)} images and masks", together]]
@@ -52,9 +52,9 @@ def _code() -> str:
     return paragraph(text) + folded("Stage by stage", html_table("code", ["stage", "digest"], rows, "ss"))
 
 
-def _settings(found: Found) -> str:
+def _settings(results: Results) -> str:
     rows = []
-    for section, value in found.changed_settings.items():
+    for section, value in results.changed_settings.items():
         entries = value.items() if section in SECTIONS and isinstance(value, dict) else [("", value)]
         rows += [[section, key, without_paths(entry), _default(section, key)] for key, entry in entries]
     if not rows:
@@ -69,7 +69,10 @@ def _default(section: str, key: str) -> str:
 
 
 def without_paths(value: Any) -> str:
-    """A setting's value; of an absolute path only the file's name, since the folders say only whose machine it was."""
+    """Setting's value without folders: of an absolute path only the file's name.
+
+    The folders say only whose machine it was.
+    """
     return re.sub(r"(?<![\w.])[/~][\w.+@ -]*(?:/[\w.+@ -]+)*", lambda found: f"…/{Path(found[0]).name}", str(value))
 
 

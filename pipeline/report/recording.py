@@ -1,4 +1,4 @@
-"""What the avatar was made from: calibration, light patterns, tracking, atlas, and which effects were called for."""
+"""Inputs of the avatar: calibration, light patterns, tracking, atlas, and effects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pipeline.base.verdicts import Verdict
 from pipeline.figures.calibration import PARTS, read_verdicts
 from pipeline.figures.page import verdict_list, verdict_tiles
 from pipeline.report.part import Part
-from pipeline.report.results import Found, missing_of
+from pipeline.report.results import Results, missing_files
 from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
 from pipeline.tracking.color_views import evenly
 
@@ -30,21 +30,21 @@ FOLDED_AFTER = 2
 """Pictures that are open from the start."""
 
 
-def calibration(found: Found) -> Part:
+def calibration(results: Results) -> Part:
     """Verdicts, and the pictures of review_calibration."""
-    files = [found.folder / f"calibration/verdicts_{part}.csv" for part in PARTS]
+    files = [results.folder / f"calibration/verdicts_{part}.csv" for part in PARTS]
     verdicts = [verdict for file in files for verdict in read_verdicts(file)]
     html = verdict_tiles(verdicts) + verdict_list(verdicts)
-    folder = found.folder / "calibration/review"
+    folder = results.folder / "calibration/review"
     if not folder.is_dir():
-        return Part("Calibration", html, "pictures of the calibration", found.make("calibration/review"))
+        return Part("Calibration", html, "pictures of the calibration", results.make("calibration/review"))
     # A review leaves out what a capture has nothing for, and its own page says why.
-    return Part("Calibration", html + _pictures(found, folder, CALIBRATION_PICTURES))
+    return Part("Calibration", html + _pictures(results, folder, CALIBRATION_PICTURES))
 
 
-def patterns(found: Found) -> Part:
-    """Whether log and images agree, and the timeline of the patterns."""
-    sync, frames = read_json(found.folder / "sync.json"), found.table("frames.parquet")
+def patterns(results: Results) -> Part:
+    """Agreement of log and images, and the timeline of the patterns."""
+    sync, frames = read_json(results.folder / "sync.json"), results.table("frames.parquet")
     lights = pd.DataFrame(sync.get("lights", []))
     facts = [
         f"{len(frames)} frames, {int(frames.fully_lit.sum())} of them fully lit, {frames.pattern.nunique()} patterns, "
@@ -55,55 +55,58 @@ def patterns(found: Found) -> Part:
     if len(lights):
         own = [Verdict("light", *row) for row in lights[["name", "grade", "reason"]].astype(str).values]
         html += verdict_tiles(own) + folded("Lights that need a look, and all", verdict_list(own))
-    missing = missing_of(found.folder, ["sync.png"])
-    html += "" if missing else found.pictures.figure(found.folder / "sync.png", "Timeline of light and patterns")
-    return Part("Light patterns and sync", html, ", ".join(missing), found.make("sync.png"))
+    missing = missing_files(results.folder, ["sync.png"])
+    html += "" if missing else results.pictures.figure(results.folder / "sync.png", "Timeline of light and patterns")
+    return Part("Light patterns and sync", html, ", ".join(missing), results.make("sync.png"))
 
 
-def tracking(found: Found) -> Part:
+def tracking(results: Results) -> Part:
     """Error per frame, and the template over the images."""
-    frames = pd.concat([pd.read_parquet(path) for path in sorted((found.folder / "tracking").glob("[0-9]*.parquet"))])
+    frames = pd.concat([pd.read_parquet(path) for path in sorted((results.folder / "tracking").glob("[0-9]*.parquet"))])
     error = frames.rms_px.dropna() if "rms_px" in frames else pd.Series(dtype=float)
     facts = f"{len(frames)} frames tracked."
     if len(error):
         facts += (
             f" Keypoints fit to {number(error.median())} px (RMS, median of frames), {number(error.max())} at worst."
         )
-    folder, title = found.folder / "tracking/review", "Tracking"
+    folder, title = results.folder / "tracking/review", "Tracking"
     if not folder.is_dir():
-        return Part(title, paragraph(facts), "pictures of the tracking", found.make("tracking/review"))
-    sheets = evenly(sorted(path.name for path in folder.glob("camera_*.png")), found.settings.most_sheets)
+        return Part(title, paragraph(facts), "pictures of the tracking", results.make("tracking/review"))
+    sheets = evenly(sorted(path.name for path in folder.glob("camera_*.png")), results.settings.most_sheets)
     shown = {
         "errors.png": "Does every frame fit as well as the others?",
         "worst.png": "The frames that fit worst: if the template fits here, it fits everywhere.",
         **{name: f"The template over images of {name.removeprefix('camera_').removesuffix('.png')}" for name in sheets},
     }
-    return Part(title, paragraph(facts) + _pictures(found, folder, shown))
+    return Part(title, paragraph(facts) + _pictures(results, folder, shown))
 
 
-def atlas(found: Found) -> Part:
+def atlas(results: Results) -> Part:
     """Charts and texel sizes, and the light that arrives at texels."""
     shown = {"atlas.png": "Each texel becomes a Gaussian. Left: charts; right: the size of texels on the surface."}
-    maps = sorted((found.folder / "irradiance").glob("[0-9]*.png"))[:1]
+    maps = sorted((results.folder / "irradiance").glob("[0-9]*.png"))[:1]
     if maps:
         shown[f"irradiance/{maps[0].name}"] = "Light that arrives at the texels, with shadows."
-    missing = missing_of(found.folder, ["atlas.png"])
-    return Part("Atlas", _pictures(found, found.folder, shown), ", ".join(missing), found.make("atlas.png"))
+    missing = missing_files(results.folder, ["atlas.png"])
+    return Part("Atlas", _pictures(results, results.folder, shown), ", ".join(missing), results.make("atlas.png"))
 
 
-def relit(found: Found) -> Part:
+def relit(results: Results) -> Part:
     """Stills of relight_avatar."""
-    stills = sorted((found.folder / "relit").glob("*/*/stills/*.png"))
+    stills = sorted((results.folder / "relit").glob("*/*/stills/*.png"))
     if not stills:
-        return Part("In other light", "", "the avatar under another light", found.make("relit/VARIANT/LIGHT"))
-    shown = evenly(stills, found.settings.most_stills)
-    figures = (found.pictures.figure(path, f"avatar {path.parts[-4]} under {path.parts[-3]}") for path in shown)
+        return Part("In other light", "", "the avatar under another light", results.make("relit/VARIANT/LIGHT"))
+    shown = evenly(stills, results.settings.most_stills)
+    figures = (results.pictures.figure(path, f"avatar {path.parts[-4]} under {path.parts[-3]}") for path in shown)
     return Part("In other light", f'<div class="stills">{"".join(figures)}</div>')
 
 
-def effects(found: Found) -> Part:
-    """The plan as a table: what was measured, what decided, and why; keys that a stage adds get a column."""
-    plan = read_json(found.folder / "effects.json")
+def effects(results: Results) -> Part:
+    """Plan as a table: what was measured, what decided, and why.
+
+    Keys that a stage adds get a column.
+    """
+    plan = read_json(results.folder / "effects.json")
     known = ("on", "mode", "evidence", "threshold", "why")
     others = list(dict.fromkeys(key for effect in plan.values() for key in effect if key not in known))
     rows = []
@@ -118,10 +121,10 @@ def effects(found: Found) -> Part:
     return Part("Effects", text + html_table("effects", head, rows, "wssnn"))
 
 
-def _pictures(found: Found, folder: Path, captions: dict[str, str]) -> str:
+def _pictures(results: Results, folder: Path, captions: dict[str, str]) -> str:
     """The pictures that are there, the first ones open."""
     figures = [
-        found.pictures.figure(folder / name, text) for name, text in captions.items() if (folder / name).exists()
+        results.pictures.figure(folder / name, text) for name, text in captions.items() if (folder / name).exists()
     ]
     more = figures[FOLDED_AFTER:]
     rest = folded(f"{len(more)} more pictures", f'<div class="pictures">{"".join(more)}</div>') if more else ""

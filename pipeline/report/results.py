@@ -1,4 +1,4 @@
-"""What the report reads: a subject's results, of which some may not be there."""
+"""Results of a subject that the report reads; some may not be there."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ NAMES = ("subject", "variant", "dial", "setting")
 
 
 @dataclass(frozen=True)
-class Found:
+class Results:
     """A subject's results.
 
     Attributes:
         folder: results/SUBJECT.
-        project: folder results, for what belongs to no subject: hard_cases.csv, effects_comparison.csv, growth/; none
+        project: folder results, for what belongs to no subject: hard_cases.csv, effects_comparison.csv, scaling/; none
             of them need be there.
         changed_settings: {stage: {setting: value}} and what else differs from the defaults.
     """
@@ -47,7 +47,7 @@ class Found:
 
     @property
     def subject(self) -> str:
-        """Its name."""
+        """Name of the subject."""
         return self.capture["subject"]
 
     def make(self, file: str) -> str:
@@ -64,8 +64,10 @@ class Found:
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """Raises:
-    InputError: if the file is missing or not a csv table.
+    """Read a csv table.
+
+    Raises:
+        InputError: if the file is missing or not a csv table.
     """
     try:
         return pd.read_csv(path, dtype=dict.fromkeys(NAMES, str))
@@ -73,6 +75,6 @@ def read_csv(path: Path) -> pd.DataFrame:
         raise InputError(f"{path}: expected a csv table, found: {error}") from error
 
 
-def missing_of(folder: Path, files: Iterable[str]) -> list[str]:
-    """Those that are not there."""
+def missing_files(folder: Path, files: Iterable[str]) -> list[str]:
+    """Files of a folder that are not there."""
     return [file for file in files if not (folder / file).exists()]

@@ -1,4 +1,6 @@
-"""Two pictures of the same thing, one over the other, with an edge between them to push: by pointer or by keys.
+"""Two pictures of the same thing, one over the other, with an edge to push.
+
+Pointer and keys push it.
 
 The control is an ordinary range input that covers the pictures. It is wider than they are by its thumb, so that the
 edge is exactly where the pointer is.

@@ -14,14 +14,20 @@ class Html(str):
 
 
 def number(value: float, digits: int = 2, sign: str = "") -> str:
-    """With `digits` decimals; a dash if there is none. `sign` "+" writes it always."""
+    """Write a number with `digits` decimals; a dash if there is none.
+
+    `sign` "+" writes it always.
+    """
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:{sign}.{digits}f}".replace("-", "−")
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """With `digits` significant digits, in powers of ten where it is tiny or huge; a dash if there is none."""
+    """Write a number with `digits` significant digits; a dash if there is none.
+
+    It is in powers of ten where it is tiny or huge.
+    """
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:.{digits}g}".replace("-", "−")

@@ -1,1 +1,4 @@
-"""The stages: what the rules of the workflow run, one file-to-file program per module, in no other place."""
+"""Stages: file-to-file programs that the rules of the workflow run, one per module.
+
+Nothing else runs them; `pipeline.STAGES` lists them.
+"""

@@ -1,4 +1,6 @@
-"""Mean textures of a chunk of frames: what the cameras saw of each texel when all lights were on.
+"""Bake mean textures of a chunk of frames.
+
+They are what the cameras saw of each texel when all lights were on.
 
 Images of training cameras in fully lit frames are looked up at the tracked mesh's texels and averaged, weighted by
 visibility and the cosine of the view. Other frames lie between fully lit ones and get what lies between their textures;
@@ -21,6 +23,7 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json, read_table
 from pipeline.base.progress import progress
 from pipeline.capture.head_data import write_textures
+from pipeline.capture.images import ImageSource
 from pipeline.config.bake_textures import BakeTextures
 from pipeline.effects.mean_textures import SeenColors, between_lit_frames, fill_unseen, joined, seen_colors
 from pipeline.effects.scene_evidence import read_colors
@@ -37,6 +40,8 @@ def run(
     frames: Path, out: Path, settings: BakeTextures = BakeTextures(),
 ) -> None:  # fmt: skip
     """Average what fully lit frames of a chunk show of each texel.
+
+    So many arguments because a command line names each file that it reads.
 
     Args:
         capture: folder of the capture, for its images.
@@ -55,6 +60,7 @@ def run(
     booked = booked_frames(chunk, frames, tracking)
     posed = dict(zip(chunk.frames.tolist(), chunk.vertices, strict=True))
     facts = read_json(index / "capture.json")["images"]
+    source = ImageSource.from_index(capture, facts)
     calibrated = {n: c.downsampled(float(facts["downsample_from_sensor"])) for n, c in read_cameras(cameras).items()}
     corrected = read_json(effects).get("color_correction", {}).get("on", False)
     colors = read_colors(color) if corrected else {}
@@ -63,8 +69,7 @@ def run(
     images = training_images(index, shown, calibrated, cameras)
     found = [
         seen_colors(
-            capture, images[images.frame == frame], facts, calibrated, colors, texels, posed[frame],
-            settings.cosine_power,
+            source, images[images.frame == frame], calibrated, colors, texels, posed[frame], settings.cosine_power
         )
         for frame in progress(shown, "frames")
     ]  # fmt: skip
@@ -97,7 +102,9 @@ def booked_frames(chunk: TrackedChunk, frames: Path, tracking: Path) -> pd.DataF
 
 
 def training_images(index: Path, shown: list[int], calibrated: Collection[str], cameras: Path) -> pd.DataFrame:
-    """Images of some frames by cameras that are not held out: what is learned from may show nothing of these.
+    """Images of some frames by cameras that are not held out.
+
+    What is learned from may show nothing of the held-out ones.
 
     Raises:
         InputError: if a camera is not calibrated, or there is no such image.

@@ -1,4 +1,6 @@
-"""Which LED was on in which frame of the images, is the LED log true and in step with them, which split is a frame in.
+"""Book light patterns and splits, and check that the LED log is in step with the images.
+
+It says which LED was on in which frame, and which split a frame is in.
 
 In: the capture's index, calibrated lights and cameras, and the images themselves. What the log predicts for the
 brightness of the subject in each camera is compared with what the cameras saw (`pipeline.sync.sync`): the two
@@ -24,7 +26,7 @@ from pipeline.capture.images import read_image, read_mask
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.sync.brightness import BrightnessModel, directions_from, observed_table, read_log
-from pipeline.sync.patterns import book_frames, book_patterns_rgb, find_leaks, mend_patterns
+from pipeline.sync.patterns import find_leaks, mend_patterns, synced_frames, synced_patterns
 from pipeline.sync.subject_proxy import Ellipsoid, fit_ellipsoid, shading_response
 from pipeline.sync.sync import FAULTY, UNEXPLAINED, SyncCheck, check_sync
 from pipeline.sync.timeline import draw_timeline
@@ -68,19 +70,19 @@ def run(
     if fixed:
         patterns, frames = mend_patterns(patterns, frames, check.frames, check.constants)
         names = [light for light in names if check.constants.get(light, np.ones(3)).any()]
-    booked = book_frames(frames, tables["images"], patterns, names)
-    found = check.frames.set_index("frame").reindex(booked.frame)
-    booked["predicted"] = found["predicted" if fixed else "logged"].to_numpy()
-    booked["observed"] = found.observed.to_numpy()
-    booked["suspicious"] = found.suspicious.eq(True).to_numpy()
-    table = book_patterns_rgb(patterns, booked)
-    report(booked, len(tables["frames"]))
+    synced = synced_frames(frames, tables["images"], patterns, names)
+    found = check.frames.set_index("frame").reindex(synced.frame)
+    synced["predicted"] = found["predicted" if fixed else "logged"].to_numpy()
+    synced["observed"] = found.observed.to_numpy()
+    synced["suspicious"] = found.suspicious.eq(True).to_numpy()
+    table = synced_patterns(patterns, synced)
+    report(synced, len(tables["frames"]))
     write_json(out / "sync.json", sync_facts(check, fixed, subject))
-    draw_timeline(out / "sync.png", check, booked, table, stage_lights.light.tolist())
+    draw_timeline(out / "sync.png", check, synced, table, stage_lights.light.tolist())
     complain_of_faults(check, settings, index / "patterns.parquet", out / "sync.png")
-    complain_of_leaks(find_leaks(booked, table), settings, index / "patterns.parquet")
+    complain_of_leaks(find_leaks(synced, table), settings, index / "patterns.parquet")
     write_table(out / "patterns.parquet", table)
-    write_table(out / "frames.parquet", booked)
+    write_table(out / "frames.parquet", synced)
 
 
 def choose_cameras(images: pd.DataFrame, at_most: int) -> list[str]:
@@ -97,8 +99,10 @@ def complain_about(
     rig: dict[str, Camera],
     cameras_file: Path,
 ) -> None:
-    """Raises:
-    InputError: naming all lights and cameras that have no calibration, before any image is read.
+    """Refuse lights and cameras that have no calibration, before any image is read.
+
+    Raises:
+        InputError: naming all lights and cameras that have no calibration, before any image is read.
     """
     complaints = Complaints("book_patterns")
     for light in sorted(set(patterns.light) - set(lights.light)):
@@ -109,7 +113,9 @@ def complain_about(
 
 
 def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], facts: dict) -> pd.DataFrame:
-    """Per image the mean of the subject, r, g, b, the mean x, y of its pixels and their covariance xx, xy, yy.
+    """Measure per image the mean of the subject, r, g, b, and where its pixels are.
+
+    The latter are the mean x, y of its pixels and their covariance xx, xy, yy.
 
     Without masks the whole image is averaged (the background of a stage is dark), x, y is the image's centre and the
     covariance NaN. Images without a finite subject pixel are left out.
@@ -166,36 +172,40 @@ def build_model(
     )  # fmt: skip
 
 
-def report(booked: pd.DataFrame, frames: int) -> None:
+def report(synced: pd.DataFrame, frames: int) -> None:
     """Log the splits."""
-    splits, lit, patterns = booked.split.value_counts().to_dict(), booked.fully_lit.sum(), booked.pattern.nunique()
-    log.info("%d frames: %s, %d fully lit, %d different patterns", len(booked), splits, lit, patterns)
-    if len(booked) < frames:
-        log.warning("%d frames dropped: it is not known what was on in them", frames - len(booked))
+    splits, lit, patterns = synced.split.value_counts().to_dict(), synced.fully_lit.sum(), synced.pattern.nunique()
+    log.info("%d frames: %s, %d fully lit, %d different patterns", len(synced), splits, lit, patterns)
+    if len(synced) < frames:
+        log.warning("%d frames dropped: it is not known what was on in them", frames - len(synced))
 
 
 def complain_of_faults(check: SyncCheck, settings: BookPatterns, file: Path, picture: Path) -> None:
-    """Raises:
-    InputError: naming every fault, as `on_desync` wants; always, unless told to ignore it, if nothing can be fixed.
+    """Refuse faults of the log, as `on_desync` wants.
+
+    Raises:
+        InputError: naming every fault, as `on_desync` wants; always, unless told to ignore it, if nothing can be fixed.
     """
     if settings.on_desync == "ignore" or (settings.on_desync == "fix" and check.verdict != UNEXPLAINED):
         return
     complaints = Complaints(f"{file}: log and images disagree, see {picture}")
     if check.verdict == UNEXPLAINED:
-        mend = "is it this capture's log? More than max_offset_frames away? book_patterns.on_desync: ignore goes on"
-        complaints.add(file, "frame", expected="patterns that the images show", found=check.why, mend=mend)
+        hint = "is it this capture's log? More than max_offset_frames away? book_patterns.on_desync: ignore goes on"
+        complaints.add(file, "frame", expected="patterns that the images show", found=check.why, hint=hint)
     for fault in check.faults if check.verdict == FAULTY else []:
         key = f"light {fault.name}" if fault.kind in ("dead_light", "stuck_light") else f"frame {fault.name}"
-        mend = "correct the capture's patterns file, or set book_patterns.on_desync to fix (or ignore)"
+        hint = "correct the capture's patterns file, or set book_patterns.on_desync to fix (or ignore)"
         if fault.kind == "offset":
-            mend = f"subtract {fault.value:g} from its frame numbers, or set book_patterns.on_desync to fix (or ignore)"
-        complaints.add(file, key, expected="what the images show", found=fault.why, mend=mend)
+            hint = f"subtract {fault.value:g} from its frame numbers, or set book_patterns.on_desync to fix (or ignore)"
+        complaints.add(file, key, expected="what the images show", found=fault.why, hint=hint)
     complaints.raise_if_any()
 
 
 def complain_of_leaks(leaks: list[tuple[int, int]], settings: BookPatterns, file: Path) -> None:
-    """Raises:
-    InputError: naming the frames, if `on_leak` says so.
+    """Refuse patterns that are in training and test, as `on_leak` wants.
+
+    Raises:
+        InputError: naming the frames, if `on_leak` says so.
     """
     complaints = Complaints(f"{file}: held-out light is trained on")
     for test in dict.fromkeys(test for test, _ in leaks):
@@ -203,7 +213,7 @@ def complain_of_leaks(leaks: list[tuple[int, int]], settings: BookPatterns, file
         complaints.add(
             file, f"frame {test}", expected="light that no training frame shows, as it is held out",
             found=f"the same lights in the same proportions in training frame {listed(trained)}",
-            mend="hold those out too (splits.test_patterns holds out all frames of a pattern), or set "
+            hint="hold those out too (splits.test_patterns holds out all frames of a pattern), or set "
             "book_patterns.on_leak to warn",
         )  # fmt: skip
     if settings.on_leak == "error":

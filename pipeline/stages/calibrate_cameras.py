@@ -1,4 +1,6 @@
-"""Images of ChArUco boards -> intrinsics, distortion and poses of all cameras, metric, in the rig's own frame.
+"""Calibrate intrinsics, distortion and poses of all cameras from images of ChArUco boards.
+
+They are metric, in the rig's own frame.
 
 Corners are detected in every image, each camera is calibrated alone (Zhang 2000), cameras are joined through the views
 they share, and one bundle adjustment over everything refines the result. Each camera is then judged, and one that moved
@@ -42,9 +44,11 @@ from pipeline.calibration.cameras.rig_quality import (
 )
 from pipeline.calibration.cameras.rig_start import connected_groups
 from pipeline.capture.cameras.known_cameras import read_known_cameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, write_cameras
+from pipeline.geometry.lens import Lens
+from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
 log = logging.getLogger("calibrate_cameras")
 
@@ -72,7 +76,8 @@ def run(
         none = pd.DataFrame(columns=RESIDUAL_COLUMNS, dtype="float64").astype({"camera": "str"})
         write(out, cameras, none, pd.DataFrame(columns=COLUMNS, dtype="float64").astype({"camera": "str"}), verdicts)
         return
-    boards, names = boards_of(calibration), list(sizes)
+    boards, names = boards_from_index(calibration), list(sizes)
+    lens = lens_for(calibration, settings)
     views = choose_shots(calibration["views"], settings.most_views)
     detections = find_boards(capture, views, sizes, boards, threads)
     found = gather_views(detections, views, names, boards)
@@ -88,10 +93,11 @@ def run(
     if not group:
         log_verdicts(log, failed)
         complaints.raise_if_any()
-    chosen, held = found.of_cameras(group), [names[c] for c in group]
-    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, [sizes[n] for n in held], settings.distortion)
+    chosen, held = found.for_cameras(group), [names[c] for c in group]
+    held_sizes = [sizes[name] for name in held]
+    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens)
     report_distortion(calibrated, held)
-    quality, judged = judge(calibrated, chosen, held, [sizes[n] for n in held], settings, complaints)
+    quality, judged = judge(calibrated, chosen, held, held_sizes, settings, complaints)
     verdicts = sorted([*failed, *judged], key=lambda verdict: names.index(verdict.name))
     log_verdicts(log, verdicts)
     rig, squared = calibrated.rig, (calibrated.rig.residual**2).sum(1)
@@ -124,8 +130,10 @@ def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, t
     return cameras
 
 
-def boards_of(calibration: dict[str, Any]) -> list[Board]:
-    """The boards of the index's calibration_cameras.json: its list, or the one board whose keys stand there directly.
+def boards_from_index(calibration: dict[str, Any]) -> list[Board]:
+    """Boards of the index's calibration_cameras.json.
+
+    They are its list, or the one board whose keys stand there directly.
 
     Raises:
         InputError: if OpenCV has no such dictionary.
@@ -139,31 +147,50 @@ def boards_of(calibration: dict[str, Any]) -> list[Board]:
     return boards
 
 
+def lens_for(calibration: dict[str, Any], settings: CalibrateCameras) -> Lens:
+    """Lens model of the index's calibration_cameras.json.
+
+    Raises:
+        InputError: if there is no such lens, or none of so many coefficients.
+    """
+    name = calibration.get("lens", BROWN_CONRADY.name)
+    if name not in LENSES:
+        raise InputError(f"capture.yaml: lens: expected one of {', '.join(LENSES)}, found {name}")
+    lens, number = LENSES[name], settings.distortion
+    if number != "auto" and number not in lens.term_counts:
+        expected = ", ".join(map(str, lens.term_counts))
+        hint = f"set calibrate_cameras.distortion, or auto, for the {name} lenses of this capture"
+        raise InputError(f"distortion: expected auto or one of {expected}, found {number}; {hint}")
+    return lens
+
+
 def choose_cameras(
     found: BoardViews, names: Sequence[str], least_views: int, explain: Callable[[str], str], complaints: Complaints
 ) -> tuple[list[Verdict], list[int]]:
-    """The largest group of cameras that can be calibrated together; a verdict and a complaint on those outside it.
+    """Largest group of cameras that can be calibrated together.
+
+    Those outside it get a verdict and a complaint.
 
     Args:
         explain: why a camera sees no board at all.
     """
-    counts, failed = [len(found.shots_of(c)) for c in range(len(names))], []
+    counts, failed = [len(found.shots_for(c)) for c in range(len(names))], []
     enough = [c for c, count in enumerate(counts) if count >= least_views]
     for c in set(range(len(names))) - set(enough):
-        mend = "; ".join(filter(None, [explain(names[c]), "record more, or remove the camera"]))
+        hint = "; ".join(filter(None, [explain(names[c]), "record more, or remove the camera"]))
         expected = f"the board in at least {least_views} views"
-        complaints.add("calibration.cameras", f"camera {names[c]}", expected=expected, found=f"{counts[c]}", mend=mend)
-        failed.append(Verdict("camera", names[c], "failed", f"{counts[c]} views of {least_views} needed; {mend}"))
+        complaints.add("calibration.cameras", f"camera {names[c]}", expected=expected, found=f"{counts[c]}", hint=hint)
+        failed.append(Verdict("camera", names[c], "failed", f"{counts[c]} views of {least_views} needed; {hint}"))
     if not enough:
         return failed, []
-    groups = connected_groups(found.of_cameras(enough).observations, len(enough))
+    groups = connected_groups(found.for_cameras(enough).observations, len(enough))
     groups = [[enough[c] for c in group] for group in groups]
     if len(groups) > 1:
         told = "; ".join(f"({', '.join(names[c] for c in group)})" for group in groups)
-        mend = "record views in which cameras of different groups see the board at once"
+        hint = "record views in which cameras of different groups see the board at once"
         expected = "cameras joined by shared views"
-        complaints.add("calibration.cameras", "views", expected=expected, found=told, mend=mend)
-        reason = f"shares no view with ({', '.join(names[c] for c in groups[0])}); {mend}"
+        complaints.add("calibration.cameras", "views", expected=expected, found=told, hint=hint)
+        reason = f"shares no view with ({', '.join(names[c] for c in groups[0])}); {hint}"
         failed += [Verdict("camera", names[c], "failed", reason) for group in groups[1:] for c in group]
     return failed, groups[0]
 
@@ -184,16 +211,16 @@ def judge(
     for row in quality.itertuples():
         if row.focal_sigma > settings.largest_focal_error:
             expected = f"a focal length known to {100 * settings.largest_focal_error:g} %"
-            told, mend = f"{100 * row.focal_sigma:.1f} %", describe_focal(row.focal_sigma, row.tilt_deg)
-            complaints.add(where, f"camera {row.camera}", expected=expected, found=told, mend=mend)
+            told, hint = f"{100 * row.focal_sigma:.1f} %", describe_focal(row.focal_sigma, row.tilt_deg)
+            complaints.add(where, f"camera {row.camera}", expected=expected, found=told, hint=hint)
     observations = rig.model.observations
     centers = np.stack([camera.center for camera in rig.cameras])[observations.camera]
     farthest = np.linalg.norm(centers - rig.rig_from_board[observations.view, :3, 3], axis=1).max()
     # A focal length that is open takes the distance along with it.
     if farthest > settings.largest_rig_m and quality.focal_sigma.max() <= settings.largest_focal_error:
         expected = f"cameras within {settings.largest_rig_m:g} m of the boards"
-        mend = "are square_m and marker_m in metres?"
-        complaints.add(where, "square_m", expected=expected, found=f"{farthest:.0f} m", mend=mend)
+        hint = "are square_m and marker_m in metres?"
+        complaints.add(where, "square_m", expected=expected, found=f"{farthest:.0f} m", hint=hint)
     rough = rough_shots(rig, names, found.shot, settings.good_rms_px)
     return quality, judge_cameras(quality, calibrated, rough, inspection, names, settings)
 
@@ -202,12 +229,15 @@ def report_distortion(calibrated: Calibrated, names: Sequence[str]) -> None:
     """Log what was chosen, and by which odds."""
     for name, number, odds in zip(names, calibrated.distortion, calibrated.evidence, strict=True):
         told = ", ".join(f"{k}: {value:.1f}" for k, value in odds.items())
-        log.info("camera %s: %d distortion coefficients; log odds against all five: %s", name, number, told)
+        log.info("camera %s: %d distortion coefficients; log odds against all: %s", name, number, told)
 
 
 def residual_table(rig: Rig, found: BoardViews, names: Sequence[str], boards: Sequence[Board]) -> pd.DataFrame:
-    """One row per corner: camera, view, board, corner (of that board), x, y, residual_x, residual_y (projected minus
-    observed), weight."""
+    """Table of residuals, one row per corner.
+
+    Columns camera, view, board, corner (of that board), x, y, residual_x, residual_y (projected minus observed),
+    weight.
+    """
     observations = found.observations
     first = np.cumsum([0, *(len(board.corners_m()) for board in boards)])
     board = found.board[observations.view]

@@ -1,4 +1,6 @@
-"""One image of a 24-patch chart per camera -> 3 x 3 matrices that bring every camera to the average camera's colours.
+"""Bring every camera to the average camera's colours by a 3 x 3 matrix.
+
+It reads one image of a 24-patch chart per camera.
 
 raw = M_c @ patch value for each camera c, by robust least squares; the light is common to all cameras and part of
 M_c, as is exposure. The average camera has the mean of all M_c, so corrected_from_raw_c = mean(M) @ inverse(M_c). With
@@ -74,8 +76,10 @@ def run(
 
 
 def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.ndarray) -> None:
-    """Raises:
-    InputError: naming cameras without an image, or patch values that are not 24 colours.
+    """Refuse cameras without an image, and patch values that are not 24 colours.
+
+    Raises:
+        InputError: naming cameras without an image, or patch values that are not 24 colours.
     """
     complaints = Complaints(capture)
     for name in names:
@@ -89,7 +93,7 @@ def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.nd
 
 @dataclass(frozen=True)
 class Measured:
-    """What one image shows of the chart: None if it was not found; and the share of the image that is saturated."""
+    """Chart as one image shows it: None if it was not found, and the saturated share."""
 
     patches: Patches | None
     saturated_share: float
@@ -98,7 +102,7 @@ class Measured:
 def measure_chart(
     path: Path, transfer: str, black_level: float, corners: list[list[float]] | None, settings: CalibrateColor
 ) -> Measured:
-    """Find the chart in an image, unless its corners (pixels) are given, and measure its patches."""
+    """Find the chart in an image, unless its corners (pixels) are given; measure its patches."""
     content = read_bytes(path)
     stored, image = decode_stored(content, path), decode_image(content, path, transfer, black_level)
     full = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1.0
@@ -109,7 +113,7 @@ def measure_chart(
 
 
 def is_failed(flaws: list[Flaw]) -> bool:
-    """Whether any of the flaws makes the camera's colours useless."""
+    """True if any of the flaws makes the camera's colours useless."""
     return any(flaw.grade == "failed" for flaw in flaws)
 
 
@@ -128,15 +132,17 @@ def judge(name: str, flaws: list[Flaw], response: Response | None, matrix: np.nd
 
 
 def refuse(capture: Path, paths: Mapping[str, Path], flaws: Mapping[str, list[Flaw]]) -> None:
-    """Raises:
-    InputError: naming cameras whose colours stay unknown.
+    """Refuse cameras whose colours stay unknown.
+
+    Raises:
+        InputError: naming cameras whose colours stay unknown.
     """
     complaints = Complaints(capture)
     for name, found in flaws.items():
         for flaw in found:
             if flaw.grade == "failed":
                 key, file = f"camera {name}", paths[name].relative_to(capture)
-                complaints.add(file, key, expected=flaw.expected, found=flaw.found, mend=flaw.mend)
+                complaints.add(file, key, expected=flaw.expected, found=flaw.found, hint=flaw.hint)
     complaints.raise_if_any()
 
 

@@ -1,4 +1,6 @@
-"""Images of mirror balls -> positions and brightness of all lights, and the cameras moved into the stage's frame.
+"""Locate all lights in mirror balls, and move the cameras into the stage's frame.
+
+It reads images of mirror balls and writes positions and brightness of the lights.
 
 Each ball is located by its outlines in all cameras that see it; which bright spots are a light's, balls and cameras
 decide together; then all lights and balls are fitted to highlights and outlines at once (see
@@ -97,15 +99,17 @@ def run(
 def take_survey(capture: Path, survey: pd.DataFrame, in_stage: bool) -> tuple[pd.DataFrame, list[Verdict]]:
     """The surveyed lights as they are, for cameras that are in their frame."""
     if not in_stage:
-        mend = "known lights do not show in images and cannot place cameras that have a frame of their own"
-        raise InputError(f"{capture}: calibration.cameras: expected known cameras in the stage's frame; {mend}")
+        hint = "known lights do not show in images and cannot place cameras that have a frame of their own"
+        raise InputError(f"{capture}: calibration.cameras: expected known cameras in the stage's frame; {hint}")
     lights = survey[["light", "x", "y", "z"]].assign(sigma_m=0.0, status="surveyed", highlights=0)
     why = "known: taken from lights.csv as it is; nothing measured"
     return lights.reindex(columns=TABLE_COLUMNS), [Verdict("light", name, "good", why) for name in lights.light]
 
 
 def check_units(capture: Path, facts: pd.DataFrame, survey: pd.DataFrame, ball_ratio: float, tolerance: float) -> None:
-    """Board, ball and survey must be in one unit, or a rigid alignment would hide that they are not.
+    """Check that board, ball and survey are in one unit.
+
+    A rigid alignment would hide that they are not.
 
     Raises:
         InputError: saying which is not, and the factor.
@@ -125,9 +129,9 @@ def check_units(capture: Path, facts: pd.DataFrame, survey: pd.DataFrame, ball_r
     log.info(text, scale, sigma, ball_ratio)
     sure = abs(np.log(scale)) > UNITS_SURE * sigma / scale
     if wrong := unit_complaint(ball_ratio, scale if sure else 1.0, tolerance):
-        file, key, expected, found, mend = wrong
+        file, key, expected, found, hint = wrong
         complaints = Complaints(capture)
-        complaints.add(file, key, expected=expected, found=found, mend=mend)
+        complaints.add(file, key, expected=expected, found=found, hint=hint)
         complaints.raise_if_any()
 
 
@@ -149,8 +153,8 @@ def check_frame(capture: Path, lights: pd.DataFrame, settings: CalibrateLights) 
     away_m = float(np.median(lights.away_m[lights.status == "measured"]))
     if away_m > settings.suspicious_distance_m:
         found = f"lights measured {away_m:.2f} m from where the survey has them (median)"
-        mend = "write the cameras in the frame of lights.csv"
-        raise InputError(f"{capture}: calibration.cameras: expected the stage's frame, found {found}; {mend}")
+        hint = "write the cameras in the frame of lights.csv"
+        raise InputError(f"{capture}: calibration.cameras: expected the stage's frame, found {found}; {hint}")
 
 
 def summarize(lights: pd.DataFrame, table: pd.DataFrame, alignment: Alignment) -> None:

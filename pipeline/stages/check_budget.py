@@ -1,8 +1,8 @@
-"""What a budget promised beside what the run achieved: time of every stage, and errors as far as the run shows them.
+"""Compare the estimate of a budget with what the run achieved: time of stages, and errors.
 
-Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. Errors that the run
-shows: of tracking where the capture knows the truth, the standard error of drawn irradiance, and the PSNR of partially
-lit test images, which is only promised for the curves' own subject. Writes a table, see `COLUMNS`.
+Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. Errors are those
+that the run shows: of tracking where the capture knows the truth, the standard error of drawn irradiance, and the PSNR
+of partially lit test images, which is only estimated for the curves' own subject. Writes a table, see `COLUMNS`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pipeline.dials.tracking import TRACKING
 
 log = logging.getLogger("check_budget")
 
-COLUMNS = ["quantity", "setting", "by", "promised", "achieved", "unit", "wall_seconds", "verdict"]
+COLUMNS = ["quantity", "setting", "by", "estimated", "achieved", "unit", "wall_seconds", "verdict"]
 """quantity: a stage, their total, a dial; setting, by: of a dial, and who set it; unit: of a dial, its metric; verdict:
 kept, missed, or empty where either side is not known."""
 
@@ -34,7 +34,7 @@ def run(
     *,
     results: Path,
     capture: Path,
-    promise: str,
+    estimate: str,
     out: Path,
     chunk_size: int = 64,
     settings: CheckBudget = CheckBudget(),
@@ -44,12 +44,12 @@ def run(
     Args:
         results: the subject's results, with benchmarks and metrics.csv.
         capture: folder of the capture; the truth is looked for in its folder truth.
-        promise: JSON of `pipeline.budget.estimate.Promise`.
+        estimate: JSON of `pipeline.budget.estimate.Estimate`.
         out: the table.
         chunk_size: frames per chunk.
         settings: see the flags below.
     """
-    expected = read_promise(promise)
+    expected = read_estimate(estimate)
     seconds = expected["seconds"]
     times = stage_times(results / "benchmarks", list(seconds))
     rows = [row(name, seconds[name], times.cpu[name], "s", wall=times.wall[name]) for name in seconds]
@@ -58,36 +58,38 @@ def run(
     rows.append(row("budget", expected["budget_s"], total.cpu, "s", wall=total.wall))
     subject = Subject(results.resolve(), capture.resolve(), 1, chunk_size, {})
     for choice in expected["choices"]:
-        promised = math.nan if choice["error"] is None else choice["error"]
+        estimated = math.nan if choice["error"] is None else choice["error"]
         achieved = achieved_error(choice, subject)
-        rows.append(row(choice["dial"], promised, achieved, choice["metric"], choice["setting"], choice["by"]))
+        rows.append(row(choice["dial"], estimated, achieved, choice["metric"], choice["setting"], choice["by"]))
     psnr = math.nan if expected["psnr_db"] is None else expected["psnr_db"]
-    rows.append(row("PSNR of partially lit test images", psnr, psnr_of_test_images(results / "metrics.csv"), "dB"))
+    rows.append(row("PSNR of partially lit test images", psnr, read_test_psnr(results / "metrics.csv"), "dB"))
     table = pd.DataFrame(rows, columns=COLUMNS)
     table["verdict"] = [verdict(one, settings.tolerance) for one in table.itertuples()]
     for one in table.itertuples():
         log.info(
-            "%s: promised %.4g, achieved %.4g %s %s", one.quantity, one.promised, one.achieved, one.unit, one.verdict
+            "%s: estimated %.4g, achieved %.4g %s %s", one.quantity, one.estimated, one.achieved, one.unit, one.verdict
         )
     write_table(out, table)
 
 
-def read_promise(text: str) -> dict[str, Any]:
-    """Raises:
-    InputError: if the text is no promise.
+def read_estimate(text: str) -> dict[str, Any]:
+    """Read the estimate of a budget from JSON.
+
+    Raises:
+        InputError: if the text is no estimate.
     """
     try:
         expected = json.loads(text)
         lacking = sorted({"budget_s", "seconds", "choices", "psnr_db"} - expected.keys())
     except (ValueError, AttributeError) as error:
-        raise InputError(f"--promise: expected JSON of what a budget promises, found {text!r}") from error
+        raise InputError(f"--estimate: expected JSON of the estimate of a budget, found {text!r}") from error
     if lacking:
-        raise InputError(f"--promise: expected the key {lacking[0]}, found {', '.join(expected) or 'none'}")
+        raise InputError(f"--estimate: expected the key {lacking[0]}, found {', '.join(expected) or 'none'}")
     return expected
 
 
 def stage_times(folder: Path, stages: list[str]) -> pd.DataFrame:
-    """Columns cpu and wall, seconds, of all jobs of each stage; NaN for a stage that has not run."""
+    """Columns cpu and wall, seconds, of all jobs of each stage; NaN for stages that did not run."""
     rows = {stage: [math.nan, math.nan] for stage in stages}
     for stage in stages:
         paths = [path for path in folder.glob("*.tsv") if path.name.partition(".")[0] == stage]
@@ -110,27 +112,30 @@ def achieved_error(choice: dict[str, Any], subject: Subject) -> float:
     return math.nan
 
 
-def psnr_of_test_images(path: Path) -> float:
-    """Of the partially lit test images of the first avatar, dB."""
+def read_test_psnr(path: Path) -> float:
+    """Read the PSNR of the partially lit test images of the first avatar, dB."""
     table = pd.read_csv(path)
     rows = table[(table.split == "test") & (table.lit == "partial")]
     return float(rows.psnr_db.iloc[0]) if len(rows) else math.nan
 
 
 def row(
-    quantity: str, promised: float, achieved: float, unit: str, setting: str = "", by: str = "", wall: float = math.nan
+    quantity: str, estimated: float, achieved: float, unit: str, setting: str = "", by: str = "", wall: float = math.nan
 ) -> dict[str, Any]:  # fmt: skip
     """A row of the table without its verdict."""
-    return dict(zip(COLUMNS, (quantity, setting, by, promised, achieved, unit, wall, ""), strict=True))
+    return dict(zip(COLUMNS, (quantity, setting, by, estimated, achieved, unit, wall, ""), strict=True))
 
 
 def verdict(one: Any, tolerance: float) -> str:
-    """Kept, if what was achieved is no more than `tolerance` worse; PSNR is better the larger it is."""
-    if math.isnan(one.promised) or math.isnan(one.achieved):
+    """Verdict: kept, if what was achieved is no more than `tolerance` worse.
+
+    PSNR is better the larger it is.
+    """
+    if math.isnan(one.estimated) or math.isnan(one.achieved):
         return ""
     if one.quantity.startswith("PSNR"):
-        return "kept" if one.achieved >= one.promised - 10 * math.log10(1 + tolerance) else "missed"
-    allowed = one.promised * (1 if one.quantity == "budget" else 1 + tolerance)
+        return "kept" if one.achieved >= one.estimated - 10 * math.log10(1 + tolerance) else "missed"
+    allowed = one.estimated * (1 if one.quantity == "budget" else 1 + tolerance)
     return "kept" if one.achieved <= allowed else "missed"
 
 

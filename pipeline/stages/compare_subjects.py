@@ -1,4 +1,6 @@
-"""Several subjects in one table: means, standard errors, and whether each ablation's effect is more than chance.
+"""Compare several subjects in one table: means, standard errors, significance.
+
+Significance says whether an ablation's effect is more than chance.
 
 In: metrics_per_image.parquet of evaluate_avatar, of every subject. Out: comparison.csv, see
 `pipeline.metrics.ablation_table.compare`, and comparison/index.html, the same to read.

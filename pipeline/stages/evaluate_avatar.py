@@ -1,4 +1,4 @@
-"""Score avatars on the images that training never saw, and show the worst, the median and the best.
+"""Score avatars on images that training never saw; show the worst, median and best.
 
 In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
 pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
@@ -29,15 +29,15 @@ from pipeline.metrics.comparison import side_by_side
 from pipeline.metrics.evaluation import (
     COLOR_SPACE,
     LIT,
-    METRICS,
-    REGION,
     TABLES,
     Render,
-    display_pair,
     evaluate,
+    region,
+    scored_pair,
     summarize,
     worst_median_best,
 )
+from pipeline.metrics.image_metrics import asked_metrics, metrics_in
 from pipeline.metrics.lpips import open_lpips
 
 log = logging.getLogger("evaluate_avatar")
@@ -83,19 +83,21 @@ def run(
         raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
     images, lit = read_image_shards([shards / "test"]), {path: read_frame_shards([path]) for path in frames}
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
-    protocol = {"color_space": COLOR_SPACE, "region": REGION, "lpips_net": settings.lpips_net, "lpips_weights": weights}
+    metrics = asked_metrics(settings.metrics)
+    network = {"lpips_net": settings.lpips_net, "lpips_weights": weights}
+    protocol = {"color_space": COLOR_SPACE, "region": region(metrics), **network}
 
     means, singles, ablations = [], [], []
     if not settings.pictures:  # those of an earlier run would stand beside scores that are not theirs
         shutil.rmtree(out / "images", ignore_errors=True)
     for folder, path in zip(avatars, frames, strict=True):
         render = load_avatar(folder, atlas).render
-        per_image = evaluate(render, images, lit[path], lpips)
+        per_image = evaluate(render, images, lit[path], lpips, metrics)
         names = {"subject": subject, "variant": folder.name}
         means.append(summarize(per_image).assign(**names, **protocol))
-        singles.append(per_image.assign(**names, lpips_net=settings.lpips_net, lpips_weights=weights))
-        ablations.append(names | costs_of(folder, render, images, lit[path]) | scores_in_a_row(means[-1]))
-        log.info("%s: %s", folder.name, means[-1].iloc[0][["images", "psnr_db", "ssim", "lpips", "flip"]].to_dict())
+        singles.append(per_image.assign(**names, **network))
+        ablations.append(names | measure_costs(folder, render, images, lit[path]) | scores_in_a_row(means[-1]))
+        log.info("%s: %s", folder.name, means[-1].iloc[0][["images", *(metric.name for metric in metrics)]].to_dict())
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
     write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
@@ -105,14 +107,17 @@ def run(
 
 def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
     """METRIC_LIT of all held-out images, for each metric and lighting; METRIC_SPLIT of `TABLES`."""
-    rows = means[means.split == "test"].set_index("lit")
-    scores = {f"{metric}_{lit}": rows.loc[lit, metric] for metric in METRICS for lit in LIT}
+    rows, metrics = means[means.split == "test"].set_index("lit"), [metric.name for metric in metrics_in(means)]
+    scores = {f"{metric}_{lit}": rows.loc[lit, metric] for metric in metrics for lit in LIT}
     rows = means[means.lit == "all"].set_index("split")
-    return scores | {f"{metric}_{split}": rows.loc[split, metric] for split in TABLES for metric in METRICS}
+    return scores | {f"{metric}_{split}": rows.loc[split, metric] for split in TABLES for metric in metrics}
 
 
-def costs_of(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
-    """Number of parameters, seconds of training, and milliseconds from a new pose and light to a picture (median)."""
+def measure_costs(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
+    """Measure parameters, seconds of training, and milliseconds of a picture.
+
+    The time is the median from a new pose and light to a picture.
+    """
     config, taken = read_json(folder / "config.json"), []
     for index in range(0, len(images), max(1, len(images) // TIMED_IMAGES)):
         image = images[index]
@@ -139,7 +144,7 @@ def write_pictures(
     """Write VARIANT_worst.png, _median.png and _best.png by PSNR; nothing if no image has one."""
     for name, row in worst_median_best(per_image).items():
         image = images[int(row["index"])]
-        captured, rendered = display_pair(render, image, frames[image.frame])
+        captured, rendered = scored_pair(render, image, frames[image.frame])
         lit = "fully lit" if image.fully_lit else "partially lit"
         label = f"{variant}, {name}: {image.camera}, frame {image.frame}, {lit}, PSNR {row.psnr_db:.2f} dB"
         write_png(folder / f"{variant}_{name}.png", side_by_side(captured, rendered, label))

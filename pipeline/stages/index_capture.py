@@ -1,4 +1,6 @@
-"""Index a native capture: from `capture.yaml` and what it names to validated tables, with a digest of every file.
+"""Index a native capture: from `capture.yaml` to validated tables.
+
+They have a digest of every file that it names.
 
 The whole capture is checked first: every key, row and image (each is decoded). All that is wrong is said at once,
 before anything is written. Images stay where they are; the index says where, and the digest of what they hold, so that

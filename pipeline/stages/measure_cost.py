@@ -1,4 +1,6 @@
-"""What accuracy costs in time: every setting of every dial, run several times, its error against the truth.
+"""Measure accuracy against time: every setting of every dial, run several times.
+
+The error is against the truth where it is known.
 
 A dial is one setting of one stage (`pipeline.dials`). The stage is run as a process of its own, as a user would, with
 all else as the workflow has it. Its output is compared with the truth where the capture knows it (metrics marked

@@ -1,4 +1,6 @@
-"""Pack a chunk of frames for training and evaluation: foreground crops per image, light and geometry per frame.
+"""Pack a chunk of frames for training and evaluation.
+
+Images become foreground crops, frames light and geometry.
 
 Images lose their black level, get the colour of the average camera and the geometry of a pinhole (each only if
 `plan_effects` found that it matters here) and are cut to the subject. Captures without masks get the silhouette of the
@@ -25,6 +27,7 @@ from pipeline.capture.head_data import head_motions, read_gaze, read_textures
 from pipeline.capture.images import read_exr_channel, read_image, read_mask
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_shard
+from pipeline.capture.undistortion import left_out
 from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.texels import read_atlas
@@ -56,6 +59,8 @@ def run(
     settings: PackShards = PackShards(),
 ) -> None:
     """Pack the images and frames of one chunk.
+
+    So many arguments because a command line names each file that it reads.
 
     Args:
         capture: folder of the capture, for its images and masks.
@@ -106,6 +111,7 @@ def run(
     )
     complain_about(inputs, images, effects)
     log.info("chunk %d: %d frames, %d images; on: %s", chunk, len(booked), len(images), [n for n in EFFECTS if on[n]])
+    report_left_out(inputs)
     held_out = images[list(FLAGS)].any(axis=1)
     splits = () if only_frames else (("train", images[~held_out]), ("test", images[held_out]))
     for split, part in splits:
@@ -114,6 +120,15 @@ def run(
         )
         log.info("%s: %d images", split, packed)
     write_frame_shard(out / "frames" / f"{chunk:04d}.arrow", (frame_record(n, inputs) for n in booked.index.tolist()))
+
+
+def report_left_out(inputs: Inputs) -> None:
+    """Log the fisheyes of whose images a pinhole shows a part only."""
+    if not inputs.on["lens_distortion"]:
+        return
+    for name, camera in inputs.cameras.items():
+        if not camera.lens.perspective and (share := left_out(camera)) > 0:
+            log.info("camera %s: %.0f %% of its image have no place in a pinhole's: left out", name, 100 * share)
 
 
 @dataclass(frozen=True)
@@ -139,12 +154,14 @@ class Inputs:
 
 
 def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
-    """Raises:
-    InputError: naming everything that is missing, before any image is read.
+    """Refuse a chunk whose inputs lack something, before any image is read.
+
+    Raises:
+        InputError: naming everything that is missing, before any image is read.
     """
     complaints = Complaints("pack_shards")
     for name in [name for name in EFFECTS if name not in inputs.on]:
-        complaints.add(effects, name, expected="an effect", found="none", mend="run plan_effects again")
+        complaints.add(effects, name, expected="an effect", found="none", hint="run plan_effects again")
     for camera in sorted(set(images.camera) - set(inputs.cameras)):
         complaints.add("--cameras", camera, expected="a calibrated camera, as it has images", found="none")
     if inputs.on.get("color_correction"):
@@ -165,12 +182,15 @@ def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
 
 
 def irradiance_file(folder: Path, frame: int) -> Path:
-    """Where trace_irradiance writes the map of a frame."""
+    """File of a frame's map, as trace_irradiance writes it."""
     return folder / f"{frame:06d}.exr"
 
 
 def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> Iterator[ImageRecord]:
-    """Read, correct and cut the images one by one; those without foreground are left out, with a warning."""
+    """Read, correct and cut the images one by one.
+
+    Those without foreground are left out, with a warning.
+    """
     for row in progress(list(images.itertuples()), "pack_shards"):
         image = read_image(inputs.capture / row.path, inputs.facts["transfer"], inputs.facts["black_level"])
         camera, mask, silhouette = inputs.cameras[row.camera], None, None
@@ -205,10 +225,12 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
 def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
     """Geometry and light of a frame; its irradiance is 1 everywhere if no shadows were traced."""
     lit = inputs.patterns[inputs.patterns.frame == frame]
-    irradiance = falling = np.ones(inputs.atlas.texel_count, np.float32)
+    irradiance = cosine_visibility = np.ones(inputs.atlas.texel_count, np.float32)
     if inputs.irradiance is not None:
         path = irradiance_file(inputs.irradiance, frame)
-        irradiance, falling = (inputs.atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling"))
+        irradiance, cosine_visibility = (
+            inputs.atlas.from_map(read_exr_channel(path, name)) for name in ("Y", "falling")
+        )
     row = inputs.booked.loc[frame]
     return FrameRecord(
         frame,
@@ -216,7 +238,7 @@ def frame_record(frame: int, inputs: Inputs) -> FrameRecord:
         bool(row.fully_lit),
         vertices=inputs.vertices[frame].astype(np.float32),
         irradiance=irradiance.astype(np.float32),
-        falling=falling.astype(np.float32),
+        cosine_visibility=cosine_visibility.astype(np.float32),
         light_positions=lit[["x", "y", "z"]].to_numpy(np.float32),
         light_intensities=lit[["intensity_r", "intensity_g", "intensity_b"]].to_numpy(np.float32),
         head_from_world=inputs.heads.get(frame),

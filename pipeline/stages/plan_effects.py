@@ -1,4 +1,6 @@
-"""Cheap measurements on this capture -> which effects to simulate, each with the number it was decided on.
+"""Plan which effects to simulate, by cheap measurements on this capture.
+
+Each stands with the number it was decided on.
 
 Reads the tracked meshes, the booked light patterns, the calibrations and a few training images; writes effects.json:
 {effect: {"on", "mode", "evidence", "threshold", "why", "cost"}}. An effect whose mode is `auto` is on if its evidence
@@ -12,13 +14,13 @@ import logging
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_json
 from pipeline.base.seeds import generator_for
+from pipeline.capture.images import ImageSource
 from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.effects.appearance_evidence import (
@@ -38,9 +40,9 @@ from pipeline.effects.scene_evidence import (
     read_colors,
     shadow_evidence,
 )
-from pipeline.effects.seen_texels import observe_texels
+from pipeline.effects.seen_texels import SeenTexels, observe_texels
 from pipeline.effects.texel_light import light_texels
-from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.texels import Atlas, read_atlas, texel_frames
 from pipeline.geometry.tracked import read_tracked
 from pipeline.lighting.frame_lights import FrameLights, read_frame_lights
@@ -61,6 +63,8 @@ def run(
     settings: PlanEffects = PlanEffects(),
 ) -> None:  # fmt: skip
     """Measure which effects this capture calls for.
+
+    So many arguments because a command line names each file that it reads.
 
     Args:
         capture: folder of the capture, for some of its training images.
@@ -101,9 +105,10 @@ def run(
         settings.partially_lit_frames, settings.views,
     )  # fmt: skip
     small = {name: camera.downsampled(downsample) for name, camera in found.items()}
-    evidence |= appearance_evidence(
-        capture, images, described["images"], small, read_colors(color), texels, posed, lit, settings, random
-    )
+    some = np.sort(random.permutation(texels.texel_count)[: settings.texels])
+    source = ImageSource.from_index(capture, described["images"])
+    seen = observe_texels(source, images, small, read_colors(color), texels, some, posed)
+    evidence |= appearance_evidence(seen, some, texels, posed, lit, settings)
     effects = {
         name: {
             **decide(getattr(settings, name), evidence[name], getattr(settings, THRESHOLDS.get(name, ""), 0.0)),
@@ -126,13 +131,21 @@ def decide(mode: str, evidence: Evidence, threshold: float) -> dict[str, object]
 
 
 def appearance_evidence(
-    capture: Path, images: pd.DataFrame, facts: dict, cameras: dict[str, Camera], colors: dict[str, np.ndarray],
-    atlas: Atlas, posed: dict[int, np.ndarray], lit: dict[int, FrameLights], settings: PlanEffects,
-    random: np.random.Generator,
+    seen: SeenTexels, some: np.ndarray, atlas: Atlas, posed: dict[int, np.ndarray], lit: dict[int, FrameLights],
+    settings: PlanEffects,
 ) -> dict[str, Evidence]:  # fmt: skip
-    """What training images say of gloss and transport; nothing, if no texel is seen well in any."""
-    some = np.sort(random.permutation(atlas.texel_count)[: settings.texels])
-    seen = observe_texels(capture, images, facts, cameras, colors, atlas, some, posed)
+    """Evidence of gloss and transport in the training images.
+
+    It is none if no texel is seen well in any.
+
+    Args:
+        seen: what these images show of `some` texels.
+        some: numbers of the texels.
+        atlas: all texels.
+        posed: frame -> vertices.
+        lit: frame -> lights that are on.
+        settings: how many rays bounce.
+    """
     if not len(seen.point):
         nothing = Evidence(0.0, "no training image shows a texel well")
         return dict.fromkeys(("specular", "deferred", "learned_transport"), nothing)

@@ -1,4 +1,6 @@
-"""Show an avatar in new light: what drives it, a camera path, and an environment map or point lights.
+"""Show an avatar in new light.
+
+It takes what drives the avatar, a camera path, and an environment map or point lights.
 
 In: an avatar; tracked chunks, or of a head also latent codes, and gaze (see
 `pipeline.avatar.relighting.driving_sequence`); and one light: a panorama (.hdr, .exr), which may turn, or a list of
@@ -56,6 +58,8 @@ def run(
 ) -> None:
     """Render an avatar under new light.
 
+    So many arguments because a command line names each file that it reads.
+
     Args:
         atlas: atlas.safetensors of unwrap_atlas.
         avatar: folder of train_avatar.
@@ -82,10 +86,10 @@ def run(
     def show() -> Iterator[np.ndarray]:
         driven, shaded = None, None
         for picture in progress(range(sequence.pictures), "pictures"):
-            driver = sequence.at(picture)
-            codes.append(driver.code)
-            if driver is not driven or not light.still:
-                driven, shaded = driver, light.frame(driver, picture)
+            signal = sequence.at(picture)
+            codes.append(signal.code)
+            if signal is not driven or not light.still:
+                driven, shaded = signal, light.frame(signal, picture)
             if settings.splats == "all" or (settings.splats == "first" and picture == 0):
                 write_splats(folder / f"splats/{picture:06d}.ply", splats_of(shaded, settings.exposure))
             rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(shaded, path[picture]))
@@ -103,7 +107,7 @@ def run(
 def camera_path(
     sequence: DrivingSequence, cameras: Path | None, keyframes: Path | None, settings: RelightAvatar
 ) -> list[Camera]:
-    """One camera per picture: through keyframes, through calibrated cameras, or around the subject.
+    """One camera per picture: through keyframes or calibrated cameras, or around the subject.
 
     Raises:
         InputError: for two paths at once, unknown cameras, or a centre that is no point.

@@ -1,4 +1,6 @@
-"""Calibration -> what a person judges it by: verdicts, one table of all residuals, pictures, and a page of them.
+"""Draw what a person judges the calibration by.
+
+It writes verdicts, one table of all residuals, pictures, and a page of them.
 
 Nothing here changes the calibration. Pictures for which a capture has nothing (known cameras, known lights, no chart)
 are left out, and the page says why.
@@ -29,7 +31,7 @@ from pipeline.figures.page import Section, write_page
 from pipeline.figures.residual_arrows import draw_residuals
 from pipeline.figures.residual_histogram import draw_histogram
 from pipeline.figures.rig import Stage, draw_rig
-from pipeline.figures.style import rms, shown_of, worst
+from pipeline.figures.style import rms, shown_count, worst
 from pipeline.figures.targets import Outlines, locate_balls, locate_boards
 
 log = logging.getLogger("review_calibration")
@@ -90,7 +92,7 @@ def show_boards(
     scores = {name: rms(table[["residual_x", "residual_y"]].to_numpy()) for name, table in tables.items()}
     grades = found.grades("camera")
     names = worst(scores, grades, settings.most_panels)
-    which = shown_of(len(names), len(scores), "cameras")
+    which = shown_count(len(names), len(scores), "cameras")
     views = {name: worst_view(tables[name]) for name in names}
     paths = {(entry["camera"], entry["view"]): capture / entry["path"] for entry in found.boards["views"]}
     images = pool.map(read_gray_8bit, [paths[name, views[name]] for name in names])
@@ -132,7 +134,7 @@ def show_balls(
         paths = [capture / lit[(*key, light)] for light in shown]
         return read_ball_view(title, outlines[key], paths, found.balls.get("transfer", "linear"), table)
 
-    which = shown_of(len(names), len(scores), "views of balls")
+    which = shown_count(len(names), len(scores), "views of balls")
     draw_balls(folder / "balls.png", list(pool.map(read, names)), found.grades("light"), which)
     return Section("Mirror balls", "balls.png", "Is each highlight found on the ball, and where its light predicts it?")
 
@@ -156,7 +158,7 @@ def show_charts(
         centers = tables[name][PATCH_CORNERS].to_numpy(np.float64).reshape(-1, 4, 2).mean(1)
         return Chart(name, upright(image, centers), colors[name], found.corrections[name])
 
-    which = shown_of(len(names), len(scores), "cameras")
+    which = shown_count(len(names), len(scores), "cameras")
     draw_charts(folder / "charts.png", list(pool.map(read, names)), target, found.grades("color"), which)
     return Section("Colour charts", "charts.png", "Do all cameras show the chart in the same colours, once corrected?")
 

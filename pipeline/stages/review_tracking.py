@@ -1,4 +1,6 @@
-"""Tracking -> what a person judges it by: verdicts, the template over the images, errors over time, a recording.
+"""Draw what a person judges the tracking by.
+
+It writes verdicts, the template over the images, errors over time, and a recording.
 
 Nothing here changes the tracking. `index.html` has the pictures; `tracking.rrd` has the capture to scrub through, with
 the viewer of rerun-sdk: `python -m rerun tracking.rrd`.

@@ -1,4 +1,6 @@
-"""Make a complete native capture (lightstage-capture/1) of a procedural subject, and the truth beside it.
+"""Make a native capture of a procedural subject, and the truth beside it.
+
+It is complete (lightstage-capture/1).
 
 A skinned figure or an unrigged head moves in a dome of lights; Mitsuba path-traces it from a ring of cameras with lens
 distortion, colour responses and noise, together with every calibration image the format asks for. `<out>/truth` holds
@@ -25,7 +27,7 @@ from pipeline.synthesis.capture_files import write_capture_yaml, write_gaze, wri
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.head import build_head
 from pipeline.synthesis.photography import FrameJob, Job, all_jobs, take
-from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_of
+from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_for
 from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.subject import Subject
 
@@ -49,7 +51,7 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
     intensities = intensities.reindex(columns=list(rig.light_positions), fill_value=0.0)
     moments = []
     for frame in range(settings.frames):
-        segment, time_s = segment_of(frame, settings)
+        segment, time_s = segment_for(frame, settings)
         moments.append(shown.at(time_s, segment))
     log.info("%d vertices, %d cameras, %d lights", len(shown.vertices), len(rig.cameras), len(rig.light_positions))
     with written_whole(out) as root:

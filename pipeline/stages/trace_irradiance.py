@@ -1,4 +1,6 @@
-"""Posed mesh and light patterns -> normalised irradiance per frame: how much of the light sent to a texel arrives.
+"""Trace normalised irradiance per frame: the share of light sent to a texel that arrives.
+
+It reads a posed mesh and light patterns.
 
 RFGCA 15-16 and A.1-A.3; see `pipeline.lighting.irradiance`. Every tracked frame that was booked gets an EXR (half
 float, 0 outside the charts; channels Y, falling and error, the standard error of Y where lights were drawn), and a row
@@ -51,6 +53,8 @@ def run(
     settings: TraceIrradiance = TraceIrradiance(),
 ) -> None:
     """Trace shadow rays from every texel of a chunk's posed meshes to the lit lights.
+
+    So many arguments because a command line names each file that it reads.
 
     Args:
         atlas: atlas.safetensors of unwrap_atlas.

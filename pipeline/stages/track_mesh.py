@@ -21,34 +21,35 @@ import pandas as pd
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_arrays, write_table
+from pipeline.capture.images import ImageSource
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.signed_distance import View, silhouette_overlap
 from pipeline.geometry.skin import Template, read_template
 from pipeline.geometry.surface_points import spread_vertices
 from pipeline.lighting.frame_lights import read_frame_lights
 from pipeline.tracking.color_views import read_color_views
-from pipeline.tracking.cues import Rounds, vertices_of
+from pipeline.tracking.cues import Rounds, posed_vertices
 from pipeline.tracking.keypoint_targets import read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
-from pipeline.tracking.mesh_tracker import Tracking, track
+from pipeline.tracking.mesh_tracker import Tracking, TrackingLimits, track
 from pipeline.tracking.motion_prior import MotionPrior
-from pipeline.tracking.photometric_refinement import fully_lit_frames, image_refinement
-from pipeline.tracking.silhouette_cue import OutlineCue
+from pipeline.tracking.photometric_refinement import PhotometricSettings, fully_lit_frames, photometric_refinement
+from pipeline.tracking.silhouette_cue import SilhouetteCue
 from pipeline.tracking.surface_tracker import DeformationPrior, track_surface
 from pipeline.tracking.tracking_inputs import image_cameras, keypoint_observations, mask_views
-from pipeline.tracking.vertex_offsets import carrying_matrices
+from pipeline.tracking.vertex_offsets import skinning_jacobians
 
 LOG = logging.getLogger("track_mesh")
-
-TRACKER_SETTINGS = {"inlier_px", "min_keypoints", "max_iterations"}
-"""The settings that `track` takes; the others concern what it is given."""
 
 
 def run(
     *, capture: Path, index: Path, cameras: Path, chunk: int, out: Path, chunk_size: int = 64,
     patterns: Path | None = None, lights: Path | None = None, settings: TrackMesh = TrackMesh(),
 ) -> None:  # fmt: skip
-    """Pose the template in every frame of one chunk, from 2D keypoints, masks and fully lit images.
+    """Pose the template in every frame of one chunk.
+
+    It is fitted to 2D keypoints, masks and fully lit images. So many arguments because a command line names each file
+    that it reads.
 
     Args:
         capture: the capture folder, to which the index's paths are relative.
@@ -61,7 +62,7 @@ def run(
         lights: lights.parquet of calibrate_lights; needed with `patterns`.
         settings: numbers and modes.
     """
-    tracker_settings = settings.model_dump(include=TRACKER_SETTINGS)
+    limits = TrackingLimits(settings.inlier_px, settings.min_keypoints, settings.max_iterations)
     content = read_json(index / "capture.json")
     frames = read_table(index / "frames.parquet").sort_values("frame", ignore_index=True)
     first, last = chunk * chunk_size, min((chunk + 1) * chunk_size, len(frames))
@@ -81,38 +82,39 @@ def run(
     if settings.outline_rounds:
         views = mask_views(capture, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
     chosen = spread_vertices(template.vertices_rest, settings.outline_vertices)
-    outlines = [OutlineCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
+    silhouettes = [SilhouetteCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
     times_s, takes = with_context.timestamp_s.to_numpy(np.float64), pd.factorize(with_context.segment)[0]
     between = []
     if settings.mask_gap_frames:
         between = interpolated_views(views, times_s, takes.astype(np.int64), settings.mask_gap_frames)
     if any(view.usable.any() for view in between):
-        outlines.append(OutlineCue(between, template.faces, chosen, settings.interpolated_sigma_px))
+        silhouettes.append(SilhouetteCue(between, template.faces, chosen, settings.interpolated_sigma_px))
     refinement = None
     if settings.image_rounds and template.rigged and patterns is not None and lights is not None:
         lit = fully_lit_frames(patterns, frame_numbers, settings.image_frames)
         colors = read_color_views(
-            capture, images, used, frame_numbers, lit, settings.image_cameras, settings.image_size_px,
-            content["images"]["transfer"], float(content["images"]["black_level"]),
+            ImageSource.from_index(capture, content["images"]), images, used, frame_numbers, lit,
+            settings.image_cameras, settings.image_size_px,
         )  # fmt: skip
-        refinement = image_refinement(
-            template, colors, read_frame_lights(lights, patterns), frame_numbers, lit, outlines,
-            rounds=settings.image_rounds, points=settings.image_points, redundancy=settings.image_redundancy,
-            offset_m=settings.offset_m,
+        refinement = photometric_refinement(
+            template, colors, read_frame_lights(lights, patterns), frame_numbers, lit, silhouettes,
+            PhotometricSettings(
+                settings.image_rounds, settings.image_points, settings.image_redundancy, settings.offset_m
+            ),
         )  # fmt: skip
     prior = MotionPrior(
         times_s, settings.rotation_acceleration, settings.translation_acceleration, settings.rest_rotation,
         takes=takes.astype(np.int64),
     )  # fmt: skip
-    schedule = [Rounds("outlines", outlines, settings.outline_rounds)] if outlines else []
+    schedule = [Rounds("silhouettes", silhouettes, settings.outline_rounds)] if silhouettes else []
     if template.rigged:
-        tracking = track(template, targets, observations, prior, schedule, refinement, **tracker_settings)
+        tracking = track(template, targets, observations, prior, schedule, limits, refinement)
     else:
         deformation = DeformationPrior(
             settings.deformation_modes, settings.deformation_m, settings.deformation_length_m,
             settings.deformation_time_s, settings.deformation_still_m,
         )  # fmt: skip
-        tracking = track_surface(template, deformation, targets, observations, prior, schedule, **tracker_settings)
+        tracking = track_surface(template, deformation, targets, observations, prior, schedule, limits)
     LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)
     LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
     kept = slice(first - start, last - start)
@@ -124,9 +126,9 @@ def _write(
     between: list[View], inlier_px: float,
 ) -> None:  # fmt: skip
     pose, every = tracking.pose.at(kept), np.arange(len(frames))[kept]
-    vertices = vertices_of(template, pose)
+    vertices = posed_vertices(template, pose)
     vertices = vertices + np.einsum(
-        "fvab,fvb->fva", carrying_matrices(template, pose), tracking.offsets[kept], optimize=True
+        "fvab,fvb->fva", skinning_jacobians(template, pose), tracking.offsets[kept], optimize=True
     )
     residual = tracking.residual_px[:, kept]
     inlier = residual < inlier_px
@@ -150,7 +152,7 @@ def _write(
         LOG.warning("%d frames had too few keypoints and were interpolated: %s", len(interpolated), interpolated)
     unmasked = table.frame[table.masks == 0].tolist()
     if views and unmasked:
-        LOG.warning("%d frames have no mask; carried poses stand in for outlines: %s", len(unmasked), unmasked)
+        LOG.warning("%d frames have no mask; interpolated poses stand in for silhouettes: %s", len(unmasked), unmasked)
     for status, rows in table.groupby("status"):
         LOG.info("%d frames %s", len(rows), status)
     arrays = {

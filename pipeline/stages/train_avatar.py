@@ -113,7 +113,7 @@ def run(
 
 
 def learn_expressions(avatar: Avatar, frames: list[FrameInputs]) -> None:
-    """What the encoder of a head knows of the training frames before the first step."""
+    """Teach the encoder of a head the statistics of its training frames."""
     textures = [frame.record.texture for frame in frames if frame.record.texture is not None]
     avatar.networks.expression.learn_statistics([avatar.networks.tracked(frame) for frame in frames], textures)
 
@@ -157,8 +157,10 @@ def train(
 
 
 def require_same_start(step: int, processes: Processes) -> None:
-    """Raises:
-    InputError: if the processes do not all go on from the same step, for want of a common folder.
+    """Refuse processes that do not all go on from the same step.
+
+    Raises:
+        InputError: if the processes do not all go on from the same step, for want of a common folder.
     """
     steps = torch.tensor([step * (rank == processes.rank) for rank in range(processes.count)], device=processes.device)
     processes.sum_in_place(steps)
@@ -171,7 +173,10 @@ def require_same_start(step: int, processes: Processes) -> None:
 def open_log(
     out: Path, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], training: Training, at: Position
 ) -> AbstractContextManager[TrainingLog | None]:
-    """The main process' log of the training, with previews of its middle image, a fully lit one if there is any."""
+    """Log of the training, kept by the main process, with previews of its middle image.
+
+    That is a fully lit one if there is any.
+    """
     if not training.processes.is_main:
         return nullcontext()
     shown = [i for i in chosen if images.table.fully_lit.iloc[i]] or chosen
@@ -180,14 +185,20 @@ def open_log(
 
 
 def write_state(training: Training, path: Path, at: Position, fingerprint: str) -> None:
-    """Write in the main process; all go on once it has, so that none ends, and has the others ended, before."""
+    """Write the state in the main process.
+
+    All go on once it has, so that none ends, and has the others ended, before.
+    """
     if training.processes.is_main:
         training.save(path, at, fingerprint)
     training.processes.wait()
 
 
 def fingerprint_of(settings: TrainAvatar, spec: AvatarSpec, inputs: list[Path]) -> str:
-    """What a checkpoint belongs to: what settings make of the result, what is built, and the content of all inputs."""
+    """Fingerprint of a checkpoint: settings, what is built, and the content of all inputs.
+
+    Of settings only those count that change the result.
+    """
     parts = [settings.model_dump_json(exclude=WATCHED_BY), str(spec), *(digest_file(path) for path in inputs)]
     return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
 

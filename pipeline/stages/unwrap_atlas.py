@@ -1,4 +1,6 @@
-"""Template -> texel map: the point of the surface that each texel of a square map shows, one future Gaussian each.
+"""Lay the template's surface out on a square map of texels.
+
+Each texel shows a point of the surface and becomes one Gaussian.
 
 The template's own texture coordinates serve if they lie in [0, 1], hardly overlap and leave hardly any surface without
 area in the map; otherwise xatlas cuts and packs new ones, deterministically, and the log says why. Writes
@@ -98,8 +100,10 @@ def _layout(template: Template, settings: UnwrapAtlas, path: Path) -> np.ndarray
 
 @dataclass(frozen=True)
 class AtlasMeasures:
-    """What a map is like. `texel_mm`: per face, the side of a square of the surface as large as one texel, NaN
-    without."""
+    """Measures of a map.
+
+    `texel_mm`: per face, the side of a square of the surface as large as one texel, NaN without.
+    """
 
     texels: int
     use: float
@@ -119,8 +123,11 @@ class AtlasMeasures:
 
 
 def measure_atlas(atlas: Atlas) -> AtlasMeasures:
-    """Texel sizes on the rest surface and stretch: the ratio of the singular values of dP/d(u, v) per face, from the
-    metric tensor (Sander et al. 2001, Texture Mapping Progressive Meshes, section 3)."""
+    """Measure texel sizes on the rest surface, and stretch.
+
+    The stretch is the ratio of the singular values of dP/d(u, v) per face, from the metric tensor (Sander et al. 2001,
+    Texture Mapping Progressive Meshes, section 3). 2001, Texture Mapping Progressive Meshes, section 3).
+    """
     corners, uv = atlas.rest_vertices.astype(np.float64)[atlas.faces], atlas.uv.astype(np.float64)
     area, map_area = np.linalg.norm(area_vectors(atlas.rest_vertices, atlas.faces), axis=1), np.abs(uv_areas(uv))
     shown = np.bincount(atlas.face, minlength=len(atlas.faces))

@@ -1,4 +1,6 @@
-"""One page to judge a result by: scores, pictures, what it was made from, what it cost, where it comes from.
+"""Write one page to judge a result by.
+
+It shows scores, pictures, what the result was made from, what it cost, and where it comes from.
 
 Everything is inside the one file, which loads nothing and may be sent to anyone. Parts whose inputs are not there are
 named as missing, with the command that makes them.
@@ -18,14 +20,14 @@ from pipeline.report import costs, project, recording, scores
 from pipeline.report.part import Part, write_parts
 from pipeline.report.pictures import Pictures
 from pipeline.report.provenance import provenance
-from pipeline.report.results import Found
+from pipeline.report.results import Results
 
 log = logging.getLogger("write_report")
 
-PARTS: list[Callable[[Found], Part]] = [
+PARTS: list[Callable[[Results], Part]] = [
     scores.headline, scores.pictures, recording.relit, scores.ablations, recording.effects, project.effects_comparison,
     recording.calibration, recording.patterns, recording.tracking, recording.atlas, costs.accuracy_cost,
-    project.cost_growth, costs.hard_cases, costs.stages, provenance,
+    project.cost_scaling, costs.hard_cases, costs.stages, provenance,
 ]  # fmt: skip
 """In the order of the page: the result first, then what it rests on."""
 
@@ -41,7 +43,7 @@ def run(
 
     Args:
         results: the subject's results, results/SUBJECT, up to metrics.csv; what else there is, is shown.
-        project_results: folder of what belongs to no subject: hard_cases.csv, effects_comparison.csv, growth/; what is
+        project_results: folder of what belongs to no subject: hard_cases.csv, effects_comparison.csv, scaling/; what is
             not there is named as missing.
         out: HTML file to write.
         subject_settings: JSON, what differs from the defaults in the subject's settings, for the page.
@@ -49,8 +51,8 @@ def run(
     changed = read_changes(subject_settings)
     limit = FIRST_LIMIT
     while True:
-        found = Found(results, project_results, changed, settings, Pictures(limit))
-        parts = [part(found) for part in PARTS]
+        shown = Results(results, project_results, changed, settings, Pictures(limit))
+        parts = [part(shown) for part in PARTS]
         size_mb = sum(len(part.html) for part in parts) / 1e6
         if size_mb <= settings.page_mb:
             break
@@ -61,13 +63,15 @@ def run(
     for part in parts:
         if part.missing:
             log.info("%s: missing: %s", part.title, part.missing)
-    write_parts(out, f"{found.subject}: from capture to avatar", subtitle(found), parts)
+    write_parts(out, f"{shown.subject}: from capture to avatar", subtitle(shown), parts)
     log.info("%s: %.1f MB", out.name, out.stat().st_size / 1e6)
 
 
 def read_changes(text: str) -> dict:
-    """Raises:
-    InputError: if the text is no JSON object.
+    """Read changed settings from JSON.
+
+    Raises:
+        InputError: if the text is no JSON object.
     """
     try:
         changed = json.loads(text)
@@ -78,10 +82,10 @@ def read_changes(text: str) -> dict:
     return changed
 
 
-def subtitle(found: Found) -> str:
-    """What was recorded, in one line."""
-    cameras, frames = found.table("index/cameras.parquet"), found.table("index/frames.parquet")
-    lights = found.table("index/lights.parquet")
+def subtitle(results: Results) -> str:
+    """Size of the recording in one line."""
+    cameras, frames = results.table("index/cameras.parquet"), results.table("index/frames.parquet")
+    lights = results.table("index/lights.parquet")
     sizes = " and ".join(sorted({f"{row.width} × {row.height}" for row in cameras.itertuples()}))
     return f"{len(cameras)} cameras of {sizes} pixels, {len(frames)} frames, {len(lights)} lights"
 

@@ -1,4 +1,4 @@
-"""What a log of patterns predicts for the brightness of the subject in every camera, and how far off that may be.
+"""Brightness of the subject in every camera as a log of patterns predicts it, and its error.
 
 Observed is y[f, c], the mean of the subject in frame f and camera c over its pixels and channels. Predicted is m[f, c]
 = sum_l x[f, l] g[c, l] with the response g of an ellipsoid (`subject_proxy`) and one gain per camera. What the
@@ -55,7 +55,7 @@ class PatternLog:
     lights: list[str]
     levels: Float64[np.ndarray, "logged lights 3"]
 
-    def rows_of(self, frames: Int64[np.ndarray, "*n"]) -> Int64[np.ndarray, "*n"]:
+    def rows_for(self, frames: Int64[np.ndarray, "*n"]) -> Int64[np.ndarray, "*n"]:
         """Row of each frame number; -1 for those that the log does not know."""
         rows = np.searchsorted(self.numbers, frames).clip(max=len(self.numbers) - 1)
         return np.where(self.numbers[rows] == frames, rows, -1)
@@ -88,7 +88,7 @@ def observed_table(means: pd.DataFrame, cameras: list[str]) -> tuple[np.ndarray,
 
 @dataclass(frozen=True)
 class BrightnessModel:
-    """Everything the checks compare.
+    """Brightness seen in the images, and all that the log predicts of it.
 
     Attributes:
         frames: numbers of the frames that have images, increasing.
@@ -111,7 +111,7 @@ class BrightnessModel:
 
     @cached_property
     def channel_weights(self) -> Float64[np.ndarray, " 3"]:
-        """What a light's channels add to the mean of the image's, of mean 1: the subject's albedo over the cameras.
+        """Weight of a light's channels in an image's mean, of mean 1: the subject's albedo.
 
         Brightness seen over light sent in each channel, over all frames: a log out of step hardly changes it.
         """
@@ -121,15 +121,15 @@ class BrightnessModel:
 
     @cached_property
     def levels(self) -> Float64[np.ndarray, "logged lights"]:
-        """Radiant intensity of each light by the log as a white one's that is as bright on this subject."""
+        """Radiant intensity of a white light as bright on this subject as each logged one."""
         return self.log.levels @ self.channel_weights / 3
 
     def predicted(self, levels: Float64[np.ndarray, "n lights"]) -> Float64[np.ndarray, "n cameras"]:
-        """What the stand-in would show under these patterns, up to a gain per camera."""
+        """Brightness of the stand-in under these patterns, up to a gain per camera."""
         return levels @ self.response.T
 
     def terms(self, levels: Float64[np.ndarray, "n lights"]) -> Float64[np.ndarray, "n lights"]:
-        """What each light adds to the brightness, averaged over cameras: a of the module's docstring."""
+        """Brightness that each light adds, averaged over cameras: a of the module's docstring."""
         return levels * self.response.mean(0)
 
     def variance(self, levels: Float64[np.ndarray, "n lights"]) -> Float64[np.ndarray, " n"]:
@@ -167,7 +167,10 @@ class BrightnessModel:
         return np.linalg.inv(self.camera_correlation)
 
     def gains(self, predicted: np.ndarray, rows: Bool[np.ndarray, " frames"]) -> Float64[np.ndarray, " cameras"]:
-        """Observed over predicted brightness, summed over the chosen frames: a log out of step hardly changes it."""
+        """Observed over predicted brightness, summed over the chosen frames.
+
+        A log out of step hardly changes it.
+        """
         total = predicted[rows].sum(0)
         observed = self.observed[rows].sum(0)
         return np.where((total > 0) & (observed > 0), observed / np.where(total > 0, total, 1), 1.0)

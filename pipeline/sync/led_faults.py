@@ -1,4 +1,4 @@
-"""LEDs that never light or never go out, and single frames under another pattern than the logged one.
+"""Faults of LEDs, dead or stuck, and frames under another pattern than the logged one.
 
 Residuals of all frames and rows together are taken as normal with covariance S x K: K across rows and frame variances
 as in `brightness`, and across frames what frames share: the static error of each light (frames under the same lights
@@ -53,14 +53,14 @@ MOST_FAULTS = 0.25
 
 @dataclass(frozen=True)
 class Patterns:
-    """What is taken to have been on, `BrightnessModel.levels`, and the frames that take part."""
+    """Patterns taken to have been on, `BrightnessModel.levels`, and the frames that take part."""
 
     levels: Float64[np.ndarray, "frames lights"]
     kept: Bool[np.ndarray, " frames"]
 
 
 @dataclass(frozen=True)
-class Found:
+class IndexedFault:
     """One fault: of a frame or of a light, by index.
 
     Attributes:
@@ -84,8 +84,14 @@ class Powers:
     stuck: Float64[np.ndarray, " lights"]
 
 
-def find_faults(model: BrightnessModel, patterns: Patterns, sigmas: float) -> tuple[list[Found], Patterns, Powers]:
-    """The faults that stand out by `sigmas` or more, the patterns without them, and what could have been seen."""
+def find_faults(
+    model: BrightnessModel, patterns: Patterns, sigmas: float
+) -> tuple[list[IndexedFault], Patterns, Powers]:
+    """Find the faults that stand out by `sigmas` or more.
+
+    Returns:
+        the faults, the patterns without them, and how clearly faults could have been seen.
+    """
     found, most = [], int(np.ceil(MOST_FAULTS * sum(patterns.levels.shape)))
     fit = Fit(model, patterns)
     while len(found) < most and patterns.kept.sum() > 2:
@@ -99,10 +105,11 @@ def find_faults(model: BrightnessModel, patterns: Patterns, sigmas: float) -> tu
     return found, patterns, fit.powers
 
 
-def confirm(light: Found, fit: Fit, patterns: Patterns) -> Found:
-    """The fault with its confidence from a fit that believes it: gains and noise are then no longer bent by it.
+def confirm(light: IndexedFault, fit: Fit, patterns: Patterns) -> IndexedFault:
+    """The fault with its confidence from a fit that believes it.
 
-    0 if in that fit the light does follow its log, or one that is always on might as well be dead.
+    Gains and noise are then no longer bent by it. 0 if in that fit the light does follow its log, or one that is always
+    on might as well be dead.
     """
     logged = patterns.levels[fit.rows, light.index]
     for _ in range(REWEIGHTINGS):
@@ -117,8 +124,8 @@ def confirm(light: Found, fit: Fit, patterns: Patterns) -> Found:
     return replace(light, sigmas=_sigmas(believed.score - fit.score))
 
 
-def without(fault: Found, patterns: Patterns) -> Patterns:
-    """The patterns as they are if the fault is believed: the frame left out, the light at its constant level."""
+def without(fault: IndexedFault, patterns: Patterns) -> Patterns:
+    """Patterns with a fault believed: the frame left out, the light at its constant level."""
     if fault.kind == "wrong_pattern":
         return replace(patterns, kept=patterns.kept & (np.arange(len(patterns.kept)) != fault.index))
     levels = patterns.levels.copy()
@@ -138,7 +145,7 @@ class Fit:
         self._weigh()
 
     def _weigh(self) -> None:
-        """S^-1, and of every frame its distance from what the others predict, with its variance."""
+        """Set S^-1, and each frame's distance from what the others predict, with its variance."""
         terms = self.model.terms(self.levels)
         level, rows = terms.sum(1), self.residuals.shape[1]
         own = DYNAMIC**2 * self.model.light_variance(terms) + self.model.steady_variance(terms)
@@ -153,10 +160,10 @@ class Fit:
             self.variances = 1 / pull - self.scale**2 * (own / weights - own)
             relative = self.distances / self.variances
             weights = np.minimum((DEGREES + rows) / (DEGREES + relative), 1)
-            growth = np.median(relative) / rows / stats.f.ppf(0.5, rows, DEGREES)
-            self.scale = float(np.clip(self.scale * np.sqrt(growth), 1 / LARGEST_SCALE, LARGEST_SCALE))
+            excess = np.median(relative) / rows / stats.f.ppf(0.5, rows, DEGREES)
+            self.scale = float(np.clip(self.scale * np.sqrt(excess), 1 / LARGEST_SCALE, LARGEST_SCALE))
 
-    def clearest_frame(self) -> Found:
+    def clearest_frame(self) -> IndexedFault:
         """The frame that fits its pattern least, compared with any other pattern, logged or not."""
         model, count = self.model, self.residuals.shape[1]
         seen = model.observed[self.rows] / self.gains
@@ -169,15 +176,18 @@ class Fit:
         # Named only if more likely than not: half of the prior is the log's, as `unknown_pattern` has it.
         likely = np.exp(fits[alike] - others[worst]).sum() / (2 * len(fits)) > 0.5
         shows = int(fits.argmax()) if likely else -1
-        return Found("wrong_pattern", int(self.rows[worst]), _sigmas(ratios[worst]), float(shows))
+        return IndexedFault("wrong_pattern", int(self.rows[worst]), _sigmas(ratios[worst]), float(shows))
 
     @cached_property
     def score(self) -> float:
-        """Log-likelihood of each frame given the others, summed: in the units of the images, hence the gains."""
+        """Log-likelihood of each frame given the others, summed.
+
+        It is in the units of the images, hence the gains.
+        """
         likelihood = log_likelihood(self.distances, self.variances, self.residuals.shape[1])
         return float(likelihood.sum() - len(self.rows) * np.log(self.gains).sum())
 
-    def clearest_lights(self) -> list[Found]:
+    def clearest_lights(self) -> list[IndexedFault]:
         """The light that is most likely dead and the one that is most likely stuck, to be confirmed."""
         change = self._change
         dead = change.off - change.off_off / 2
@@ -185,12 +195,12 @@ class Fit:
         stuck = dead + level * (change.on - change.off_on) - level**2 * change.on_on / 2
         first, second = int(dead.argmax()), int(stuck.argmax())
         return [
-            Found("dead_light", first, _sigmas(dead[first]), 0.0),
-            Found("stuck_light", second, _sigmas(stuck[second]), float(level[second])),
+            IndexedFault("dead_light", first, _sigmas(dead[first]), 0.0),
+            IndexedFault("stuck_light", second, _sigmas(stuck[second]), float(level[second])),
         ]
 
     def along(self, light: int, levels: np.ndarray) -> tuple[float, float]:
-        """How much of these levels [frames] a light gives besides what is believed, and the deviation of that."""
+        """Share of these levels [frames] that a light gives beyond belief, and its deviation."""
         response = self.model.response[:, light]
         pulled = self.inverse @ levels
         square = (levels @ pulled) * (response @ self.model.precision @ response)
@@ -199,7 +209,7 @@ class Fit:
 
     @cached_property
     def powers(self) -> Powers:
-        """How clearly faults of each light would show."""
+        """Confidence by which faults of each light would show."""
         lit = (self.levels > 0).sum(0)
         anywhere = self.levels[self.levels > 0].mean() if lit.any() else 0.0
         usual = np.where(lit > 0, self.levels.sum(0) / np.maximum(lit, 1), anywhere)

@@ -1,4 +1,4 @@
-"""Which logged pattern does each frame of the images show? The most likely course of offsets, by dynamic programming.
+"""Offset between LED log and images in every frame, by Viterbi's algorithm.
 
 Frame f shows the pattern logged for f + k[f]. On a stage in step k is 0; one whose counts started apart has a constant
 k; where an image was lost k grows by one from there on, where one was stored twice it falls by one. Every change, and a
@@ -41,8 +41,8 @@ SHORTEST_RUN = 3
 
 
 @dataclass(frozen=True)
-class Alignment:
-    """Which offset each frame has, and how sure that is.
+class LogOffsets:
+    """Offset of the log in each frame, and the evidence for it.
 
     Attributes:
         offsets: of each frame, see the module's docstring.
@@ -59,7 +59,10 @@ class Alignment:
     independent: float
 
     def sigmas(self, offset: int, than: int, frames: slice = slice(None)) -> float:
-        """How much better these frames fit at one offset than at another: sqrt(2 log-likelihood ratio), signed."""
+        """Confidence that these frames have one offset rather than another.
+
+        It is sqrt(2 log-likelihood ratio), signed.
+        """
         columns = [int(np.flatnonzero(self.tried == k)[0]) for k in (offset, than)]
         gained = self.evidence[frames][:, columns].sum(0)
         ratio = gained[0] - gained[1]
@@ -71,11 +74,11 @@ class Alignment:
         return [(first, end - 1) for first, end in pairwise(edges)]
 
 
-def align(model: BrightnessModel, max_offset: int, sigmas: float) -> Alignment:
+def find_log_offsets(model: BrightnessModel, max_offset: int, sigmas: float) -> LogOffsets:
     """The most likely offsets within +-`max_offset` frames."""
     tried = np.arange(-max_offset, max_offset + 1)
     predicted, variance = model.predicted(model.levels), model.variance(model.levels)
-    rows, count = model.log.rows_of(model.frames[:, None] + tried), model.observed.shape[1]
+    rows, count = model.log.rows_for(model.frames[:, None] + tried), model.observed.shape[1]
     gains = np.stack([model.gains(predicted[row], row >= 0) for row in rows.T])
     residuals = model.observed[:, None] / gains - predicted[rows]
     distances = np.where(rows < 0, np.inf, model.squared_distance(residuals))
@@ -90,7 +93,7 @@ def align(model: BrightnessModel, max_offset: int, sigmas: float) -> Alignment:
     independent = independent_share(residuals[:, best], distances[:, best], variance[rows[:, best]], model)
     evidence = evidence * independent
     path = _most_likely(evidence, max_offset, sigmas**2 / 2)
-    return Alignment(tried[_without_short_runs(path)], tried, evidence, scale, independent)
+    return LogOffsets(tried[_without_short_runs(path)], tried, evidence, scale, independent)
 
 
 def noise_scale(relative: Float64[np.ndarray, "frames offsets"], rows: int) -> float:
@@ -109,7 +112,7 @@ def noise_scale(relative: Float64[np.ndarray, "frames offsets"], rows: int) -> f
 def unknown_pattern(
     model: BrightnessModel, seen: np.ndarray, predicted: np.ndarray, variance: np.ndarray
 ) -> Float64[np.ndarray, " frames"]:
-    """Log-likelihood of each frame if nothing is known of its pattern: any of the log's, or a new one alike.
+    """Log-likelihood of each frame under an unknown pattern: any logged one, or a new one alike.
 
     That one of many dark or fully lit frames fits another is then no evidence; that a rare pattern fits is.
 
@@ -144,10 +147,11 @@ def pattern_likelihoods(
 def independent_share(
     residuals: np.ndarray, distances: np.ndarray, variance: np.ndarray, model: BrightnessModel
 ) -> float:
-    """Independent samples per frame, (1 - a) / (1 + a) with a the correlation of neighbouring frames' residuals.
+    """Independent samples per frame, (1 - a) / (1 + a).
 
-    A subject that turns slowly under patterns that change slowly fits best at some arbitrary offset, frame after frame
-    for one and the same reason; this keeps one reason from counting once per frame.
+    The correlation of neighbouring frames' residuals is a. A subject that turns slowly under patterns that change
+    slowly fits best at some arbitrary offset, frame after frame for one and the same reason; this keeps one reason from
+    counting once per frame.
 
     Args:
         residuals: [frames, rows]; distances: their r^T K^-1 r, infinite for frames to leave out; variance: their v.
@@ -185,7 +189,7 @@ def _most_likely(evidence: np.ndarray, start: int, cost: float) -> np.ndarray:
 
 
 def _without_short_runs(path: np.ndarray) -> np.ndarray:
-    """Runs shorter than `SHORTEST_RUN` take the offset of the run before, the first that of the run after."""
+    """Merge runs shorter than `SHORTEST_RUN` into the run before, the first into the run after."""
     edges = [0, *(np.flatnonzero(np.diff(path)) + 1), len(path)]
     kept = path.copy()
     for first, end in pairwise(edges):

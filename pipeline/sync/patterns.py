@@ -1,4 +1,4 @@
-"""Which LED was on in which frame, under which name, and which frames a pattern holds out for testing."""
+"""Synced tables of frames and lit LEDs: names of patterns, test splits, leaks and mending."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ SAME_LIGHT = 0.01
 repeat to a percent, and brightness as such teaches nothing new."""
 
 
-def book_frames(frames: pd.DataFrame, images: pd.DataFrame, patterns: pd.DataFrame, lights: list[str]) -> pd.DataFrame:
-    """One row per frame: frame, timestamp_s, segment, lights_on, fully_lit, pattern, test_pattern, split.
+def synced_frames(
+    frames: pd.DataFrame, images: pd.DataFrame, patterns: pd.DataFrame, lights: list[str]
+) -> pd.DataFrame:
+    """Table of frames: when, in which segment, how lit, under which pattern and in which split.
 
-    `pattern` names the lit lights with their intensities by the first frame that shows them; `test_pattern` says
-    whether that is the pattern of a frame that `splits.test_patterns` lists.
+    Columns are frame, timestamp_s, segment, lights_on, fully_lit, pattern, test_pattern, split. `pattern` names the lit
+    lights with their intensities by the first frame that shows them; `test_pattern` says whether that is the pattern of
+    a frame that `splits.test_patterns` lists.
 
     Args:
         frames, images, patterns: tables of the index; `patterns` in the numbering of the images.
@@ -29,21 +32,21 @@ def book_frames(frames: pd.DataFrame, images: pd.DataFrame, patterns: pd.DataFra
     """
     lit = patterns[patterns.light.isin(lights)].groupby("frame").light.nunique()
     flags = images.groupby("frame")[["test_frame", "test_segment", "test_pattern"]].any()
-    booked = frames[["frame", "timestamp_s", "segment"]].sort_values("frame").reset_index(drop=True)
-    booked["lights_on"] = booked.frame.map(lit).fillna(0).astype(np.int64)
-    booked["fully_lit"] = booked.lights_on == len(lights)
-    booked["pattern"] = name_patterns(patterns, booked.frame)
-    held_out = flags.reindex(booked.frame, fill_value=False).astype(bool).reset_index(drop=True)
-    booked["test_pattern"] = booked.pattern.isin(booked.pattern[held_out.test_pattern])
-    booked["split"] = np.select(
-        [held_out.test_segment, held_out.test_frame, booked.test_pattern],
+    synced = frames[["frame", "timestamp_s", "segment"]].sort_values("frame").reset_index(drop=True)
+    synced["lights_on"] = synced.frame.map(lit).fillna(0).astype(np.int64)
+    synced["fully_lit"] = synced.lights_on == len(lights)
+    synced["pattern"] = name_patterns(patterns, synced.frame)
+    held_out = flags.reindex(synced.frame, fill_value=False).astype(bool).reset_index(drop=True)
+    synced["test_pattern"] = synced.pattern.isin(synced.pattern[held_out.test_pattern])
+    synced["split"] = np.select(
+        [held_out.test_segment, held_out.test_frame, synced.test_pattern],
         ["test_segments", "test_frames", "test_patterns"], "train",
     )  # fmt: skip
-    return booked
+    return synced
 
 
 def name_patterns(patterns: pd.DataFrame, frames: pd.Series) -> pd.Series:
-    """For each frame the first one, in the order given, that shows the same lights at the same intensities."""
+    """Name of each frame's pattern: the first frame that shows the same lights alike."""
     unit = SAME_INTENSITY * max(float(patterns[CHANNELS].to_numpy().max(initial=0.0)), np.finfo(float).tiny)
     steps = patterns.assign(**{channel: (patterns[channel] / unit).round() for channel in CHANNELS})
     shown = {
@@ -54,15 +57,16 @@ def name_patterns(patterns: pd.DataFrame, frames: pd.Series) -> pd.Series:
     return frames.map(lambda frame: first.setdefault(shown.get(frame, ()), frame))
 
 
-def find_leaks(booked: pd.DataFrame, patterns: pd.DataFrame) -> list[tuple[int, int]]:
-    """Pairs (held-out frame, training frame) that show the same light, so that testing would ask what was taught.
+def find_leaks(synced: pd.DataFrame, patterns: pd.DataFrame) -> list[tuple[int, int]]:
+    """Pairs (held-out frame, training frame) that show the same light.
 
-    The same light is the same lit lights with intensities in the same proportions. Held out are the frames of a
-    held-out pattern, and partially lit test frames; that fully lit ones repeat is what they are for.
+    Testing on them would ask what was taught. The same light is the same lit lights with intensities in the same
+    proportions. Held out are the frames of a held-out pattern, and partially lit test frames; that fully lit ones
+    repeat is what they are for.
     """
-    partial_tests = (booked.split == "test_frames") & ~booked.fully_lit & (booked.lights_on > 0)
-    asked = set(booked.frame[booked.test_pattern | partial_tests])
-    taught = set(booked.frame[booked.split == "train"])
+    partial_tests = (synced.split == "test_frames") & ~synced.fully_lit & (synced.lights_on > 0)
+    asked = set(synced.frame[synced.test_pattern | partial_tests])
+    taught = set(synced.frame[synced.split == "train"])
     alike: dict[tuple, list[tuple[int, np.ndarray]]] = {}
     for frame, rows in patterns[patterns.frame.isin(asked | taught)].sort_values("light").groupby("frame"):
         levels = rows[CHANNELS].to_numpy(np.float64)
@@ -75,9 +79,12 @@ def find_leaks(booked: pd.DataFrame, patterns: pd.DataFrame) -> list[tuple[int, 
     ]  # fmt: skip
 
 
-def book_patterns_rgb(patterns: pd.DataFrame, booked: pd.DataFrame) -> pd.DataFrame:
-    """One row per lit light of a frame: frame, light, intensity_r, intensity_g, intensity_b, fully_lit, split."""
-    table = patterns.merge(booked[["frame", "fully_lit", "split"]], on="frame")
+def synced_patterns(patterns: pd.DataFrame, synced: pd.DataFrame) -> pd.DataFrame:
+    """Table of lit lights, one row per frame and light.
+
+    Columns are frame, light, intensity_r, intensity_g, intensity_b, fully_lit, split.
+    """
+    table = patterns.merge(synced[["frame", "fully_lit", "split"]], on="frame")
     columns = ["frame", "light", *CHANNELS, "fully_lit", "split"]
     return table[columns].sort_values(["frame", "light"]).reset_index(drop=True)
 
@@ -85,7 +92,7 @@ def book_patterns_rgb(patterns: pd.DataFrame, booked: pd.DataFrame) -> pd.DataFr
 def mend_patterns(
     patterns: pd.DataFrame, frames: pd.DataFrame, found: pd.DataFrame, constants: Mapping[str, np.ndarray]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What was really on, if the check is right: patterns in the numbering of the images, and the frames they cover.
+    """Mend patterns as the check says: those that were on, numbered as images, and their frames.
 
     Frames whose pattern was never logged, and those that do not show their pattern, are dropped. Frames without images
     move with those before them.

@@ -1,8 +1,9 @@
-"""How bright the subject should look in each camera under each LED: a matte ellipsoid of the subject's size stands in.
+"""Expected brightness of the subject in each camera under each LED, by a matte ellipsoid.
 
-The ellipsoid is what the masks say on average: its centre is where the rays through their middles meet, its axes follow
-from how far they spread. Its brightness under a near light is integrated over its surface, so a light behind the
-subject as a camera sees it counts little, which a sum of I / d^2 at the centre cannot say.
+The ellipsoid stands in for the subject; it is what the masks say on average: its centre is where the rays through their
+middles meet, its axes follow from how far they spread. Its brightness under a near light is integrated over its
+surface, so a light behind the subject as a camera sees it counts little, which a sum of I / d^2 at the centre cannot
+say.
 """
 
 from __future__ import annotations
@@ -58,10 +59,10 @@ def fit_ellipsoid(
     pixels: Mapping[str, Float64[np.ndarray, " 2"]],
     covariances: Mapping[str, Float64[np.ndarray, "2 2"]],
 ) -> Ellipsoid:
-    """The ellipsoid whose outlines spread as the masks do.
+    """The ellipsoid whose silhouettes spread as the masks do.
 
     A filled ellipse with the semi-axes' matrix A has the covariance A / 4, and under weak perspective (J: pixels per
-    metre) the outline of the ellipsoid S is J S J^T, so S follows from linear equations, three per camera.
+    metre) the silhouette of the ellipsoid S is J S J^T, so S follows from linear equations, three per camera.
 
     Args:
         cameras: of the images' resolution.
@@ -90,7 +91,7 @@ def fit_ellipsoid(
 def shading_response(
     subject: Ellipsoid, lights: Float64[np.ndarray, "lights 3"], cameras: Float64[np.ndarray, "cameras 3"]
 ) -> Float64[np.ndarray, "cameras lights"]:
-    """Mean irradiance per unit of radiant intensity, 1/m^2, over what a camera sees of the subject.
+    """Mean irradiance per radiant intensity, 1/m^2, over what a camera sees of the subject.
 
     Args:
         lights, cameras: positions, metres, world.

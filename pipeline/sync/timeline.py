@@ -1,4 +1,4 @@
-"""One picture of a capture's lighting over time: predicted, observed, verdict, and which LED was on when."""
+"""Timeline picture of a capture's lighting: brightness seen and predicted, LEDs, verdict."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ DARKEST = -10.0
 
 
 def draw_timeline(
-    path: Path, check: SyncCheck, booked: pd.DataFrame, patterns: pd.DataFrame, lights: list[str]
+    path: Path, check: SyncCheck, synced: pd.DataFrame, patterns: pd.DataFrame, lights: list[str]
 ) -> None:
-    """Write a PNG of four rows: brightness per frame, fit of every offset, LED x frame, what was found of each LED.
+    """Write a PNG of four rows: brightness per frame, fit of offsets, LED x frame, LED verdicts.
 
     Args:
-        booked: frame, fully_lit, split, suspicious.
-        patterns: frame, light, intensities, in the numbering of the images, as booked.
+        synced: frame, fully_lit, split, suspicious.
+        patterns: frame, light, intensities, in the numbering of the images, as synced.
         lights: rows of the LED picture.
     """
-    width = float(np.clip(INCHES_PER_FRAME * len(booked), NARROWEST_INCHES, WIDEST_INCHES))
+    width = float(np.clip(INCHES_PER_FRAME * len(synced), NARROWEST_INCHES, WIDEST_INCHES))
     figure = Figure(figsize=(width, 14), layout="constrained")
     brightness, offsets, leds, found = figure.subplots(4, 1, height_ratios=[4, 2.5, 4, 2])
     verdict = textwrap.shorten(f"{check.verdict}: {check.why}", MOST_LETTERS)
     color = {"good": "black", "weak": "tab:brown", "failed": "red"}[check.timing.grade]
     figure.suptitle(textwrap.fill(verdict, int(width * LETTERS_PER_INCH)), color=color)
-    _draw_brightness(brightness, check.frames, booked)
+    _draw_brightness(brightness, check.frames, synced)
     _draw_offsets(offsets, check)
     _draw_leds(leds, patterns, lights, check)
     _draw_powers(found, lights, check)
@@ -50,7 +50,7 @@ def draw_timeline(
         figure.savefig(temporary, format="png", dpi=100)
 
 
-def _draw_brightness(axes: Axes, frames: pd.DataFrame, booked: pd.DataFrame) -> None:
+def _draw_brightness(axes: Axes, frames: pd.DataFrame, synced: pd.DataFrame) -> None:
     axes.fill_between(
         frames.frame, frames.predicted - 2 * frames.deviation, frames.predicted + 2 * frames.deviation,
         color="tab:blue", alpha=0.25, linewidth=0, label="predicted, 2 sigma",
@@ -59,10 +59,10 @@ def _draw_brightness(axes: Axes, frames: pd.DataFrame, booked: pd.DataFrame) -> 
     if not np.allclose(frames.logged, frames.predicted, equal_nan=True):
         axes.plot(frames.frame, frames.logged, ":", color="tab:gray", linewidth=1.5, label="predicted as declared")
     axes.plot(frames.frame, frames.observed, "o", color="black", markersize=4, label="observed")
-    full = booked.frame[booked.fully_lit]
+    full = synced.frame[synced.fully_lit]
     axes.plot(full, np.zeros(len(full)), "k|", label="fully lit")
     for split, color in SPLIT_COLORS.items():
-        for i, frame in enumerate(booked.frame[booked.split == split]):
+        for i, frame in enumerate(synced.frame[synced.split == split]):
             axes.axvspan(frame - 0.5, frame + 0.5, color=color, alpha=0.15, linewidth=0, label=None if i else split)
     for i, frame in enumerate(frames.frame[frames.suspicious]):
         axes.axvline(frame, color="red", linewidth=2, alpha=0.6, label=None if i else "wrong pattern")
@@ -72,19 +72,19 @@ def _draw_brightness(axes: Axes, frames: pd.DataFrame, booked: pd.DataFrame) -> 
 
 
 def _draw_offsets(axes: Axes, check: SyncCheck) -> None:
-    """How well every frame fits every offset; the course that was found on top."""
-    frames, aligned = check.frames.frame.to_numpy(), check.aligned
+    """Draw the fit of every frame at every offset, with the course that was found on top."""
+    frames, log_offsets = check.frames.frame.to_numpy(), check.log_offsets
     picture = axes.pcolormesh(
-        np.append(frames - 0.5, frames[-1] + 0.5), np.append(aligned.tried - 0.5, aligned.tried[-1] + 0.5),
-        aligned.evidence.T / aligned.independent, cmap="cividis", vmin=DARKEST,
+        np.append(frames - 0.5, frames[-1] + 0.5), np.append(log_offsets.tried - 0.5, log_offsets.tried[-1] + 0.5),
+        log_offsets.evidence.T / log_offsets.independent, cmap="cividis", vmin=DARKEST,
     )  # fmt: skip
     axes.figure.colorbar(picture, ax=axes, label="log-likelihood", pad=0.01)
-    color = "tab:green" if not aligned.offsets.any() else "red"
-    axes.step(frames, aligned.offsets, where="mid", color=color, linewidth=2)
+    color = "tab:green" if not log_offsets.offsets.any() else "red"
+    axes.step(frames, log_offsets.offsets, where="mid", color=color, linewidth=2)
     axes.set(
         ylabel="offset of the log",
         title="How well images of frame f fit the pattern logged for f + offset",
-        yticks=aligned.tried,
+        yticks=log_offsets.tried,
     )
 
 

@@ -1,7 +1,7 @@
-"""Texture coordinates and a procedural albedo: skin, a striped shirt, checked trousers, shoes, a face.
+"""Texture coordinates and procedural albedo of the figure.
 
-The albedo is a function of the rest position, baked into a texture that only the renderer sees: the template
-carries coordinates but no colours.
+It has skin, a striped shirt, checked trousers, shoes and a face. The albedo is a function of the rest position, baked
+into a texture that only the renderer sees: the template carries coordinates but no colours.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from pipeline.geometry.chart_packing import cut_and_pack
 from pipeline.synthesis.skeleton import Skeleton
 
 ATLAS_PADDING = 4
-"""Texels between charts at the baked resolution: bilinear look-ups and 2x minification stay within a chart."""
+"""Texels between charts at the baked resolution. Bilinear look-ups and 2x minification stay within a chart."""
 
 CHART_ITERATIONS = 4
-"""How often xatlas grows charts anew: more make rounder ones."""
+"""Rounds in which xatlas grows charts anew: more make rounder ones."""
 
 MOTTLE_M, MOTTLE = 0.02, 0.16
 """Shortest wavelength and standard deviation of the figure's brightness variation."""
@@ -96,7 +96,10 @@ def albedo_at(
 def mottle(
     points: Float64[np.ndarray, "n 3"], subject: str, shortest_m: float, deviation: float
 ) -> Float64[np.ndarray, "n"]:
-    """Fine brightness variation about 1: seeded plane waves of wavelengths `shortest_m` to 7.5 times that."""
+    """Fine brightness variation about 1, a sum of seeded plane waves.
+
+    Their wavelengths are `shortest_m` to 7.5 times that; the sum has the standard deviation `deviation`.
+    """
     random = generator_for(subject, "albedo")
     directions = random.normal(size=(48, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -109,7 +112,9 @@ def mottle(
 def bake(
     unwrapped: Unwrapped, size: int, albedo: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Float32[np.ndarray, "size size 3"]:
-    """Albedo texture, row 0 at v = 0; texels outside the charts repeat the nearest chart's colour.
+    """Linear albedo texture, row 0 at v = 0.
+
+    Texels outside the charts repeat the nearest chart's colour.
 
     Args:
         albedo: linear colours [k, 3] from corners [k, 3] (vertices of the uncut mesh) and barycentric coordinates.
@@ -130,7 +135,7 @@ def bake(
 def rasterize(
     unwrapped: Unwrapped, size: int
 ) -> tuple[Int64[np.ndarray, "k 2"], Int64[np.ndarray, "k"], Float64[np.ndarray, "k 3"]]:
-    """Texels (row, column) whose centre lies in a triangle, that triangle, and barycentric coordinates in it."""
+    """Texels (row, column) inside triangles, their triangles, and barycentric coordinates."""
     texels, faces, weights = [], [], []
     for face, corners in enumerate(unwrapped.uv[unwrapped.faces] * size):
         low = np.floor(corners.min(axis=0) - 0.5).astype(int).clip(0, size - 1)

@@ -1,4 +1,4 @@
-"""Everything of a synthetic capture that is not a photograph: tables, template, capture.yaml, and the truth."""
+"""Files of a synthetic capture besides photographs: tables, capture.yaml, and the truth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import yaml
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import write_cameras
-from pipeline.synthesis.stage_rig import StageRig, segment_of, survey_lights
+from pipeline.synthesis.stage_rig import StageRig, segment_for, survey_lights
 from pipeline.synthesis.subject import Moment, Subject, template_source
 from pipeline.synthesis.targets import BOARD_DICTIONARY, CHART_PATCHES
 
@@ -26,7 +26,10 @@ def write_tables(
     keypoints: pd.DataFrame,
     settings: SynthesizeCapture,
 ) -> None:
-    """cameras.csv, frames.csv, lights.csv, patterns.csv, keypoints_2d.parquet and the chart's values."""
+    """Write the capture's tables.
+
+    These are cameras.csv, frames.csv, lights.csv, patterns.csv, keypoints_2d.parquet and the chart's values, chart.csv.
+    """
     d = settings.downsample_from_sensor
     size = {
         "width": settings.width, "height": settings.height,
@@ -34,7 +37,7 @@ def write_tables(
     }  # fmt: skip
     write_table(root / "cameras.csv", pd.DataFrame([{"camera": name, **size} for name in rig.cameras]))
     frames = range(settings.frames)
-    segments = [segment_of(frame, settings)[0] for frame in frames]
+    segments = [segment_for(frame, settings)[0] for frame in frames]
     timestamps = [frame / settings.fps for frame in frames]
     write_table(root / "frames.csv", pd.DataFrame({"frame": frames, "timestamp_s": timestamps, "segment": segments}))
     write_table(root / "lights.csv", survey_lights(subject, rig, settings.survey_error_m))
@@ -46,7 +49,10 @@ def write_tables(
 
 
 def held_out(rig: StageRig, settings: SynthesizeCapture) -> dict[str, list]:
-    """The splits of capture.yaml: cameras, partially lit frames and patterns spread evenly, and segment b."""
+    """The splits of capture.yaml, by name.
+
+    Held out are cameras, partially lit frames and patterns, spread evenly, and all of segment b.
+    """
     names = list(rig.cameras)
     partial = [
         frame for frame in range(settings.frames - settings.frames_b) if frame % settings.fully_lit_every != 0
@@ -66,13 +72,13 @@ def held_out(rig: StageRig, settings: SynthesizeCapture) -> dict[str, list]:
 
 
 def write_gaze(root: Path, moments: list[Moment]) -> None:
-    """gaze.csv: one row per frame and eye."""
+    """Write gaze.csv, one row per frame and eye."""
     rows = [(frame, eye, *look) for frame, moment in enumerate(moments) for eye, look in moment.gaze.items()]
     write_table(root / "gaze.csv", pd.DataFrame(rows, columns=["frame", "eye", "x", "y", "z"]))
 
 
 def write_capture_yaml(root: Path, name: str, shown: Subject, rig: StageRig, settings: SynthesizeCapture) -> None:
-    """capture.yaml, the file that names everything else."""
+    """Write capture.yaml, the file that names everything else."""
     content = {
         "format": FORMAT,
         "subject": name,
@@ -133,7 +139,10 @@ def _calibration_entries(settings: SynthesizeCapture) -> dict[str, dict[str, obj
 
 
 def write_truth(root: Path, rig: StageRig, subject: Subject, moments: list[Moment], uvs: bool) -> None:
-    """truth/: what no stage may read. `vertices` are in the template file's order, everything in metres."""
+    """Write the folder truth/, which no stage may read.
+
+    `vertices` are in the template file's order, everything in metres.
+    """
     write_cameras(root / "truth/cameras.json", rig.cameras)
     lights = pd.DataFrame(rig.lights_xyz, columns=["x", "y", "z"])
     lights.insert(0, "light", list(rig.light_positions))

@@ -1,4 +1,7 @@
-"""A synthetic keypoint detector: projections with noise, outliers, and less confidence where they are hidden."""
+"""Synthetic keypoint detector: projections with noise and outliers.
+
+Hidden keypoints have more noise and less confidence.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ HIDDEN_NOISE = 3.0
 """A hidden keypoint is guessed, with this many times the noise of a visible one."""
 
 OUTLIER_PX = 20.0
-"""Outliers are off by about this much at an image height of 160 pixels: a limb mistaken for another."""
+"""Error of an outlier at an image height of 160 pixels: about a limb mistaken for another."""
 
 VISIBLE_CONFIDENCE, HIDDEN_CONFIDENCE, OUTLIER_CONFIDENCE = 0.9, 0.45, 0.55
 CONFIDENCE_SPREAD = 0.06
@@ -27,7 +30,7 @@ def detect_keypoints(
     outlier_share: float,
     random: np.random.Generator,
 ) -> pd.DataFrame:
-    """keypoint, x, y, confidence of every keypoint, in the pixels of the distorted image.
+    """Table of detections: keypoint, x, y (pixels of the distorted image), confidence.
 
     Args:
         camera: at image resolution.

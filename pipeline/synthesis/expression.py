@@ -1,6 +1,7 @@
-"""How the procedural head moves: expressions as smooth displacement fields of the rest shape, turns, and gaze.
+"""Motion of the procedural head: expressions, turns, and gaze.
 
-Displacements are written apart from `pipeline.geometry` on purpose, and are of no form that a tracker assumes.
+Expressions are smooth displacement fields of the rest shape. They are written apart from `pipeline.geometry` on
+purpose, and are of no form that a tracker assumes.
 """
 
 from __future__ import annotations
@@ -20,12 +21,21 @@ JAW_HINGE_M = np.array([0.0, -0.012, -0.008])
 """A point of the jaw's axis, which runs from ear to ear."""
 
 LIP_BLEND_M, CHEEK_BLEND_M = 0.0015, 0.022
-"""Width of the band in which skin goes from still to jaw: between the lips, and from the corners of the mouth on."""
+"""Width of the band in which skin goes from still to moving with the jaw.
+
+The first holds between the lips, the second from the corners of the mouth on.
+"""
 
 
 @dataclass(frozen=True)
 class Bump:
-    """A displacement (metres) that falls off as a Gaussian of deviation `width_m`, mirrored to the other side."""
+    """A displacement (metres) that falls off as a Gaussian, mirrored to the other side.
+
+    Attributes:
+        center: of the displacement on the left side, metres in the rest shape.
+        displacement: at the center, metres.
+        width_m: standard deviation of the Gaussian.
+    """
 
     center: tuple[float, float, float]
     displacement: tuple[float, float, float]
@@ -45,7 +55,7 @@ BUMPS = {
 
 @dataclass(frozen=True)
 class Performance:
-    """What the head does at one time.
+    """Expression, pose and gaze of the head at one time.
 
     Attributes:
         jaw_deg: opening of the jaw; negative closes lips that rest a little open.
@@ -63,8 +73,11 @@ class Performance:
 
 
 def performance_at(time_s: float, segment: str) -> Performance:
-    """Segment `a` goes through the range of every expression while it talks and the head turns, as captures for avatars
-    do; segment `b` smiles, frowns and puffs its cheeks together, in ways that `a` does not, while the head nods."""
+    """Performance of segment `a` or `b` at a time.
+
+    Segment `a` goes through the range of every expression while it talks and the head turns, as captures for avatars
+    do; segment `b` smiles, frowns and puffs its cheeks together, in ways that `a` does not, while the head nods.
+    """
     phase = 2 * np.pi * time_s / PERIOD_S
     rise = 0.5 - 0.5 * np.cos(phase)  # 0 at the start and after a period
     if segment == "a":
@@ -94,7 +107,10 @@ def performance_at(time_s: float, segment: str) -> Performance:
 
 
 def displaced(points: Float64[np.ndarray, "n 3"], performance: Performance) -> Float64[np.ndarray, "n 3"]:
-    """Skin points of the rest shape under an expression, in the head's frame; eyeballs and skull do not move."""
+    """Skin points of the rest shape under an expression, in the head's frame.
+
+    Eyeballs and skull do not move.
+    """
     moved = points + _jaw_share(points)[:, None] * _jaw_motion(points, performance.jaw_deg)
     for name, strength in performance.strengths.items():
         for bump in BUMPS[name]:
@@ -112,7 +128,10 @@ def _jaw_motion(points: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def _jaw_share(points: np.ndarray) -> np.ndarray:
-    """How much of the jaw's motion each point takes part in, [n]: all below the mouth, nothing above nor behind."""
+    """Share of the jaw's motion that each point takes part in, [n].
+
+    It is 1 below the mouth, 0 above and behind.
+    """
     from_mouth = np.hypot(points[:, 0] / 0.024, (points[:, 2] - MOUTH_CENTER_M[2]) / 0.024)
     blend = LIP_BLEND_M + (CHEEK_BLEND_M - LIP_BLEND_M) * _smooth_step(from_mouth, 0.6, 2.0)
     below = _smooth_step((MOUTH_CENTER_M[1] - points[:, 1]) / blend, -1.0, 1.0)

@@ -1,8 +1,8 @@
-"""The procedural head's eyeballs: the union of two spheres, eyeball and cornea, whose centre lies towards the gaze.
+"""Eyeballs of the procedural head: the union of two spheres, eyeball and cornea.
 
-Everything here is in the eye's own frame: origin at the eyeball's centre, gaze +z, metres. The template has a coarse
-mesh of an eye; what is photographed is a fine one with the spheres' own normals, so that a glint lies where the mirror
-law of a sphere puts it.
+The cornea's centre lies towards the gaze. Everything here is in the eye's own frame: origin at the eyeball's centre,
+gaze +z, metres. The template has a coarse mesh of an eye; photographed is a fine one with the spheres' own normals, so
+that a glint lies where the mirror law of a sphere puts it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ SEGMENTS, CORNEA_RINGS, SCLERA_RINGS = 96, 24, 40
 
 @dataclass(frozen=True)
 class Patch:
-    """A piece of the photographed eye with the normals of its sphere; `uv` look up `eye_directions`."""
+    """A piece of the photographed eye with the normals of its sphere.
+
+    `uv` look up the texture whose texels show `eye_directions`.
+    """
 
     vertices: Float64[np.ndarray, "v 3"]
     normals: Float64[np.ndarray, "v 3"]
@@ -88,16 +91,19 @@ def _revolved(angles: Float64[np.ndarray, " rings"], radius: float, offset: floa
 
 
 def eye_uv(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 2"]:
-    """Azimuthal equidistant: the gaze in the middle, the back of the eye on a circle that touches the borders."""
+    """Azimuthal equidistant texture coordinates of points of an eye.
+
+    The gaze is in the middle, the back of the eye on a circle that touches the borders.
+    """
     around = np.hypot(points[:, 0], points[:, 1])
     share = np.arctan2(around, points[:, 2]) / np.pi / np.where(around > 0, around, 1.0)
     return 0.5 + 0.5 * share[:, None] * points[:, :2]
 
 
 def eye_directions(size: int) -> Float64[np.ndarray, "texels 3"]:
-    """Unit direction from the eyeball's centre that each texel of a square texture shows, row by row, row 0 at v = 0.
+    """Unit directions from the eyeball's centre that the texels of a square texture show.
 
-    Texels outside the circle repeat the back of the eye.
+    They come row by row, row 0 at v = 0. Texels outside the circle repeat the back of the eye.
     """
     v, u = (np.mgrid[:size, :size].reshape(2, -1) + PIXEL_CENTER) / size
     x, y = 2 * u - 1, 2 * v - 1

@@ -56,7 +56,10 @@ class Figure:
         return self.skeleton.names
 
     def posed(self, rotations: np.ndarray, root_translation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Uncut vertices [v, 3] and joint positions [joints, 3] in metres for local joint rotations (wxyz)."""
+        """Uncut vertices [v, 3] and joint positions [joints, 3] of a pose, in metres.
+
+        Local joint rotations are unit quaternions, wxyz.
+        """
         world_from_joint = joint_transforms(self.skeleton, rotations, root_translation)
         return pose_vertices(self.vertices, self.weights, self.skeleton, world_from_joint), world_from_joint[:, :3, 3]
 

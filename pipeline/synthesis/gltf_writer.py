@@ -1,4 +1,7 @@
-"""Write a mesh, with its skin if it has one, as glTF 2.0 binary: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html."""
+"""Write a mesh, with its skin if it has one, as glTF 2.0 binary.
+
+The format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The procedural head as a whole: an unrigged mesh of skin and two eyeballs, its texture and surface keypoints."""
+"""The procedural head: an unrigged mesh of skin and two eyeballs, texture, keypoints."""
 
 from __future__ import annotations
 
@@ -45,8 +45,10 @@ EYE_TEXTURE_SIZE = 256
 """Of the photographed eyes' albedo: texels of 0.15 mm."""
 
 EYE_UV_SCALE = 2.5
-"""How much larger eyes are drawn on the template's texture map than skin: an avatar's texels of eyes are as much finer,
-1.5 mm on a map of 128 x 128."""
+"""Scale of eyes against skin on the template's texture map.
+
+An avatar's texels of eyes are as much finer, 1.5 mm on a map of 128 x 128.
+"""
 
 _PAIRED = {
     "brow_inner": (0.014, 0.033, 0.087), "brow_middle": (0.029, 0.036, 0.080), "brow_outer": (0.045, 0.031, 0.070),
@@ -60,7 +62,10 @@ _MIDDLE = {
     "nose_bridge": (0.0, 0.014, 0.094), "nose_tip": (0.0, -0.022, 0.116), "nose_base": (0.0, -0.033, 0.096),
     "lip_upper": (0.0, -0.0420, 0.090), "lip_lower": (0.0, -0.0680, 0.088), "chin": (0.0, -0.098, 0.084),
 }  # fmt: skip
-"""Where keypoints lie near the rest surface; those of a pair on the left side, +x. With the pupils there are 36."""
+"""Points near the rest surface to which keypoints belong.
+
+Of a pair, the one on the left side, +x. With the pupils there are 36.
+"""
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,7 @@ class Head:
         return Moment(world, truth["keypoints"], truth, dict.fromkeys(EYE_NAMES, look), tuple(surfaces))
 
     def write_template(self, folder: Path, settings: SynthesizeCapture) -> None:
-        """template.glb without a skin, and keypoints.csv and eyes.csv, which name vertices of that file."""
+        """Write template.glb without a skin, and keypoints.csv and eyes.csv, which name vertices."""
         write_glb(folder / "template.glb", **template_mesh(self, settings))
         source = template_source(self, settings.uvs)
         # A vertex on a seam has copies: the first stands for it.
@@ -124,7 +129,7 @@ class Head:
         write_table(folder / "eyes.csv", pd.DataFrame(rows, columns=["eye", "vertex"]))
 
     def eye_truth(self) -> dict[str, dict[str, object]]:
-        """Centre of each eyeball in the resting head, radii, and how far the cornea's centre lies from it."""
+        """Per eye: centre in the resting head, radii, and the offset of the cornea's centre, metres."""
         shape = {"radius_m": EYE_RADIUS_M, "cornea_radius_m": CORNEA_RADIUS_M, "cornea_offset_m": CORNEA_OFFSET_M}
         return {
             name: {"center_m": center.tolist(), **shape} for name, center in zip(EYE_NAMES, EYE_CENTERS_M, strict=True)

@@ -1,6 +1,7 @@
-"""The procedural head's albedo: skin with freckles, cropped hair, brows, lips and stubble; eyes with iris and pupil.
+"""Procedural albedo of the head.
 
-A function of the rest position like the figure's, baked into a texture that only the renderer sees.
+Skin has freckles, cropped hair, brows, lips and stubble, eyes have iris and pupil. A function of the rest position like
+the figure's, baked into a texture that only the renderer sees.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ IRIS = np.array([0.10, 0.22, 0.30])
 PUPIL = np.array([0.012, 0.012, 0.012])
 
 IRIS_M, PUPIL_M = 0.0053, 0.0022
-"""Radius of iris and pupil, measured from the eye's axis; the iris ends within the cornea, which it is painted on."""
+"""Radius of iris and pupil, measured from the eye's axis.
+
+The iris ends within the cornea, which it is painted on.
+"""
 
 MOTTLE_M, MOTTLE = 0.008, 0.14
 """Shortest wavelength and standard deviation of the skin's brightness variation."""

@@ -1,7 +1,7 @@
-"""The procedural head's rest shape, in metres: origin between the ears, y up, facing +z, the subject's left is +x.
+"""Rest shape of the procedural head, in metres.
 
-A smooth union of ellipsoids and round cones from which mouth, eye sockets and ear shells are carved. The eyeballs are
-in `pipeline.synthesis.eyeball`.
+Origin between the ears, y up, facing +z, the subject's left is +x. A smooth union of ellipsoids and round cones from
+which mouth, eye sockets and ear shells are carved. The eyeballs are in `pipeline.synthesis.eyeball`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,10 @@ class Ellipsoid:
     radii: tuple[float, float, float]
 
     def distance(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n"]:
-        """Signed distance to first order near the surface: the implicit function over its gradient's length."""
+        """Signed distance, metres, to first order near the surface.
+
+        It is the implicit function over its gradient's length.
+        """
         scaled = (points - self.center) / self.radii
         length = np.linalg.norm(scaled, axis=1)
         slope = np.linalg.norm(scaled / self.radii, axis=1)

@@ -1,7 +1,8 @@
-"""From solids to one closed triangle mesh: a smooth union of round cones, meshed by naive surface nets.
+"""From solids to one closed triangle mesh, by naive surface nets.
 
-Surface nets: Gibson, "Constrained Elastic Surface Nets", MICCAI 1998. One vertex per grid cell that the surface
-crosses, one quad per grid edge that it crosses; vertices are then pulled onto the surface and evened out.
+The surface is that of a smooth union of round cones. Surface nets: Gibson, "Constrained Elastic Surface Nets", MICCAI
+1998. One vertex per grid cell that the surface crosses, one quad per grid edge that it crosses; vertices are then
+pulled onto the surface and evened out.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from jaxtyping import Float64, Int64
 from pipeline.synthesis.skeleton import RoundCone
 
 BLEND_M = 0.02
-"""Width of the fillet between two solids: about a vertex spacing, so that the mesh can show it."""
+"""Width of the fillet between two solids. About a vertex spacing, so that the mesh can show it."""
 
 GRADIENT_STEP_M = 1e-5
-"""Central-difference step: distances of order 1 m in float64 lose 1e-16 / 1e-5 = 1e-11, far below mesh accuracy."""
+"""Central-difference step. Distances of order 1 m in float64 lose 1e-16 / 1e-5 = 1e-11, far below mesh accuracy."""
 
 RELAX_ROUNDS = 12
 """Rounds of evening out; triangles stop improving visibly after about ten."""
@@ -47,7 +48,10 @@ def smooth_union(points: Float64[np.ndarray, "n 3"], solids: Sequence[RoundCone]
 
 
 def smooth_minimum(distances: Float64[np.ndarray, "n s"], blend_m: float) -> Float64[np.ndarray, "n"]:
-    """-b log sum exp(-d / b) over the solids: the union's field, with fillets of width `blend_m`."""
+    """Field of a union, -b log sum exp(-d / b) over the solids' distances d, with b = `blend_m`.
+
+    Fillets between two solids are about as wide as `blend_m`.
+    """
     scaled = -distances / blend_m
     largest = scaled.max(axis=1, keepdims=True)
     return -blend_m * (largest[:, 0] + np.log(np.exp(scaled - largest).sum(axis=1)))
@@ -59,9 +63,10 @@ def surface_nets(
     high: Float64[np.ndarray, "3"],
     spacing: float,
 ) -> tuple[Float64[np.ndarray, "v 3"], Int64[np.ndarray, "f 3"]]:
-    """Mesh the zero set of `field` inside the box `low`..`high`: vertices and outward-facing triangles.
+    """Mesh the zero set of `field` inside the box `low`..`high`.
 
-    The box must contain the whole surface; `spacing` is the grid's and so about the mesh's edge length.
+    The box must contain the whole surface; `spacing` is the grid's and so about the mesh's edge length. Returns
+    vertices and outward-facing triangles.
     """
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 1
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1)
@@ -95,7 +100,10 @@ def _cell_corner(values: np.ndarray, corner: np.ndarray) -> np.ndarray:
 
 
 def _quads_around_edges(values: np.ndarray, vertex_of_cell: np.ndarray, axis: int) -> np.ndarray:
-    """One quad per grid edge along `axis` that the surface crosses: the vertices of the four cells around it."""
+    """One quad per grid edge along `axis` that the surface crosses.
+
+    Its corners are the vertices of the four cells around the edge.
+    """
     inside = values < 0
     near, far = np.moveaxis(inside, axis, 0)[:-1], np.moveaxis(inside, axis, 0)[1:]
     crossed = np.argwhere(np.moveaxis(near != far, 0, axis))
@@ -130,7 +138,10 @@ def even_out(
     faces: Int64[np.ndarray, "f 3"],
     field: Callable[[np.ndarray], np.ndarray],
 ) -> Float64[np.ndarray, "v 3"]:
-    """Move vertices to the mean of their neighbours, then back onto the zero set by Newton steps, a few times."""
+    """Even out a mesh on the zero set of a field.
+
+    Vertices move to the mean of their neighbours, then back onto the zero set by Newton steps, a few times.
+    """
     average = neighbor_average(faces, len(vertices))
     for _ in range(RELAX_ROUNDS):
         vertices = 0.5 * (vertices + average @ vertices)

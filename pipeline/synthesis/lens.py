@@ -17,7 +17,7 @@ from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.geometry.cameras import Camera
 
 BORDER = 2
-"""Fine pixels rendered beyond the outermost look-up, for bilinear interpolation and rounding."""
+"""Fine pixels rendered beyond the outermost look-up. For bilinear interpolation and rounding."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,10 @@ class LensView:
 
 
 def view_window(camera: Camera, pixels: Float64[np.ndarray, "n 2"], samples: int, margin: int = 2) -> LensView:
-    """The view whose window holds all `pixels` (image coordinates) with `margin` pixels around, cut to the image."""
+    """View whose window holds all `pixels` (image coordinates).
+
+    The window has `margin` pixels around them and is cut to the image.
+    """
     low = np.floor(pixels.min(axis=0)).astype(int) - margin
     high = np.ceil(pixels.max(axis=0)).astype(int) + margin
     size = np.array([camera.width, camera.height])
@@ -84,6 +87,9 @@ def view_window(camera: Camera, pixels: Float64[np.ndarray, "n 2"], samples: int
 
 
 def view_points(camera: Camera, points: Float64[np.ndarray, "n 3"], samples: int, margin: int = 2) -> LensView:
-    """The view whose window holds the image of all world points (metres), which must lie in front of the camera."""
+    """View whose window holds the image of all world points (metres).
+
+    They must lie in front of the camera.
+    """
     pixels, _ = camera.project(points)
     return view_window(camera, pixels, samples, margin)

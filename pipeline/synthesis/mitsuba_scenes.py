@@ -1,7 +1,7 @@
-"""Scenes for Mitsuba 3 (https://mitsuba.readthedocs.io), variant scalar_rgb, on one thread per process.
+"""Scenes for Mitsuba 3 (https://mitsuba.readthedocs.io), variant scalar_rgb.
 
-Mitsuba is imported inside functions only: it takes a second, and everything else in this package works without it.
-Rendered images are radiance, linear RGB, with coverage in the fourth channel.
+Each process renders on one thread. Mitsuba is imported inside functions only: it takes a second, and everything else in
+this package works without it. Rendered images are radiance, linear RGB, with coverage in the fourth channel.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ COAT_IOR = 1.5
 """Refractive index of a subject's coat: typical of skin oil, varnish and polymers."""
 
 NO_ROULETTE = 1000
-"""Path depth at which Russian roulette would start: never, since it only adds noise to paths this short."""
+"""Path depth at which Russian roulette would start. Never, since it only adds noise to paths this short."""
 
 SAMPLE_SET_SIZES = (64, 16, 4, 1)
-"""Low-discrepancy sets exist for powers of four from 4 on; other sample counts are sums of several sets."""
+"""Sizes of low-discrepancy sets: powers of four from 4 on. Other sample counts are sums of several sets."""
 
 
 SEEDS_PER_LIGHT = 1009
@@ -29,7 +29,10 @@ SEEDS_PER_LIGHT = 1009
 
 
 def mitsuba() -> Any:
-    """The module `mitsuba` with its variant chosen and one rendering thread; results do not depend on the host."""
+    """The module `mitsuba` with its variant chosen and one rendering thread.
+
+    So results do not depend on the host.
+    """
     import drjit
     import mitsuba as mi
 
@@ -40,7 +43,10 @@ def mitsuba() -> Any:
 
 
 def sensor(view: LensView, samples: int) -> dict[str, Any]:
-    """The pinhole camera that renders a view's window with one set of `samples` per pixel, as a Mitsuba sensor."""
+    """Mitsuba sensor: the pinhole camera that renders a view's window.
+
+    Each pixel gets one low-discrepancy set of `samples` paths.
+    """
     mi = mitsuba()
     camera = view.camera
     # Mitsuba's camera looks along +z like OpenCV's, but its x points left and its y up.
@@ -107,7 +113,10 @@ def triangle_mesh(
     emitter: dict[str, Any] | None = None,
     interior: dict[str, Any] | None = None,
 ) -> Any:
-    """A Mitsuba mesh with texture coordinates (v down) and, if given, smooth normals, emission, a medium inside."""
+    """A Mitsuba mesh with texture coordinates (v down).
+
+    Smooth normals, an emitter and a medium inside are optional.
+    """
     mi = mitsuba()
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
@@ -145,9 +154,10 @@ def lit_scene(
     max_depth: int,
     integrator: Literal["path", "volpath"] = "path",
 ) -> Any:
-    """Meshes under point lights of the given radiant intensities, on black; paths of up to `max_depth` edges.
+    """Meshes under point lights of the given radiant intensities, on black.
 
-    Media need the `volpath` integrator; it counts a scattering as an edge's end, but not the crossing of a surface.
+    Paths have up to `max_depth` edges. Media need the `volpath` integrator; it counts a scattering as an edge's end,
+    but not the crossing of a surface.
     """
     mi = mitsuba()
     content: dict[str, Any] = {
@@ -172,7 +182,10 @@ def coated_mesh(
     uv: np.ndarray,
     ior: float = COAT_IOR,
 ) -> Any:
-    """A subject's surface: a diffuse albedo texture under a rough dielectric coat (GGX of width `gloss_alpha`)."""
+    """A subject's surface: a diffuse albedo texture under a rough dielectric coat.
+
+    `gloss_alpha` is the width of the coat's GGX lobe.
+    """
     bsdf = {
         "type": "roughplastic", "distribution": "ggx", "alpha": gloss_alpha, "int_ior": ior,
         "diffuse_reflectance": bitmap_texture(texture, "bilinear"),
@@ -181,10 +194,10 @@ def coated_mesh(
 
 
 def print_scene(texture: np.ndarray, corners: Float64[np.ndarray, "4 3"]) -> Any:
-    """A flat print whose radiance is its texture: what a matt print of that reflectance shows under even light.
+    """A flat print whose radiance is its texture.
 
-    `corners` are top left, top right, bottom right, bottom left as seen from the front; row 0 of the texture is
-    the top edge.
+    So a matt print of that reflectance looks under even light. `corners` are top left, top right, bottom right, bottom
+    left as seen from the front; row 0 of the texture is the top edge.
     """
     mi = mitsuba()
     uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -1,4 +1,7 @@
-"""The figure's animation: two takes, smooth in time, in which the arms pass in front of the torso and shadow it."""
+"""Animation of the figure: two takes, smooth in time.
+
+The arms pass in front of the torso and shadow it.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +19,20 @@ PERIOD_S = 1.6
 
 @dataclass(frozen=True)
 class Pose:
-    """Local joint rotations (unit quaternions, wxyz) and the root's displacement from its rest position in metres."""
+    """Local joint rotations, and displacement of the root from its rest position.
+
+    Rotations are unit quaternions, wxyz; the displacement is in metres.
+    """
 
     rotations: Float64[np.ndarray, "joints 4"]
     root_translation: Float64[np.ndarray, "3"]
 
 
 def pose_at(skeleton: Skeleton, time_s: float, segment: str, floor_y: float) -> Pose:
-    """The pose at a time within segment `a` (stride with swinging, folding arms) or `b` (reaching and turning).
+    """Pose at a time within segment `a` or `b`.
 
-    `floor_y` is the height of the ground in the stage frame, metres.
+    Segment `a` strides with swinging, folding arms; `b` reaches and turns. `floor_y` is the height of the ground in the
+    stage frame, metres.
     """
     phase = 2 * np.pi * time_s / PERIOD_S
     angles = _stride(phase) if segment == "a" else _reach(phase)
@@ -39,7 +46,10 @@ def pose_at(skeleton: Skeleton, time_s: float, segment: str, floor_y: float) -> 
 
 
 def _stride(phase: float) -> dict[str, tuple[float, float, float]]:
-    """Degrees about x, y, z per joint: left and right half a period apart, arms folding across the chest in turn."""
+    """Degrees about x, y, z per joint of a stride.
+
+    Left and right are half a period apart, arms fold across the chest in turn.
+    """
     angles = {
         "pelvis": (0.0, 10 * np.sin(phase), 2 * np.sin(phase)),
         "spine": (4.0, -6 * np.sin(phase), 0.0),
@@ -62,7 +72,10 @@ def _stride(phase: float) -> dict[str, tuple[float, float, float]]:
 
 
 def _reach(phase: float) -> dict[str, tuple[float, float, float]]:
-    """Degrees about x, y, z per joint: one arm reaches up and forward, the other across the belly; then they change."""
+    """Degrees about x, y, z per joint of reaching and turning.
+
+    One arm reaches up and forward, the other across the belly; then they change.
+    """
     angles = {
         "pelvis": (0.0, 14 * np.cos(phase), 0.0),
         "spine": (6.0, 8 * np.cos(phase), 5 * np.sin(phase)),

@@ -1,6 +1,7 @@
-"""Taking the pictures: each job is independent, seeded by what it shows, and writes its own files.
+"""Jobs that take the photographs of a capture.
 
-Jobs are plain data, so that any number of worker processes gives the same capture.
+Each job is independent, seeded by what it shows, and writes its own files. Jobs are plain data, so that any number of
+worker processes gives the same capture.
 """
 
 from __future__ import annotations
@@ -31,8 +32,11 @@ from pipeline.synthesis.target_photography import (
 from pipeline.synthesis.translucency import Medium, translucent_mesh
 
 LOOKED_FOR, SAME_SURFACE_M = 300, 1e-3
-"""Points of an eye, 2 mm apart, that say where in an image it is seen; what is hit nearer than this before one hides
-it. The margin of a view, two pixels, is more than lies between two points."""
+"""Points of an eye, 2 mm apart, that say where in an image it is seen; and their tolerance.
+
+Nearer than this before a point, nothing that is hit hides it. The margin of a view, two pixels, is more than lies
+between two points.
+"""
 
 COVERED = 0.5
 """A pixel belongs to the subject if the subject covers at least half of it."""
@@ -121,7 +125,10 @@ def _lit_lights(job: FrameJob) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _render_lit(job: FrameJob, scene: Any, view: LensView, paths: int, seed: int) -> np.ndarray:
-    """A view of a scene of `_lit_subject` under all lights that are on, about `paths` per image pixel."""
+    """Image of a scene of `_lit_subject` in a view, under all lights that are on.
+
+    About `paths` paths are traced per image pixel.
+    """
     settings, (lights, intensities) = job.studio.settings, _lit_lights(job)
     samples = paths / settings.supersampling**2
     if settings.light_choice == "drawn":
@@ -130,7 +137,7 @@ def _render_lit(job: FrameJob, scene: Any, view: LensView, paths: int, seed: int
 
 
 def _eyes_in_view(moment: Moment, scene: Any, camera: Camera, samples: int) -> list[LensView]:
-    """A view of each eye of which something is seen, to be rendered with more paths than the rest."""
+    """A view of each eye that is seen at least in part, to be rendered with more paths."""
     views = []
     for name in dict.fromkeys(surface.name for surface in moment.surfaces):
         points = np.concatenate([surface.vertices for surface in moment.surfaces if surface.name == name])

@@ -1,4 +1,4 @@
-"""What the sensor makes of radiance: a colour response per camera, shot and read noise, saturation, files."""
+"""Sensor model: colour response per camera, shot and read noise, saturation, files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from jaxtyping import Float32, Float64, UInt8
 
 @dataclass(frozen=True)
 class SensorModel:
-    """Noise variance is shot_gain * signal + read_noise^2, in units of linear image values (Poisson shot noise).
+    """Noise and range of a sensor, in units of linear image values.
+
+    The variance of the noise is shot_gain * signal + read_noise^2 (Poisson shot noise).
 
     Attributes:
         saturation: largest value before the black level is added.

@@ -1,4 +1,7 @@
-"""The procedural figure's joints and the round cones that make up its body, in metres: y up, facing +z, left is +x."""
+"""Joints of the procedural figure, and the round cones that make up its body.
+
+In metres: y up, facing +z, left is +x.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,10 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class RoundCone:
-    """The solid swept by a sphere whose radius changes linearly from `start` to `end`, squeezed in z by `flatten`."""
+    """Solid swept by a sphere whose radius changes linearly from `start` to `end`.
+
+    It is squeezed in z by `flatten`.
+    """
 
     joint: str
     start: tuple[float, float, float]

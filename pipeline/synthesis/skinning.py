@@ -1,4 +1,4 @@
-"""Linear blend skinning of the synthetic figure: the truth that tracking is measured against.
+"""Linear blend skinning of the synthetic figure, the truth for tracking.
 
 Written apart from `pipeline.geometry` on purpose: an error in one does not hide in the other.
 """
@@ -15,7 +15,7 @@ from pipeline.synthesis.implicit_surface import distance_to_solids, neighbor_ave
 from pipeline.synthesis.skeleton import RoundCone, Skeleton
 
 BLEND_ROUNDS = 8
-"""Rounds of diffusing weights over the mesh: joints blend over about sqrt(8) edge lengths to either side."""
+"""Rounds of diffusing weights over the mesh. Joints blend over about sqrt(8) edge lengths to either side."""
 
 INFLUENCES = 4
 """Joints per vertex, as glTF's JOINTS_0 and WEIGHTS_0 hold."""
@@ -27,10 +27,10 @@ def smooth_weights(
     solids: Sequence[RoundCone],
     skeleton: Skeleton,
 ) -> Float64[np.ndarray, "v joints"]:
-    """Skin weights: one for the joint that owns the nearest solid, then diffused along the surface.
+    """Skin weights, diffused along the surface from the joints that own the nearest solids.
 
-    Diffusion follows the mesh, so limbs that are close in space but not along the skin never share weights.
-    At most `INFLUENCES` joints per vertex; rows sum to 1.
+    Each vertex starts with weight 1 for one joint. Diffusion follows the mesh, so limbs that are close in space but not
+    along the skin never share weights. At most `INFLUENCES` joints per vertex; rows sum to 1.
     """
     owners = np.array([skeleton.index(solid.joint) for solid in solids])
     nearest = owners[distance_to_solids(vertices, solids).argmin(axis=1)]
@@ -48,9 +48,9 @@ def joint_transforms(
     rotations: Float64[np.ndarray, "joints 4"],
     root_translation: Float64[np.ndarray, "3"],
 ) -> Float64[np.ndarray, "joints 4 4"]:
-    """World-from-joint transforms from local rotations (unit quaternions, wxyz) by forward kinematics.
+    """World-from-joint transforms from local rotations, by forward kinematics.
 
-    The root joint stands at its rest position plus `root_translation`.
+    Rotations are unit quaternions, wxyz. The root joint stands at its rest position plus `root_translation`.
     """
     matrices = scipy.spatial.transform.Rotation.from_quat(rotations, scalar_first=True).as_matrix()
     world = np.zeros((len(skeleton.names), 4, 4))
@@ -72,7 +72,10 @@ def pose_vertices(
     skeleton: Skeleton,
     world_from_joint: Float64[np.ndarray, "joints 4 4"],
 ) -> Float64[np.ndarray, "v 3"]:
-    """Linear blend skinning, glTF 2.0 section 3.7.3.3: sum over joints of weight * world * inverse bind * vertex."""
+    """Posed vertices by linear blend skinning (glTF 2.0 section 3.7.3.3).
+
+    The sum over joints of weight * world * inverse bind * vertex.
+    """
     moved = np.einsum(
         "jab,vjb->vja", world_from_joint[:, :3, :3], vertices[:, None, :] - skeleton.positions[None, :, :]
     )

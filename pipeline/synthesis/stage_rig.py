@@ -1,4 +1,4 @@
-"""The synthetic light stage: where cameras and lights are, how the cameras respond, which light is on when."""
+"""Synthetic light stage: its cameras, their colour responses, lights and light patterns."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ AIM_ERROR = 0.015
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 INTENSITY_SPREAD = 0.25
-"""Relative variation between lights of one partially lit frame: intensities must be read, not assumed equal."""
+"""Relative variation between lights of one partially lit frame.
+
+Intensities must be read, not assumed equal.
+"""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,10 @@ def _camera(subject: str, index: int, settings: SynthesizeCapture) -> Camera:
 
 
 def look_at(center: np.ndarray, target: np.ndarray, roll: float = 0.0) -> Float64[np.ndarray, "3 3"]:
-    """Camera-from-world rotation of an OpenCV camera at `center` that looks at `target`, up in the image being +y."""
+    """Camera-from-world rotation of an OpenCV camera at `center` that looks at `target`.
+
+    Up in the image is +y.
+    """
     forward = (target - center) / np.linalg.norm(target - center)
     right = np.cross(forward, [0.0, 1.0, 0.0])
     right /= np.linalg.norm(right)
@@ -113,7 +119,7 @@ def survey_lights(subject: str, rig: StageRig, error_m: float) -> pd.DataFrame:
     return table
 
 
-def segment_of(frame: int, settings: SynthesizeCapture) -> tuple[str, float]:
+def segment_for(frame: int, settings: SynthesizeCapture) -> tuple[str, float]:
     """Segment of a frame, and the time since the segment began, seconds."""
     first_b = settings.frames - settings.frames_b
     return ("a", frame / settings.fps) if frame < first_b else ("b", (frame - first_b) / settings.fps)

@@ -1,4 +1,4 @@
-"""Where photographs of a capture are taken and stored."""
+"""Studio in which the photographs of a capture are taken."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipeline.synthesis.stage_rig import StageRig
 
 @dataclass(frozen=True)
 class Studio:
-    """What every photograph needs: where it is stored, whose capture it is, with what it is taken."""
+    """Setting of every photograph: the capture's folder, its subject, rig and settings."""
 
     root: Path
     subject: str

@@ -1,4 +1,4 @@
-"""What the rest of this package asks of a procedural subject, whatever it is made of."""
+"""Interface of a procedural subject, for the rest of this package."""
 
 from __future__ import annotations
 
@@ -100,7 +100,10 @@ class Subject(Protocol):
         ...
 
     def write_template(self, folder: Path, settings: SynthesizeCapture) -> None:
-        """Write template.glb, keypoints.csv and, if there are eyes, eyes.csv, vertices in `template_source`'s order."""
+        """Write template.glb, keypoints.csv and, if there are eyes, eyes.csv.
+
+        Vertices are in the order of `template_source`.
+        """
         ...
 
     def eye_truth(self) -> dict[str, dict[str, object]]:

@@ -28,13 +28,16 @@ PRINT_SAMPLES = 4
 """Paths per fine pixel of a print: its shading has no noise, so only edges need them."""
 
 HIGHLIGHT_SAMPLES = 16
-"""Paths per fine pixel of a highlight: few pixels, and their centroid is what lights are measured by."""
+"""Paths per fine pixel of a highlight. It has few pixels, and lights are measured by their centroid."""
 
 HIGHLIGHT_SUPERSAMPLING = 4
-"""Fine pixels per sensor pixel along one axis for highlights, which are about one pixel wide."""
+"""Fine pixels per sensor pixel along one axis for highlights. These are about one pixel wide."""
 
 DARK, HIGHLIGHT, BACKDROP = 0.012, 0.9, 0.7
-"""Values of a dark stage, of a pixel filled by a light's reflection, and of the bright backdrop, of 1 = saturated."""
+"""Values of a dark stage, a pixel filled by a light's reflection, and the bright backdrop.
+
+Saturation is 1.
+"""
 
 
 @dataclass(frozen=True)
@@ -99,10 +102,10 @@ def photograph_ball(job: BallJob) -> None:
     folder = studio.root / f"calibration/mirror_ball/{job.position}/{job.camera}"
     for name, light in studio.rig.light_positions.items():
         value = np.full((camera.height, camera.width), DARK)
-        glints = reflections(camera.center, sphere_points(light, settings.light_radius_m), center, radius)
-        if len(glints):
+        reflected = reflections(camera.center, sphere_points(light, settings.light_radius_m), center, radius)
+        if len(reflected):
             scene = scenes.mirror_ball_scene(center, radius, light, settings.light_radius_m)
-            view = view_points(camera, glints, HIGHLIGHT_SUPERSAMPLING)
+            view = view_points(camera, reflected, HIGHLIGHT_SUPERSAMPLING)
             value += HIGHLIGHT * view.develop(scenes.render(scene, view, HIGHLIGHT_SAMPLES, seed=0))[..., 1]
         random = generator_for(studio.subject, "ball sensor", job.position, job.camera, name)
         write_8bit(folder / f"{name}.png", studio.sensor_model.expose_gray(value, random))

@@ -1,4 +1,4 @@
-"""Calibration targets: ChArUco board and its poses, 24-patch colour chart, mirror ball and its highlights."""
+"""Calibration targets: ChArUco board, 24-patch colour chart, and mirror ball."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ STEEPEST_VIEW_DEG = 58.0
 
 BOARD_SPREAD = np.array([0.15, 0.34, 0.15])
 BOARD_NEARER = 0.39
-"""How far the board strays from the stage's centre, and towards the cameras it faces, of the framed height: views have
-to reach the corners of the images, since lens distortion cannot be measured where no board was."""
+"""Distance of the board from the stage's centre, and towards the cameras it faces, at most.
+
+In units of the framed height. Views have to reach the corners of the images, since lens distortion cannot be measured
+where no board was.
+"""
 
 BALL_SPREAD = 0.2
-"""How far the mirror ball strays from the stage's centre, of the framed height."""
+"""Largest distance of the mirror ball from the stage's centre, of the framed height."""
 
 BOARD_SHARE_IN_VIEW = 0.6
 """Share of the board that must lie in the image for a view to be taken."""
@@ -60,7 +63,7 @@ CHART_PATCHES = np.array(
 """Linear Rec. 709 reflectance of the ColorChecker's patches, row by row from the brown one, top left."""
 
 REFLECTION_ROUNDS = 200
-"""Fixed-point rounds for a reflection on the ball: contracts at least 3x per round for a ball this small."""
+"""Fixed-point rounds for a reflection on the ball. They contract at least 3x for a ball this small."""
 
 
 def board_texture(settings: SynthesizeCapture) -> Float32[np.ndarray, "h w 3"]:
@@ -78,9 +81,10 @@ def board_texture(settings: SynthesizeCapture) -> Float32[np.ndarray, "h w 3"]:
 
 
 def board_poses(subject: str, settings: SynthesizeCapture) -> list[Float64[np.ndarray, "4 3"]]:
-    """Corners of the print (top left, top right, bottom right, bottom left; metres) for each pose of the board.
+    """Corners of the print for each pose of the board, in metres.
 
-    Successive poses face a full turn of azimuths, so that neighbouring cameras share views.
+    Top left, top right, bottom right, bottom left. Successive poses face a full turn of azimuths, so that neighbouring
+    cameras share views.
     """
     border = 2 * BOARD_BORDER_SQUARES
     width = (settings.board_squares_x + border) * settings.board_square_m
@@ -111,7 +115,7 @@ def facing_rectangle(
 
 
 def sees_board(camera: Camera, corners: Float64[np.ndarray, "4 3"]) -> bool:
-    """Whether the camera sees the board's front steeply enough, and most of it lies in the image."""
+    """True if a camera sees the board's front steeply enough, and most of it in the image."""
     normal = np.cross(corners[3] - corners[0], corners[1] - corners[0])
     normal /= np.linalg.norm(normal)
     to_camera = camera.center - corners.mean(axis=0)
@@ -150,7 +154,10 @@ def chart_corners(camera: Camera, random: np.random.Generator) -> Float64[np.nda
 
 
 def ball_centers(subject: str, settings: SynthesizeCapture) -> Float64[np.ndarray, "n 3"]:
-    """Centres of the mirror ball: around the stage's centre, within every camera's image, not in a line."""
+    """Centres of the mirror ball, metres.
+
+    Around the stage's centre, within every camera's image, not in a line.
+    """
     count, spread = settings.ball_positions, BALL_SPREAD * settings.framed_height_m
     random = generator_for(subject, "mirror ball")
     angles = 2 * np.pi * (np.arange(count) + 0.3 * random.uniform(-1, 1, count)) / count
@@ -170,9 +177,10 @@ def sphere_points(center: np.ndarray, radius: float, count: int = 200) -> Float6
 def reflections(
     eye: Float64[np.ndarray, "3"], lights: Float64[np.ndarray, "n 3"], center: Float64[np.ndarray, "3"], radius: float
 ) -> Float64[np.ndarray, "m 3"]:
-    """Points on a mirror ball in which `eye` sees `lights`; lights hidden behind the ball are left out.
+    """Points on a mirror ball in which `eye` sees `lights`.
 
-    The normal bisects the directions to eye and light; iterated from the bisector at the centre.
+    Lights hidden behind the ball are left out. The normal bisects the directions to eye and light; iterated from the
+    bisector at the centre.
     """
     normals = np.zeros_like(lights)
     for _ in range(REFLECTION_ROUNDS):

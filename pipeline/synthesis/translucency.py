@@ -1,4 +1,4 @@
-"""A translucent body for Mitsuba: a homogeneous medium that scatters light, under a rough, partly reflecting coat.
+"""A translucent body for Mitsuba: a homogeneous scattering medium under a rough coat.
 
 The coat reflects `COAT_SHARE` of the light as a rough mirror, on both of its sides; the rest crosses it straight on, as
 where the medium's refractive index is that of its surroundings. That is the choice that makes such pictures affordable:
@@ -22,7 +22,7 @@ import numpy as np
 from pipeline.synthesis.mitsuba_scenes import COAT_IOR, triangle_mesh
 
 COAT_SHARE = ((COAT_IOR - 1) / (COAT_IOR + 1)) ** 2
-"""Share of the light that the coat reflects: 4 %, a dielectric's at normal incidence, here at all angles."""
+"""Share of the light that the coat reflects. 4 %, a dielectric's at normal incidence, here at all angles."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,9 @@ def translucent_mesh(
     uv: np.ndarray,
     coat_share: float = COAT_SHARE,
 ) -> Any:
-    """The closed surface of a translucent body, filled with `medium`: a Mitsuba mesh for the integrator `volpath`.
+    """The closed surface of a translucent body, filled with `medium`.
+
+    It is a Mitsuba mesh for the integrator `volpath`.
 
     Args:
         gloss_alpha: width of the coat's GGX lobe.

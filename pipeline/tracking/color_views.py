@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import cv2
@@ -13,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool, Float32, Int64
 
 from pipeline.base.progress import progress
-from pipeline.capture.images import Transfer, read_image, read_mask
+from pipeline.capture.images import ImageSource, read_mask
 from pipeline.capture.reduced_images import block_means, reduction
 from pipeline.geometry.cameras import Camera
 
@@ -44,7 +43,10 @@ class ColorView:
         return ColorView(self.camera, self.images[frames], self.masks[frames], self.usable[frames])
 
     def blurred(self, sigma_px: float) -> ColorView:
-        """The view through a Gaussian blur of the subject alone: the background does not bleed into it."""
+        """The view through a Gaussian blur of the subject alone.
+
+        Blurred colours are divided by the blurred mask, so the background does not bleed into the subject.
+        """
         images = np.zeros_like(self.images)
         for frame in np.flatnonzero(self.usable):
             mask = self.masks[frame]
@@ -56,12 +58,19 @@ class ColorView:
 
 
 def read_color_views(
-    capture: Path, images: pd.DataFrame, cameras: dict[str, Camera], frames: Int64[np.ndarray, " frames"],
-    wanted: Int64[np.ndarray, " wanted"], most: int, longest_px: int, transfer: Transfer, black_level: float,
+    source: ImageSource, images: pd.DataFrame, cameras: dict[str, Camera], frames: Int64[np.ndarray, " frames"],
+    wanted: Int64[np.ndarray, " wanted"], most: int, longest_px: int,
 ) -> list[ColorView]:  # fmt: skip
-    """Images of the `wanted` ones (positions in `frames`), from at most `most` cameras, evenly chosen by name.
+    """Read some frames' images, at reduced size, from evenly chosen cameras.
 
-    Images are reduced until their longer side has `longest_px` at most.
+    Args:
+        source: the capture's images.
+        images: camera, frame, path and mask_path of each image.
+        cameras: at the resolution of the images.
+        frames: frame numbers of the result.
+        wanted: positions in `frames` to read; the others have no image.
+        most: cameras at most, chosen by sorted name.
+        longest_px: images are reduced until their longer side has this at most.
     """
     names = evenly(sorted(cameras), most)
     views = []
@@ -72,10 +81,10 @@ def read_color_views(
         stack = np.zeros((len(frames), camera.height, camera.width, 3), np.float32)
         masks = np.zeros(stack.shape[:3], np.float32)
         for f in np.flatnonzero(usable):
-            image = read_image(capture / rows.path[frames[f]], transfer, black_level)
+            image = source.read(rows.path[frames[f]])
             finite = np.isfinite(image).all(2)
             path = rows.mask_path[frames[f]]
-            share = 1.0 if pd.isna(path) else read_mask(capture / path).astype(np.float32) / 255
+            share = 1.0 if pd.isna(path) else read_mask(source.folder / path).astype(np.float32) / 255
             share = share * finite.astype(np.float32)
             # Weighted by the mask: the background does not bleed into the subject.
             masks[f] = block_means(share, factor, camera)

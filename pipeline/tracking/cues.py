@@ -1,4 +1,4 @@
-"""What images say about points of a posed surface, beside keypoints: outlines, colours."""
+"""Image cues of a posed surface beside keypoints: silhouettes and colours."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STEPS_PER_ROUND = 4
 
 @runtime_checkable
 class Cue(Protocol):
-    """What images say about points of the surface, in all frames."""
+    """Evidence in images about points of the surface, in all frames."""
 
     @property
     def points(self) -> SurfacePoints:
@@ -53,22 +53,30 @@ class Rounds:
         return Rounds(self.name, [cue.at(frames) for cue in self.cues], self.most)
 
 
-def vertices_of(template: Template, pose: Pose) -> Float64[np.ndarray, "frames vertices 3"]:
+def posed_vertices(template: Template, pose: Pose) -> Float64[np.ndarray, "frames vertices 3"]:
     """The posed template, world, metres."""
     return posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
 
 
 def fit_cues(points: TrackedPoints, keypoints: DataTerm, rounds: Rounds, prior: MotionPrior, pose: Pose) -> Pose:
-    """Poses that fit keypoints (the term of `points`) and cues; cues are linearised anew in every round."""
+    """Poses that fit keypoints and cues, with the cues linearised anew in every round.
+
+    Args:
+        points: the keypoints.
+        keypoints: their data term.
+        rounds: of cues.
+        prior: of the motion.
+        pose: to start from.
+    """
     counts = [len(points.parts), *(len(cue.points) for cue in rounds.cues)]
     together = points
     for cue in rounds.cues:
         together = together.with_surface(cue.points)
     for number in range(rounds.most):
-        before = vertices_of(points.template, pose)
+        before = posed_vertices(points.template, pose)
         term = joined([keypoints, *(cue.around(before) for cue in rounds.cues)], counts)
         pose, _ = solve_poses(together, term, prior, pose, STEPS_PER_ROUND)
-        change = np.linalg.norm(vertices_of(points.template, pose) - before, axis=-1).mean()
+        change = np.linalg.norm(posed_vertices(points.template, pose) - before, axis=-1).mean()
         LOG.info("%s, round %d: vertices moved %.2f mm on average", rounds.name, number + 1, 1e3 * change)
         if change < SETTLED_M:
             break

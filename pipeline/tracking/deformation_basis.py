@@ -1,4 +1,4 @@
-"""Smooth offsets of a mesh as few numbers: the slowest waves of its surface, each with how far it usually swings.
+"""A basis of smooth mesh offsets: the slowest waves of its surface, with their amplitudes.
 
 The waves are the eigenfunctions of the Laplace-Beltrami operator (Vallet and Levy 2008, "Spectral Geometry Processing
 with Manifold Harmonics"). A Gaussian prior that gives a wave of eigenvalue k^2 the variance (1 + (l k)^2)^-2 is the
@@ -81,7 +81,10 @@ def deformation_basis(
 
 
 def _slowest(stiffness: scipy.sparse.csr_array, mass: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues, ascending, and eigenvectors x with sum mass x^2 = 1, of stiffness x = value mass x."""
+    """Smallest eigenvalues, ascending, and their eigenvectors, of stiffness x = value mass x.
+
+    Eigenvectors have sum mass x^2 = 1.
+    """
     shift = -BELOW_SPECTRUM * count
     # A fixed start makes the result the same every time.
     value, vector = scipy.sparse.linalg.eigsh(
@@ -96,7 +99,7 @@ def rigid_parts(
     faces: Int64[np.ndarray, "faces 3"],
     weld: Int64[np.ndarray, " vertices"],
 ) -> Int64[np.ndarray, " vertices"]:
-    """Which small connected piece a vertex belongs to, counted from 0, or -1 for what deforms."""
+    """Number of the small connected piece that each vertex belongs to, -1 for what deforms."""
     welded = weld[faces]
     links = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], np.stack([np.arange(len(weld)), weld], 1)])
     shape = (len(vertices), len(vertices))
@@ -112,9 +115,10 @@ def rigid_parts(
 def laplacian(
     vertices: Float64[np.ndarray, "vertices 3"], faces: Int64[np.ndarray, "faces 3"]
 ) -> tuple[scipy.sparse.csr_array, Float64[np.ndarray, " vertices"]]:
-    """Cotangent stiffness matrix (Pinkall and Polthier 1993), positive semidefinite, and the area of each vertex.
+    """Cotangent stiffness matrix (Pinkall and Polthier 1993) and the area of each vertex.
 
-    Cotangents are clipped to `LARGEST_COTANGENT`, and not negative: then every offset obeys a maximum principle.
+    The matrix is positive semidefinite. Cotangents are clipped to `LARGEST_COTANGENT`, and not negative: then every
+    offset obeys a maximum principle.
     """
     count = len(vertices)
     twice_area = np.linalg.norm(area_vectors(vertices, faces), axis=1) * 2

@@ -2,7 +2,7 @@
 
 Around a posed mesh, the points that each camera sees well are looked up in its images; their colours are explained by
 one albedo per point under the known lights (`pipeline.tracking.point_colors`); what is left over, times the image's
-gradient, says where each point should be. Outlines cannot: a round limb may twist inside its outline.
+gradient, says where each point should be. Silhouettes cannot: a round limb may twist inside its silhouette.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LEAST_ALBEDO_WEIGHT = 1e-6
 
 @dataclass(frozen=True)
 class ImageCue:
-    """Images, the lights they were taken under, and the surface points whose colours are compared.
+    """Images, their lights, and the surface points whose colours are compared.
 
     Attributes:
         points: on the surface.
@@ -120,8 +120,12 @@ def _quadratic(compared: Sequence[_Compared], positions: np.ndarray) -> PointQua
 
 
 def _projection(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels [N, 2] and their derivatives by the points [N, 2, 3]; distortion changes these by a few percent at most
-    and is left out of them."""
+    """Pixels [N, 2] and their derivatives by the points [N, 2, 3].
+
+    Distortion changes the derivatives by a few percent at most and is left out of them, but not a fisheye's.
+    """
+    if not camera.lens.perspective:
+        return camera.project_with_derivative(points)
     in_camera = points @ camera.R.T + camera.t
     depth = np.maximum(in_camera[:, 2:], SMALLEST_DEPTH_M)
     ratio = in_camera[:, :2] / depth

@@ -1,4 +1,4 @@
-"""Which joint or vertex of a template each keypoint of a detector names, and whether their sizes agree."""
+"""Joints and vertices of a template that a detector's keypoints name; a check of its unit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ differ by a factor of two at most, units by ten or more (cm, inch: 39, mm)."""
 
 @dataclass(frozen=True)
 class KeypointTargets:
-    """Per keypoint: its name, and its joint (index into the skin's joints) or, where that is -1, its vertex."""
+    """Name of each keypoint, and its joint or, where that is -1, its vertex.
+
+    Joints are indices into the skin's joints.
+    """
 
     names: tuple[str, ...]
     joints: Int64[np.ndarray, " keypoints"]
@@ -27,8 +30,9 @@ class KeypointTargets:
 
 
 def read_keypoint_targets(path: Path, template: Template) -> KeypointTargets:
-    """Read a csv of `keypoint,node_index` (glTF nodes that are joints of the skin) or `keypoint,vertex`.
+    """Read a csv of `keypoint,node_index` or `keypoint,vertex`.
 
+    Nodes are glTF nodes that are joints of the skin.
     Raises:
         InputError: naming every keypoint that is listed twice, or whose node or vertex the template does not have.
     """
@@ -42,7 +46,7 @@ def read_keypoint_targets(path: Path, template: Template) -> KeypointTargets:
         raise InputError(f"{path}: columns: expected keypoint,node_index or keypoint,vertex, found {found}")
     complaints = Complaints(path)
     for name in table.keypoint[table.keypoint.duplicated()]:
-        complaints.add(path, str(name), expected="one row", found="several", mend="delete all but one")
+        complaints.add(path, str(name), expected="one row", found="several", hint="delete all but one")
     numbers = table["vertex" if "vertex" in columns else "node_index"].to_numpy()
     names = tuple(str(name) for name in table.keypoint)
     if "vertex" in columns:
@@ -62,7 +66,10 @@ def read_keypoint_targets(path: Path, template: Template) -> KeypointTargets:
 
 
 def _neighbours(template: Template, targets: KeypointTargets) -> list[tuple[int, int]]:
-    """Pairs of keypoints a fixed length apart: joints and their nearest ancestor with a keypoint, or all vertices."""
+    """Pairs of keypoints a fixed length apart.
+
+    Joints are paired with their nearest ancestor that has a keypoint, vertices with all others.
+    """
     if (targets.joints < 0).any():
         return [(a, b) for a in range(len(targets.names)) for b in range(a)]
     keypoint_of_joint = {int(joint): keypoint for keypoint, joint in enumerate(targets.joints)}
@@ -82,7 +89,7 @@ def size_ratio(
     measured: Float64[np.ndarray, "frames keypoints 3"],
     rest: Float64[np.ndarray, "keypoints 3"],
 ) -> float:
-    """Median of measured over template length, over all bones and frames; NaN if no bone was measured.
+    """Median of measured over template bone length; NaN if no bone was measured.
 
     Raises:
         InputError: if the ratio is so far from 1 that the template's unit must be wrong.

@@ -1,6 +1,7 @@
-"""Keypoints whose names a detector exchanged in one view, left for right: found because other views disagree.
+"""Left-right swaps: keypoints that a detector named for each other in one view.
 
-Which keypoints may be mistaken for each other need not be known: the two observations each fit the other's point.
+They are found because the other views disagree. Which keypoints may be mistaken for each other need not be known: the
+two observations each fit the other's point.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from pipeline.geometry.cameras import Camera
 from pipeline.geometry.triangulation import reprojection
 
 
-def find_swaps(
+def find_left_right_swaps(
     cameras: Sequence[Camera],
     observed: Float64[np.ndarray, "cameras frames keypoints 2"],
     points: Float64[np.ndarray, "frames keypoints 3"],
     inlier_px: float,
 ) -> Int64[np.ndarray, "swaps 4"]:
-    """Rows (camera, frame, keypoint, other keypoint), keypoint < other.
+    """Rows (camera, frame, keypoint, other keypoint) of swapped pairs, keypoint < other.
 
     Both observations miss their own point by more than `inlier_px` and hit the other's within it; of several such
     partners the nearest counts, if that is mutual.
@@ -45,8 +46,13 @@ def _exchanged(length: Float64[np.ndarray, "frames keypoints keypoints"], inlier
     """(frame, keypoint, other) from the distances of every observation to every point."""
     own = np.diagonal(length, axis1=1, axis2=2)
     # Infinite where it was not observed at all: then it cannot have been exchanged.
-    astray: Bool[np.ndarray, "frames keypoints"] = (own > inlier_px) & np.isfinite(own)
-    fits = (length < inlier_px) & (length < inlier_px).swapaxes(1, 2) & astray[:, :, None] & astray[:, None, :]
+    gross_outlier: Bool[np.ndarray, "frames keypoints"] = (own > inlier_px) & np.isfinite(own)
+    fits = (
+        (length < inlier_px)
+        & (length < inlier_px).swapaxes(1, 2)
+        & gross_outlier[:, :, None]
+        & gross_outlier[:, None, :]
+    )
     near = np.where(fits, length, 0.0)
     both = np.where(fits, near + near.swapaxes(1, 2), np.inf)
     partner = both.argmin(2)

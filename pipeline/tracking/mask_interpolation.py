@@ -1,4 +1,4 @@
-"""Outlines for frames without a mask, from the masks of the same camera before and after.
+"""Silhouettes for frames without a mask, from the masks of the same camera before and after.
 
 Signed distances of both, each moved so that the subject's centroid goes straight from one to the other, are averaged by
 time (shape-based interpolation; Raya and Udupa, 1990). That is right for what moves as the whole subject does, and
@@ -25,9 +25,10 @@ def interpolated_views(
     takes: Int64[np.ndarray, " frames"],
     most_frames: int,
 ) -> list[View]:
-    """Per view, the frames without a mask that have one at most `most_frames` before and one after, in their take.
+    """Views of the frames without a mask that have one shortly before and one after.
 
-    In the result these are the usable ones, and the only ones.
+    Both are at most `most_frames` away and in the same take. In the result these frames are the usable ones, and the
+    only ones.
     """
     return [_interpolated(view, times_s, takes, most_frames) for view in views]
 

@@ -1,10 +1,10 @@
-"""Keypoints, and masks if there are any, to the pose of every frame: start from triangulated points, refine jointly.
+"""Tracking of a rigged template: the pose of every frame from keypoints and other cues.
 
 1. Triangulate every keypoint robustly; frames with too few are set aside.
 2. Align the rest pose rigidly to each frame, then solve for all poses against the triangulated points.
 3. Solve again against the 2D keypoints themselves.
 4. Rounds of fitting what else the images show (`Cue`), with the keypoints kept, for what keypoints leave open.
-5. Well lit frames are refined with more (their colours); the corrections are carried to the frames between them, on
+5. Fully lit keyframes are refined by their colours; the corrections are interpolated to the frames between them, on
    the rotation manifold, where their own keypoints correct them again.
 6. Frames set aside are interpolated between their neighbours.
 """
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.cameras import Camera
@@ -25,9 +25,9 @@ from pipeline.geometry.pose_interpolation import carry_offsets, fill_between
 from pipeline.geometry.skin import Template
 from pipeline.geometry.triangulation import Triangulation, reprojection, triangulate
 from pipeline.tracking.cues import Rounds, fit_cues
-from pipeline.tracking.keyframe_refinement import Refinement, refine
+from pipeline.tracking.keyframe_refinement import KeyframeRefinement, refine_keyframes
 from pipeline.tracking.keypoint_targets import KeypointTargets, size_ratio
-from pipeline.tracking.left_right_swaps import exchanged, find_swaps
+from pipeline.tracking.left_right_swaps import exchanged, find_left_right_swaps
 from pipeline.tracking.motion_prior import MotionPrior
 from pipeline.tracking.pose_solver import DataTerm, align_rigidly, position_term, reprojection_term, solve_poses
 
@@ -48,14 +48,17 @@ MEDIAN_OF_LENGTH = 1.1774100225154747
 
 @dataclass(frozen=True)
 class Observations:
-    """Keypoints of consecutive frames in normalised image coordinates (`Camera.undistort`); NaN where not detected."""
+    """Keypoints of consecutive frames in normalised image coordinates; NaN where not detected.
+
+    `Camera.undistort` makes these coordinates.
+    """
 
     cameras: Sequence[Camera]
     normalised: Float64[np.ndarray, "cameras frames keypoints 2"]
     confidence: Float64[np.ndarray, "cameras frames keypoints"]
 
     def at(self, frames: np.ndarray) -> Observations:
-        """Those of some of the frames."""
+        """The keypoints of some of the frames."""
         return Observations(self.cameras, self.normalised[:, frames], self.confidence[:, frames])
 
 
@@ -65,8 +68,8 @@ class Tracking:
 
     Attributes:
         offsets: of the vertices before skinning, metres; see `pipeline.tracking.vertex_offsets`.
-        status: [frames] of text: "tracked" by keypoints and outlines; "refined" by images as well; "carried": tracked,
-            with the corrections of the refined frames around it; "interpolated": too few keypoints.
+        status: [frames] of text: "tracked" by keypoints and silhouettes; "refined" by images as well; "carried":
+            tracked, with the corrections of the keyframes around it; "interpolated": too few keypoints.
         residual_px: distance of every detected keypoint to the model's, undistorted pixels; NaN where not detected.
         keypoints_m, keypoint_sigma_m: triangulated, and the standard deviation of each (root mean square over axes);
             NaN where fewer than two cameras agree.
@@ -85,35 +88,44 @@ class Tracking:
     size_ratio: float
 
 
+@dataclass(frozen=True)
+class TrackingLimits:
+    """Limits of using keypoints and of solving.
+
+    Attributes:
+        inlier_px: largest distance of a good keypoint from where others see it, undistorted pixels.
+        min_keypoints: frames with fewer triangulated keypoints are interpolated.
+        max_iterations: of each solve.
+    """
+
+    inlier_px: float
+    min_keypoints: int
+    max_iterations: int
+
+
 def track(
     template: Template, targets: KeypointTargets, observations: Observations, prior: MotionPrior,
-    schedule: Sequence[Rounds], refinement: Refinement | None = None, *, inlier_px: float, min_keypoints: int,
-    max_iterations: int,
+    schedule: Sequence[Rounds], limits: TrackingLimits, refinement: KeyframeRefinement | None = None,
 ) -> Tracking:  # fmt: skip
-    """Poses of consecutive frames. `schedule` may be empty; other parameters as in `pipeline.config.track_mesh`.
+    """Poses of consecutive frames; `schedule` may be empty.
 
     Raises:
         InputError: if no frame has enough keypoints, or the template's unit is wrong.
     """
     points = tracked_points(template, targets.joints, targets.vertices)
     count, frames = len(targets.names), observations.normalised.shape[1]
-    observations, found = triangulate_unswapped(observations, targets.names, inlier_px)
+    observations, found = triangulate_unswapped(observations, targets.names, limits.inlier_px)
     measured, sigma_m = found.points.reshape(frames, count, 3), found.sigma_m.reshape(frames, count)
     keypoints = np.isfinite(measured).all(-1).sum(1)
-    solved = keypoints >= min_keypoints
-    if not solved.any():
-        raise InputError(
-            f"keypoints_2d: expected a frame with {min_keypoints} keypoints on which two cameras agree within "
-            f"{inlier_px:g} px, found none; check cameras.json, downsample_from_sensor and inlier_px"
-        )
+    solved = solvable_frames(keypoints, limits)
     ratio = size_ratio(template, targets, measured, point_positions(points, points.rest_pose(1))[0])
     kept = np.flatnonzero(solved)
     some, takes, prior = observations.at(kept), prior.takes, prior.at(kept)
     start = _aligned(points, measured[kept])
     positions = position_term(measured[kept], np.maximum(sigma_m[kept], SMALLEST_SIGMA_M))
-    pose, _ = solve_poses(points, positions, prior, start, max_iterations)
+    pose, _ = solve_poses(points, positions, prior, start, limits.max_iterations)
     sigma_px = max(found.noise_px, SMALLEST_SIGMA_PX)
-    pose, sigma_px = _fit_keypoints(points, some, prior, pose, sigma_px, max_iterations)
+    pose, sigma_px = _fit_keypoints(points, some, prior, pose, sigma_px, limits.max_iterations)
 
     def keypoint_term(frames: np.ndarray) -> DataTerm:
         few = some.at(frames)
@@ -125,21 +137,36 @@ def track(
     status = np.where(solved, "tracked", "interpolated")
     known = np.flatnonzero(np.isin(kept, [] if refinement is None else refinement.frames))
     if refinement is not None and len(known):
-        pose, found_offsets = refine(points, keypoint_term, refinement.at(kept), prior, pose)
+        pose, found_offsets = refine_keyframes(points, keypoint_term, refinement.at(kept), prior, pose)
         offsets = carry_offsets(found_offsets, kept[known], frames, takes)
         status[kept], status[kept[known]] = "carried", "refined"
     pose = fill_between(pose, kept, frames, points.pivot, takes)
-    residual = _residual_px(points, observations, pose)
+    residual = keypoint_residuals_px(observations, point_positions(points, pose))
     return Tracking(pose, offsets, status, residual, measured, sigma_m, found.noise_px, sigma_px, ratio)
+
+
+def solvable_frames(keypoints: Int64[np.ndarray, " frames"], limits: TrackingLimits) -> Bool[np.ndarray, " frames"]:
+    """Frames with enough triangulated keypoints to be solved.
+
+    Raises:
+        InputError: if there is none.
+    """
+    solved = keypoints >= limits.min_keypoints
+    if not solved.any():
+        raise InputError(
+            f"keypoints_2d: expected a frame with {limits.min_keypoints} keypoints on which two cameras agree within "
+            f"{limits.inlier_px:g} px, found none; check cameras.json, downsample_from_sensor and inlier_px"
+        )
+    return solved
 
 
 def triangulate_unswapped(
     observations: Observations, names: Sequence[str], inlier_px: float
 ) -> tuple[Observations, Triangulation]:
-    """Triangulated keypoints, and observations in which those that a view has under each other's name are put right."""
+    """Observations with left-right swaps put right, and their triangulation."""
     found = _triangulated(observations, inlier_px)
     points = found.points.reshape(*observations.normalised.shape[1:3], 3)
-    swaps = find_swaps(observations.cameras, observations.normalised, points, inlier_px)
+    swaps = find_left_right_swaps(observations.cameras, observations.normalised, points, inlier_px)
     if not len(swaps):
         return observations, found
     pairs = sorted({f"{names[a]}/{names[b]}" for a, b in swaps[:, 2:]})
@@ -154,28 +181,33 @@ def _triangulated(observations: Observations, inlier_px: float) -> Triangulation
     return triangulate(observations.cameras, flat, observations.confidence.reshape(len(flat), -1), inlier_px)
 
 
-def _residual_px(points: TrackedPoints, observations: Observations, pose: Pose) -> np.ndarray:
+def keypoint_residuals_px(
+    observations: Observations, points: Float64[np.ndarray, "frames keypoints 3"]
+) -> Float64[np.ndarray, "cameras frames keypoints"]:
+    """Distance of keypoints to their points, undistorted pixels; NaN where not detected."""
     flat = observations.normalised.reshape(len(observations.cameras), -1, 2)
-    length, _, _ = reprojection(observations.cameras, flat, point_positions(points, pose).reshape(-1, 3))
+    length, _, _ = reprojection(observations.cameras, flat, points.reshape(-1, 3))
     return np.where(np.isfinite(flat).all(-1), length, np.nan).reshape(observations.confidence.shape)
 
 
 def _fit_keypoints(
     points: TrackedPoints, observations: Observations, prior: MotionPrior, pose: Pose, sigma_px: float, iterations: int
 ) -> tuple[Pose, float]:
-    """Fit the 2D keypoints, twice: what the model cannot follow (a joint the detector sees elsewhere) shows in the
-    residuals of the first fit, and is noise to the second.
+    """Fit the 2D keypoints, twice.
+
+    What the model cannot follow (a joint that the detector sees elsewhere) shows in the residuals of the first fit,
+    and is noise to the second.
     """
     for _ in range(2):
         term = reprojection_term(observations.cameras, observations.normalised, observations.confidence, sigma_px)
         pose, _ = solve_poses(points, term, prior, pose, iterations)
-        residual = _residual_px(points, observations, pose)
+        residual = keypoint_residuals_px(observations, point_positions(points, pose))
         sigma_px = max(float(np.nanmedian(residual)) / MEDIAN_OF_LENGTH, SMALLEST_SIGMA_PX)
     return pose, sigma_px
 
 
 def _aligned(points: TrackedPoints, measured: Float64[np.ndarray, "frames keypoints 3"]) -> Pose:
-    """The rest pose aligned rigidly to each frame that is well seen, and interpolated between those."""
+    """The rest pose aligned rigidly to each well seen frame, and interpolated between these."""
     known = np.isfinite(measured).all(-1)
     well = np.flatnonzero(known.sum(1) >= WELL_SEEN * known.sum(1).max())
     rest = points.rest_pose(len(well))

@@ -1,6 +1,6 @@
-"""What is expected of a motion before any image is seen: small accelerations, and local rotations near the rest pose.
+"""The prior on motion: small accelerations, and local rotations near the rest pose.
 
-The twist of a round limb is seen by no keypoint and no outline: there it is the rest pose that decides. Its loss is
+The twist of a round limb is seen by no keypoint and no silhouette: there it is the rest pose that decides. Its loss is
 Cauchy's, because a joint far from rest says nothing about its twist; the frames in which it is near say it for all.
 
 Rotations are differenced on the manifold: the velocity between two frames is log(R_f^T R_{f+1}) / dt, and its
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from pipeline.geometry.kinematics import Pose, TrackedPoints
-from pipeline.geometry.robust import cauchy
+from pipeline.geometry.least_squares import cauchy
 from pipeline.geometry.rotations import (
     conjugate_quaternion,
     matrix_from_quaternion,
@@ -60,7 +60,10 @@ class MotionPrior:
 
 @dataclass(frozen=True)
 class BandedSystem:
-    """Normal equations of a chain of frames: `diagonal` H[f, f], `first` H[f + 1, f], `second` H[f + 2, f]."""
+    """Normal equations of a chain of frames, in which a frame is coupled to the next two.
+
+    Blocks are `diagonal` H[f, f], `first` H[f + 1, f] and `second` H[f + 2, f].
+    """
 
     diagonal: Float64[np.ndarray, "frames unknowns unknowns"]
     first: Float64[np.ndarray, "frames unknowns unknowns"]
@@ -79,13 +82,16 @@ def inverse_right_jacobian(vector: Float64[np.ndarray, "*batch 3"]) -> Float64[n
 
 
 def _states(points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Pivot in the world [F, 3] and the rotations that are solved for [F, 1 + free, 4], in the order of unknowns."""
+    """Pivot in the world [F, 3] and solved rotations [F, 1 + free, 4], ordered as unknowns."""
     pivot = matrix_from_quaternion(pose.root_rotation) @ points.pivot + pose.root_translation
     return pivot, np.concatenate([pose.root_rotation[:, None], pose.joint_rotations[:, points.free]], 1)
 
 
 def _accelerations(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, ...]:
-    """Whitened accelerations [F - 2, parts, 3] and velocities [F - 1, parts, 3], dt [F - 1], scale [F - 2, parts]."""
+    """Whitened accelerations, velocities, time steps and scales.
+
+    Shapes are [F - 2, parts, 3], [F - 1, parts, 3], [F - 1] and [F - 2, parts].
+    """
     pivot, rotations = _states(points, pose)
     dt = np.diff(prior.times_s)
     turned = rotation_vector_from_quaternion(multiply_quaternions(conjugate_quaternion(rotations[:-1]), rotations[1:]))
@@ -101,7 +107,7 @@ def _accelerations(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tup
 
 
 def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rotation vectors from the rest pose [F, free, 3], their robust precision [F, free], and half their cost."""
+    """Rotation vectors from rest [F, free, 3], robust precision [F, free], and half their cost."""
     rest = points.template.rest_rotations[None] if prior.expected is None else prior.expected
     away = rotation_vector_from_quaternion(
         multiply_quaternions(conjugate_quaternion(rest[:, points.free]), pose.joint_rotations[:, points.free])
@@ -114,7 +120,7 @@ def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[n
 
 
 def prior_cost(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> float:
-    """Half the sum of squared whitened accelerations, and the robust cost of the rotations from rest."""
+    """Cost of a motion: half its squared whitened accelerations, and robust distance from rest."""
     cost = _from_rest(prior, points, pose)[2]
     if len(pose) > 2:
         cost += 0.5 * (_accelerations(prior, points, pose)[0] ** 2).sum()

@@ -1,4 +1,4 @@
-"""The colours of points on a moving surface, found from all cameras and frames that see them.
+"""Colours of points on a moving surface, from all cameras and frames that see them.
 
 A camera c sees the matte point p in frame f as ``M_c A_p (s_pf + a s)``: A its albedo, s_pf the direct light on it
 (`pipeline.lighting.direct_light`), s that light's median, a the share that light bounced off the subject and its
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from pipeline.geometry.robust import CAUCHY
+from pipeline.geometry.least_squares import CAUCHY
 
 AMBIENT = 0.1
 """a of the module's docstring. Its value hardly matters where all lights are on: it keeps a point that is in all
@@ -32,7 +32,7 @@ MEDIAN_LENGTH = 1.5381722544550522
 
 @dataclass(frozen=True)
 class PointColors:
-    """What explains the colours of points: an observation is `responses` @ albedo * `shading`, with precision `weight`.
+    """Factors of the colours of points: each is `responses` @ albedo * `shading`.
 
     Attributes:
         albedo: of each point.
@@ -52,7 +52,7 @@ def fit_point_colors(
     seen: Bool[np.ndarray, "cameras frames points"],
     light: Float64[np.ndarray, "frames points"],
 ) -> PointColors:
-    """Albedo and camera responses that explain the colours `observed` where `seen`, under `light`."""
+    """Fit albedo and camera responses to the colours `observed` where `seen`, under `light`."""
     shading = light + AMBIENT * np.median(light, axis=1, keepdims=True)
     responses = np.tile(np.eye(3), (len(observed), 1, 1))
     weight = seen.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Poses of all frames of a chunk in one robust least-squares problem, solved with a block-banded Levenberg-Marquardt.
+"""Poses of all frames of a chunk by one block-banded Levenberg-Marquardt problem.
 
 The data terms see tracked points only: each returns, per point, the gradient and Gauss-Newton matrix by its world
 position, which the kinematic chain then carries to the unknowns. So the cost hardly depends on the number of cameras.
@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgError, solve, solveh_banded
 
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.kinematics import Pose, TrackedPoints, moved, point_positions, points_with_derivatives
-from pipeline.geometry.robust import cauchy
+from pipeline.geometry.least_squares import cauchy
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.triangulation import reprojection
 from pipeline.tracking.motion_prior import BandedSystem, MotionPrior, prior_cost, prior_system
@@ -44,7 +44,7 @@ class PointQuadratic:
 
 @dataclass(frozen=True)
 class DenseSystem:
-    """Normal equations of all frames together: the lower triangle of their matrix, and the gradient."""
+    """Normal equations of all frames together: their matrix's lower triangle, and the gradient."""
 
     lower: Float64[np.ndarray, "all all"]
     gradient: Float64[np.ndarray, "frames unknowns"]
@@ -75,7 +75,7 @@ def reprojection_term(
     confidence: Float64[np.ndarray, "cameras frames points"],
     sigma_px: float,
 ) -> DataTerm:
-    """Robust reprojection residuals of normalised coordinates `observed`, in pixels, weighted by `confidence`."""
+    """Robust reprojection residuals of normalised coordinates, pixels, by `confidence`."""
     count, frames, points, _ = observed.shape
     flat = observed.reshape(count, -1, 2)
     seen = (np.isfinite(flat).all(-1)) & (confidence.reshape(count, -1) > 0)
@@ -203,7 +203,7 @@ def align_rigidly(
     target: Float64[np.ndarray, "points 3"],
     weight: Float64[np.ndarray, " points"],
 ) -> tuple[Float64[np.ndarray, " 4"], Float64[np.ndarray, " 3"]]:
-    """Rotation (wxyz) and translation that take `source` to `target` in the weighted least-squares sense (Kabsch)."""
+    """Rotation (wxyz) and translation to `target` by weighted least squares (Kabsch)."""
     w = weight / weight.sum()
     source_mean, target_mean = w @ source, w @ target
     covariance = (target - target_mean).T @ (w[:, None] * (source - source_mean))

@@ -1,7 +1,8 @@
-"""Fitting a posed mesh to the outlines in masks: the cue for what keypoints leave open (heads, hands, twist of limbs).
+"""The silhouette cue: fits a posed mesh to the silhouettes in masks.
 
-Around the current pose the mesh is drawn into each view, and the vertices that lie near its drawn outline are kept,
-each with its signed distance to that outline. They are then asked to have the same signed distance to the mask's.
+It tells what keypoints leave open (heads, hands, twist of limbs). Around the current pose the mesh is drawn into each
+view, and the vertices that lie near its drawn silhouette are kept, each with its signed distance to it. They are then
+asked to have the same signed distance to the mask's.
 """
 
 from __future__ import annotations
@@ -12,20 +13,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.geometry.robust import cauchy
+from pipeline.geometry.least_squares import cauchy
 from pipeline.geometry.sampling import sample_bilinear
 from pipeline.geometry.signed_distance import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices
 from pipeline.geometry.triangulation import SMALLEST_DEPTH_M
 from pipeline.tracking.pose_solver import DataTerm, PointQuadratic
 
-OUTLINE_PX = 1.5
-"""Vertices this near to the drawn outline move it; the next ring of vertices is hidden behind it."""
+SILHOUETTE_PX = 1.5
+"""Vertices this near to the drawn silhouette move it; the next ring of vertices is hidden behind it."""
 
 
 @dataclass(frozen=True)
-class _OutlinePoints:
-    """Vertices near the drawn outline of one view: their frame, index among the chosen, and signed distance to it."""
+class _SilhouettePoints:
+    """Vertices near the drawn silhouette of one view, with their signed distance to it.
+
+    Attributes:
+        view: the masks.
+        frame: of each vertex.
+        vertex: index among the chosen ones.
+        target: signed distance to the drawn silhouette, pixels.
+    """
 
     view: View
     frame: Int64[np.ndarray, " points"]
@@ -33,7 +41,7 @@ class _OutlinePoints:
     target: Float64[np.ndarray, " points"]
 
 
-def _outline_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> _OutlinePoints:
+def _silhouette_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> _SilhouettePoints:
     size = [view.camera.width, view.camera.height]
     frames, indices, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for frame in np.flatnonzero(view.usable):
@@ -41,35 +49,37 @@ def _outline_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen:
         pixels, depth = view.camera.project(vertices[frame, chosen])
         candidates = np.flatnonzero((depth > 0) & (pixels > 0).all(1) & (pixels < size).all(1))
         distance, _ = sample_bilinear(drawn[None], np.zeros(len(candidates), np.int64), pixels[candidates])
-        near = np.abs(distance) < OUTLINE_PX
+        near = np.abs(distance) < SILHOUETTE_PX
         frames.append(np.full(near.sum(), frame))
         indices.append(candidates[near])
         targets.append(distance[near])
-    return _OutlinePoints(view, np.concatenate(frames), np.concatenate(indices), np.concatenate(targets))
+    return _SilhouettePoints(view, np.concatenate(frames), np.concatenate(indices), np.concatenate(targets))
 
 
-def outline_term(
+def silhouette_term(
     views: Sequence[View],
     vertices: Float64[np.ndarray, "frames vertices 3"],
     faces: Int64[np.ndarray, "faces 3"],
     chosen: Int64[np.ndarray, " chosen"],
     sigma_px: float,
 ) -> DataTerm:
-    """Robust difference of signed distances, for the `chosen` vertices, linearised around the pose of `vertices`."""
-    outlines = [_outline_points(view, vertices, faces, chosen) for view in views]
+    """Robust difference of signed distances of `chosen` vertices, linearised around `vertices`."""
+    silhouettes = [_silhouette_points(view, vertices, faces, chosen) for view in views]
 
     def term(positions: np.ndarray) -> PointQuadratic:
         cost, gradient, normal = 0.0, np.zeros_like(positions), np.zeros((*positions.shape, 3))
-        for outline in outlines:
-            camera, frame, vertex = outline.view.camera, outline.frame, outline.vertex
+        for drawn in silhouettes:
+            camera, frame, vertex = drawn.view.camera, drawn.frame, drawn.vertex
             at = positions[frame, vertex]
             in_camera = at @ camera.R.T + camera.t
             depth = np.maximum(in_camera[:, 2:], SMALLEST_DEPTH_M)
-            value, slope = sample_bilinear(outline.view.distance, frame, camera.project(at)[0])
-            residual = (value - outline.target) / sigma_px
+            value, slope = sample_bilinear(drawn.view.distance, frame, camera.project(at)[0])
+            residual = (value - drawn.target) / sigma_px
             # Distortion changes the slope by a few percent at most: left out here, exact in the residual.
             along = slope * np.diag(camera.K)[:2] / depth / sigma_px
             row = along @ camera.R[:2] - ((along * in_camera[:, :2]).sum(1, keepdims=True) / depth) * camera.R[2]
+            if not camera.lens.perspective:  # a fisheye bends the slope by much more
+                row = np.einsum("np,npa->na", slope, camera.project_with_derivative(at)[1]) / sigma_px
             losses, weight = cauchy(residual**2)
             cost += losses.sum()
             # A vertex occurs once per frame and view, so plain indexed addition loses nothing.
@@ -81,14 +91,14 @@ def outline_term(
 
 
 @dataclass(frozen=True)
-class OutlineCue:
-    """Masks as a cue: some vertices, and the outlines they are fitted to.
+class SilhouetteCue:
+    """Masks as a cue: some vertices, and the silhouettes they are fitted to.
 
     Attributes:
         views: the masks.
         faces: the template's.
-        chosen: vertices that may sit on an outline.
-        sigma_px: standard deviation of a mask's outline, mask pixels.
+        chosen: vertices that may sit on a silhouette.
+        sigma_px: standard deviation of a mask's silhouette, mask pixels.
     """
 
     views: Sequence[View]
@@ -101,10 +111,10 @@ class OutlineCue:
         """The chosen vertices."""
         return at_vertices(self.chosen)
 
-    def at(self, frames: Int64[np.ndarray, " some"]) -> OutlineCue:
+    def at(self, frames: Int64[np.ndarray, " some"]) -> SilhouetteCue:
         """The cue of some of the frames."""
         return replace(self, views=[view.at(frames) for view in self.views])
 
     def around(self, vertices: Float64[np.ndarray, "frames vertices 3"]) -> DataTerm:
         """The term of the chosen vertices, linearised around a mesh."""
-        return outline_term(self.views, vertices, self.faces, self.chosen, self.sigma_px)
+        return silhouette_term(self.views, vertices, self.faces, self.chosen, self.sigma_px)

@@ -1,4 +1,4 @@
-"""An unrigged template in motion: a root transform, smooth offsets in the template's frame, and pieces that turn.
+"""An unrigged template in motion: root transform, smooth offsets and turning rigid pieces.
 
 A point p that deforms is at ``R (p + B C) + t``, with rows B of the deformation basis and coefficients C; a point of a
 rigid piece is at ``R (c + exp(g) (p - c)) + t``, c being the piece's centre. Unknowns per frame are, in this order, the
@@ -47,8 +47,15 @@ class SurfaceMotion:
 
 
 @dataclass(frozen=True)
-class CarriedPoints:
-    """Points on a template: where they rest, their rows of the basis, their rigid piece or -1, and its centre."""
+class TemplatePoints:
+    """Points on a template that a `SurfaceMotion` moves.
+
+    Attributes:
+        rest: where they rest, metres.
+        modes: their rows of the deformation basis.
+        part: their rigid piece, -1 for points that deform.
+        center: middle of the rigid piece, metres.
+    """
 
     rest: Float64[np.ndarray, "points 3"]
     modes: Float64[np.ndarray, "points modes"]
@@ -58,7 +65,11 @@ class CarriedPoints:
 
 @dataclass(frozen=True)
 class SurfaceModel:
-    """A template and the ways it may deform; the root turns about `pivot` (template's frame, metres)."""
+    """A template and the ways it may deform.
+
+    Attributes:
+        pivot: point that the root turns about, template's frame, metres.
+    """
 
     template: Template
     basis: DeformationBasis
@@ -69,16 +80,16 @@ class SurfaceModel:
         """Number of rigid pieces."""
         return len(self.basis.centers)
 
-    def points(self, points: SurfacePoints) -> CarriedPoints:
+    def points(self, points: SurfacePoints) -> TemplatePoints:
         """Points that are fixed to faces."""
         part = self.basis.part[points.corners[:, 0]]
         modes = np.einsum("pc,pck->pk", points.barycentric, self.basis.modes[points.corners])
-        return CarriedPoints(points.carried(self.template.vertices_rest), modes, part, self._centers(part))
+        return TemplatePoints(points.carried(self.template.vertices_rest), modes, part, self._centers(part))
 
-    def vertices(self) -> CarriedPoints:
+    def vertices(self) -> TemplatePoints:
         """All vertices of the template."""
         part = self.basis.part
-        return CarriedPoints(self.template.vertices_rest, self.basis.modes, part, self._centers(part))
+        return TemplatePoints(self.template.vertices_rest, self.basis.modes, part, self._centers(part))
 
     def _centers(self, part: np.ndarray) -> np.ndarray:
         return np.concatenate([self.basis.centers, np.zeros((1, 3))])[part]
@@ -104,7 +115,7 @@ class SurfaceModel:
         )  # fmt: skip
 
 
-def in_template(points: CarriedPoints, motion: SurfaceMotion) -> Float64[np.ndarray, "frames points 3"]:
+def in_template(points: TemplatePoints, motion: SurfaceMotion) -> Float64[np.ndarray, "frames points 3"]:
     """Positions in the template's frame, metres."""
     result = points.rest + np.einsum("pk,fka->fpa", points.modes, motion.coefficients, optimize=True)
     rigid = np.flatnonzero(points.part >= 0)
@@ -115,16 +126,16 @@ def in_template(points: CarriedPoints, motion: SurfaceMotion) -> Float64[np.ndar
     return result
 
 
-def positions(points: CarriedPoints, motion: SurfaceMotion) -> Float64[np.ndarray, "frames points 3"]:
+def positions(points: TemplatePoints, motion: SurfaceMotion) -> Float64[np.ndarray, "frames points 3"]:
     """Positions in the world, metres."""
     root = matrix_from_quaternion(motion.root_rotation).transpose(0, 2, 1)
     return in_template(points, motion) @ root + motion.root_translation[:, None]
 
 
-def carried_system(
-    model: SurfaceModel, points: CarriedPoints, motion: SurfaceMotion, quadratic: PointQuadratic
+def normal_equations(
+    model: SurfaceModel, points: TemplatePoints, motion: SurfaceMotion, quadratic: PointQuadratic
 ) -> tuple[Float64[np.ndarray, "frames unknowns unknowns"], Float64[np.ndarray, "frames unknowns"]]:
-    """Gauss-Newton matrix and gradient by the unknowns, from those by the points' world positions."""
+    """Gauss-Newton matrix and gradient by the unknowns, from those by world positions."""
     frames, few = len(motion), 6 + 3 * model.parts
     count = few + 3 * points.modes.shape[1]
     normal, gradient = np.zeros((frames, count, count)), np.zeros((frames, count))
@@ -137,12 +148,12 @@ def carried_system(
         slope = quadratic.gradient[f, seen] @ root[f]
         rigid = _rigid_derivatives(model, points, motion, f, seen, local[f, seen], root[f])
         modes = points.modes[seen]
-        carried = matrix @ rigid
-        normal[f, :few, :few] = np.tensordot(rigid, carried, ((0, 1), (0, 1)))
+        weighted = matrix @ rigid
+        normal[f, :few, :few] = np.tensordot(rigid, weighted, ((0, 1), (0, 1)))
         gradient[f, :few] = np.tensordot(slope, rigid, 2)
         gradient[f, few:] = (modes.T @ slope).ravel()
         for a in range(3):
-            normal[f, few + a :: 3, :few] = modes.T @ carried[:, a]
+            normal[f, few + a :: 3, :few] = modes.T @ weighted[:, a]
             for b in range(a + 1):
                 block = modes.T @ (matrix[:, a, b, None] * modes)
                 normal[f, few + a :: 3, few + b :: 3] = block
@@ -152,10 +163,10 @@ def carried_system(
 
 
 def _rigid_derivatives(
-    model: SurfaceModel, points: CarriedPoints, motion: SurfaceMotion, f: int, seen: np.ndarray, local: np.ndarray,
+    model: SurfaceModel, points: TemplatePoints, motion: SurfaceMotion, f: int, seen: np.ndarray, local: np.ndarray,
     root: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Derivatives [points, 3, 6 + 3 parts] of positions, rotated into the template's frame, by root and turns."""
+    """Derivatives [points, 3, 6 + 3 parts] of positions in the template's frame."""
     result = np.zeros((len(seen), 3, 6 + 3 * model.parts))
     result[:, :, :3] = root.T
     result[:, :, 3:6] = -skew(local - model.pivot)

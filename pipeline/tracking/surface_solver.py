@@ -1,4 +1,4 @@
-"""Motion of an unrigged template in all frames of a chunk as one robust least-squares problem.
+"""Motion of an unrigged template in all frames of a chunk: one least-squares problem.
 
 Levenberg-Marquardt like `pipeline.tracking.pose_solver`, with hundreds of unknowns per frame: the frames' blocks are
 factorised one by one and precondition conjugate gradients, which care for what couples the frames.
@@ -18,7 +18,7 @@ from pipeline.geometry.kinematics import Pose, TrackedPoints
 from pipeline.tracking.deformation_basis import DeformationBasis
 from pipeline.tracking.motion_prior import DECORRELATION_S, BandedSystem, MotionPrior, prior_cost, prior_system
 from pipeline.tracking.pose_solver import CONVERGED, LEAST_DAMPING, MOST_DAMPING, START_DAMPING, DataTerm
-from pipeline.tracking.surface_model import CarriedPoints, SurfaceModel, SurfaceMotion, carried_system, positions
+from pipeline.tracking.surface_model import SurfaceModel, SurfaceMotion, TemplatePoints, normal_equations, positions
 
 STEP_TOLERANCE = 1e-2
 """Relative residual at which a step is good enough: the next linearisation changes it by more."""
@@ -29,8 +29,9 @@ MOST_STEP_ITERATIONS = 60
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """Zero-mean, independent Gaussian priors of the unknowns in `SurfaceMotion.shape`, and of their accelerations.
+    """Gaussian priors of the unknowns in `SurfaceMotion.shape` and of their accelerations.
 
+    All have mean zero and are independent.
     Attributes:
         sigma: standard deviation of each unknown (radians, then metres).
         acceleration: standard deviation of its acceleration.
@@ -65,7 +66,7 @@ class ShapePrior:
         return replace(self, still=basis.modes.T @ (weight[:, None] * basis.modes))
 
     def weights(self) -> tuple[np.ndarray, np.ndarray]:
-        """Per frame, the weight of `sigma`; and [F, F] what accelerations cost, for a deviation of 1."""
+        """Weight of `sigma` in each frame [F], and cost of accelerations [F, F] of deviation 1."""
         times, count = self.times_s, len(self.times_s)
         spacing = np.gradient(times) if count > 1 else np.full(1, DECORRELATION_S)
         second = np.zeros((max(count - 2, 0), count))
@@ -79,17 +80,19 @@ class ShapePrior:
 
 @dataclass(frozen=True)
 class SurfaceProblem:
-    """What is solved: a model, priors of its root and of its shape, and points with what is known about them.
+    """The least-squares problem: a model, its priors, and points with their data terms.
 
     Attributes:
         root: the root as `pipeline.tracking.motion_prior` knows it: a template without joints.
+        root_prior, shape_prior: of the root, and of turns and offsets.
+        points, terms: groups of points, each with the data term that sees it.
     """
 
     model: SurfaceModel
     root: TrackedPoints
     root_prior: MotionPrior
     shape_prior: ShapePrior
-    points: Sequence[CarriedPoints]
+    points: Sequence[TemplatePoints]
     terms: Sequence[DataTerm]
 
     def cost(self, motion: SurfaceMotion) -> float:
@@ -127,7 +130,7 @@ def solve_surface(problem: SurfaceProblem, start: SurfaceMotion, iterations: int
 
 
 def shape_prior(basis: DeformationBasis, prior: MotionPrior, deformation_time_s: float) -> ShapePrior:
-    """The prior of a basis: its rigid pieces turn as joints do, and offsets change over `deformation_time_s`."""
+    """The prior of a basis: rigid pieces turn as joints do, offsets change over a given time."""
     count, modes = 3 * len(basis.centers), np.repeat(basis.sigma_m, 3)
     return ShapePrior(
         np.concatenate([np.full(count, prior.rest_rotation), modes]),
@@ -143,7 +146,7 @@ def _pose(motion: SurfaceMotion) -> Pose:
 
 
 class _System:
-    """Gauss-Newton equations around a motion: dense within a frame, banded or nearly so between frames."""
+    """Gauss-Newton equations around a motion: dense within frames, banded or nearly so between."""
 
     def __init__(self, problem: SurfaceProblem, motion: SurfaceMotion) -> None:
         prior, shape = problem.shape_prior, motion.shape
@@ -151,7 +154,7 @@ class _System:
         rest, self.bending = prior.weights()
         self.calm = 1 / prior.acceleration**2
         systems = [
-            carried_system(problem.model, points, motion, term(positions(points, motion)))
+            normal_equations(problem.model, points, motion, term(positions(points, motion)))
             for points, term in zip(problem.points, problem.terms, strict=True)
         ]
         self.blocks = sum(block for block, _ in systems)

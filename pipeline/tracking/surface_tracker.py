@@ -1,9 +1,9 @@
-"""Keypoints, masks and images to the motion of an unrigged template: a root transform and smooth offsets per frame.
+"""Tracking of an unrigged template: a root transform and smooth offsets per frame.
 
 1. Triangulate every keypoint robustly; frames with too few are set aside.
 2. Align the rest shape rigidly to each frame, then fit root and offsets of all frames to the triangulated points.
 3. Fit them to the 2D keypoints themselves; from here on, what has not moved is held still.
-4. Rounds of fitting cues (outlines, images), with the keypoints kept.
+4. Rounds of fitting cues (silhouettes, images), with the keypoints kept.
 5. Frames set aside are interpolated between their neighbours, rotations on their manifold.
 """
 
@@ -16,14 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.base.errors import InputError
 from pipeline.geometry.kinematics import Pose, tracked_points
 from pipeline.geometry.pose_interpolation import fill_between, neighbours
 from pipeline.geometry.rigid_alignment import align_rigid
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.skin import Template
 from pipeline.geometry.surface_points import at_vertices
-from pipeline.geometry.triangulation import reprojection
 from pipeline.tracking.cues import SETTLED_M, Rounds
 from pipeline.tracking.deformation_basis import deformation_basis
 from pipeline.tracking.keypoint_targets import KeypointTargets, size_ratio
@@ -32,11 +30,14 @@ from pipeline.tracking.mesh_tracker import (
     SMALLEST_SIGMA_PX,
     Observations,
     Tracking,
+    TrackingLimits,
+    keypoint_residuals_px,
+    solvable_frames,
     triangulate_unswapped,
 )
 from pipeline.tracking.motion_prior import MotionPrior
 from pipeline.tracking.pose_solver import DataTerm, position_term, reprojection_term
-from pipeline.tracking.surface_model import CarriedPoints, SurfaceModel, SurfaceMotion, in_template, positions
+from pipeline.tracking.surface_model import SurfaceModel, SurfaceMotion, TemplatePoints, in_template, positions
 from pipeline.tracking.surface_solver import ShapePrior, SurfaceProblem, shape_prior, solve_surface
 
 LOG = logging.getLogger(__name__)
@@ -47,7 +48,7 @@ STEPS_PER_ROUND = 2
 
 @dataclass(frozen=True)
 class DeformationPrior:
-    """What is expected of an unrigged template's offsets.
+    """Expectations of an unrigged template's offsets.
 
     Attributes:
         modes: number of waves of its surface they consist of; 0: it moves rigidly.
@@ -66,9 +67,9 @@ class DeformationPrior:
 
 def track_surface(
     template: Template, deformation: DeformationPrior, targets: KeypointTargets, observations: Observations,
-    prior: MotionPrior, schedule: Sequence[Rounds], *, inlier_px: float, min_keypoints: int, max_iterations: int,
+    prior: MotionPrior, schedule: Sequence[Rounds], limits: TrackingLimits,
 ) -> Tracking:  # fmt: skip
-    """Motion of consecutive frames. `schedule` may be empty; other parameters as in `pipeline.config.track_mesh`.
+    """Motion of consecutive frames; `schedule` may be empty.
 
     `prior` is of the root, and of the turns of rigid pieces, which are expected to move as joints do.
 
@@ -76,14 +77,9 @@ def track_surface(
         InputError: if no frame has enough keypoints, or the template's unit is wrong.
     """
     rest, frames = template.vertices_rest[targets.vertices], observations.normalised.shape[1]
-    observations, found = triangulate_unswapped(observations, targets.names, inlier_px)
+    observations, found = triangulate_unswapped(observations, targets.names, limits.inlier_px)
     measured = found.points.reshape(frames, -1, 3)
-    solved = np.isfinite(measured).all(-1).sum(1) >= min_keypoints
-    if not solved.any():
-        raise InputError(
-            f"keypoints_2d: expected a frame with {min_keypoints} keypoints on which two cameras agree within "
-            f"{inlier_px:g} px, found none; check cameras.json, downsample_from_sensor and inlier_px"
-        )
+    solved = solvable_frames(np.isfinite(measured).all(-1).sum(1), limits)
     ratio = size_ratio(template, targets, measured, rest)
     basis = deformation_basis(
         template.vertices_rest, template.faces, deformation.modes, deformation.offset_m, deformation.length_m
@@ -91,8 +87,9 @@ def track_surface(
     model, kept = SurfaceModel(template, basis, rest.mean(0)), np.flatnonzero(solved)
     shape = shape_prior(basis, prior.at(kept), deformation.time_s)
     fit = _Fit(model, targets, observations.at(kept), prior.at(kept), shape, deformation.still_m)
-    motion = fit.near(_aligned(model, rest, measured[kept]), measured[kept], deformation.offset_m, max_iterations)
-    motion, sigma_px = fit.keypoints(motion, max(found.noise_px, SMALLEST_SIGMA_PX), max_iterations)
+    start, most = _aligned(model, rest, measured[kept]), limits.max_iterations
+    motion = fit.near(start, measured[kept], deformation.offset_m, most)
+    motion, sigma_px = fit.keypoints(motion, max(found.noise_px, SMALLEST_SIGMA_PX), most)
     for rounds in schedule:
         motion = fit.cues(motion, rounds.at(kept), sigma_px)
     motion = _filled(model, motion, kept, frames, prior.takes)
@@ -101,19 +98,13 @@ def track_surface(
         pose=_root(motion),
         offsets=in_template(model.vertices(), motion) - template.vertices_rest,
         status=np.where(solved, "tracked", "interpolated"),
-        residual_px=_residual_px(observations, named),
+        residual_px=keypoint_residuals_px(observations, named),
         keypoints_m=measured,
         keypoint_sigma_m=found.sigma_m.reshape(frames, -1),
         noise_px=found.noise_px,
         sigma_px=sigma_px,
         size_ratio=ratio,
     )
-
-
-def _residual_px(observations: Observations, points: Float64[np.ndarray, "frames keypoints 3"]) -> np.ndarray:
-    flat = observations.normalised.reshape(len(observations.cameras), -1, 2)
-    length, _, _ = reprojection(observations.cameras, flat, points.reshape(-1, 3))
-    return np.where(np.isfinite(flat).all(-1), length, np.nan).reshape(observations.confidence.shape)
 
 
 @dataclass(frozen=True)
@@ -128,7 +119,7 @@ class _Fit:
     still_m: float
 
     def solve(
-        self, motion: SurfaceMotion, points: list[CarriedPoints], terms: list[DataTerm], sigma_px: float, steps: int,
+        self, motion: SurfaceMotion, points: list[TemplatePoints], terms: list[DataTerm], sigma_px: float, steps: int,
         shape: ShapePrior,
     ) -> SurfaceMotion:  # fmt: skip
         some, named = self.observations, self.model.points(at_vertices(self.targets.vertices))
@@ -139,23 +130,29 @@ class _Fit:
         """The prior, with what has not moved held still."""
         return self.shape_prior.held_still(self.model.basis, motion, self.still_m)
 
-    def _problem(self, shape: ShapePrior, points: list[CarriedPoints], terms: list[DataTerm]) -> SurfaceProblem:
+    def _problem(self, shape: ShapePrior, points: list[TemplatePoints], terms: list[DataTerm]) -> SurfaceProblem:
         none = np.full(len(self.targets.vertices), -1)
         root = tracked_points(self.model.template, none, self.targets.vertices)
         return SurfaceProblem(self.model, root, self.prior, shape, points, terms)
 
     def near(self, motion: SurfaceMotion, measured: np.ndarray, sigma_m: float, steps: int) -> SurfaceMotion:
-        """Fit triangulated keypoints, trusted no further than offsets are large: an open mouth is not an outlier."""
+        """Fit triangulated keypoints, trusted no further than offsets are large.
+
+        An open mouth is not an outlier.
+        """
         named = self.model.points(at_vertices(self.targets.vertices))
         term = position_term(measured, np.full(measured.shape[:2], sigma_m))
         return solve_surface(self._problem(self.shape_prior, [named], [term]), motion, steps)
 
     def keypoints(self, motion: SurfaceMotion, sigma_px: float, steps: int) -> tuple[SurfaceMotion, float]:
-        """Fit the keypoints, twice: what the model cannot follow is noise to the second, what never moves is still."""
+        """Fit the keypoints, twice.
+
+        What the model cannot follow is noise to the second fit, and what never moves is held still in it.
+        """
         named = self.model.points(at_vertices(self.targets.vertices))
         for held in (False, True):
             motion = self.solve(motion, [], [], sigma_px, steps, self.held(motion) if held else self.shape_prior)
-            residual = _residual_px(self.observations, positions(named, motion))
+            residual = keypoint_residuals_px(self.observations, positions(named, motion))
             sigma_px = max(float(np.nanmedian(residual)) / MEDIAN_OF_LENGTH, sigma_px)
         return motion, sigma_px
 
@@ -181,7 +178,10 @@ def _root(motion: SurfaceMotion) -> Pose:
 def _aligned(
     model: SurfaceModel, rest: Float64[np.ndarray, "keypoints 3"], measured: Float64[np.ndarray, "frames keypoints 3"]
 ) -> SurfaceMotion:
-    """The rest shape aligned rigidly to each frame; frames whose points lie on a line start between the others."""
+    """The rest shape aligned rigidly to each frame.
+
+    Frames whose points lie on a line start between the others.
+    """
     rotations, translations, known = [], [], []
     for frame, points in enumerate(measured):
         use = np.isfinite(points).all(1)
@@ -201,7 +201,10 @@ def _filled(
     model: SurfaceModel, motion: SurfaceMotion, known: Int64[np.ndarray, " known"], frames: int,
     takes: Int64[np.ndarray, " frames"] | None,
 ) -> SurfaceMotion:  # fmt: skip
-    """All `frames` from the `known` ones: the root as in `fill_between`, turns and coefficients along lines."""
+    """Motion of all `frames` from the `known` ones.
+
+    The root is interpolated as in `fill_between`, turns and coefficients along lines.
+    """
     root = fill_between(_root(motion), known, frames, model.pivot, takes)
     before, after, share = neighbours(known, frames, takes)
     weight = share[:, None, None]

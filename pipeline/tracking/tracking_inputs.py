@@ -1,4 +1,4 @@
-"""What tracking reads: cameras at image resolution, keypoints without lens distortion, masks as outlines."""
+"""Inputs of tracking: cameras at image resolution, undistorted keypoints, silhouettes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ LOG = logging.getLogger("track_mesh")
 
 
 def image_cameras(path: Path, images: pd.DataFrame, downsample: float, use_test_cameras: bool) -> dict[str, Camera]:
-    """Calibrated cameras at image resolution, sorted by name: those of the index, without the held-out ones.
+    """Calibrated cameras of the index at image resolution, sorted by name.
 
+    Held-out ones are left out unless `use_test_cameras`.
     Raises:
         InputError: if one is not calibrated, or fewer than two are left.
     """
@@ -82,7 +83,10 @@ def keypoint_observations(
 def mask_views(
     capture: Path, images: pd.DataFrame, cameras: dict[str, Camera], frames: np.ndarray, most: int, size_px: int
 ) -> list[View]:
-    """Masks as outlines to fit, from at most `most` cameras, reduced to `size_px`; empty if the capture has none."""
+    """Silhouettes of masks, from at most `most` cameras, reduced to `size_px`.
+
+    Empty if the capture has no masks.
+    """
     masked = images[images.mask_path.notna() & images.camera.isin(list(cameras)) & images.frame.isin(frames)]
     names = evenly(sorted(masked.camera.unique()), most)
     views = []

@@ -1,4 +1,4 @@
-"""What a posed template leaves behind: small smooth offsets of its vertices, frame by frame (cloth, cheeks, bellies).
+"""Small smooth offsets of a posed template's vertices per frame (cloth, cheeks, bellies).
 
 Offsets live in the template before skinning, so that they move along with it. They are the minimum of the cues'
 Gauss-Newton model and of a prior: a membrane (neighbouring offsets differ by a share of their distance) that is
@@ -30,7 +30,7 @@ STRETCH = 0.1
 """Typical difference of two offsets over their distance: a tenth, as a belly or the edge of a loose sleeve has it."""
 
 ROUNDS = 3
-"""Rounds of linearising the cues: robust losses let go of an outline pixels away, and take it up again nearer."""
+"""Rounds of linearising the cues: robust losses let go of a silhouette pixels away, and take it up again nearer."""
 
 SOLVED = 1e-3
 """Relative residual at which conjugate gradients end: a hundredth of a millimetre of a centimetre."""
@@ -69,8 +69,8 @@ def membrane(template: Template, typical_m: float) -> Membrane:
     return Membrane(weld, (springs + scipy.sparse.diags_array(anchor)).tocsr())
 
 
-def carrying_matrices(template: Template, pose: Pose) -> Float64[np.ndarray, "frames vertices 3 3"]:
-    """How an offset before skinning moves a vertex in the world."""
+def skinning_jacobians(template: Template, pose: Pose) -> Float64[np.ndarray, "frames vertices 3 3"]:
+    """Jacobians of linear blend skinning: world displacement by offset before skinning."""
     root = matrix_from_quaternion(pose.root_rotation)
     if not template.rigged:
         return np.broadcast_to(root[:, None], (len(pose), len(template.vertices_rest), 3, 3))
@@ -79,23 +79,30 @@ def carrying_matrices(template: Template, pose: Pose) -> Float64[np.ndarray, "fr
 
 def fit_offsets(
     template: Template, vertices: Float64[np.ndarray, "frames vertices 3"],
-    carrying: Float64[np.ndarray, "frames vertices 3 3"], cues: Sequence[Cue], typical_m: float,
+    jacobians: Float64[np.ndarray, "frames vertices 3 3"], cues: Sequence[Cue], typical_m: float,
 ) -> Float64[np.ndarray, "frames vertices 3"]:  # fmt: skip
-    """Offsets before skinning, metres, that bring posed `vertices` to what the cues of these frames say."""
+    """Offsets before skinning, metres, that bring posed `vertices` to where cues want them.
+
+    Args:
+        vertices: of the posed template, world, metres.
+        jacobians: `skinning_jacobians` of the pose.
+        cues: of these frames.
+        typical_m: of an offset.
+    """
     prior = membrane(template, typical_m)
     offsets = np.zeros((len(vertices), prior.matrix.shape[0], 3))
     for _ in range(ROUNDS):
-        moved = vertices + np.einsum("fvab,fvb->fva", carrying, offsets[:, prior.weld], optimize=True)
+        moved = vertices + np.einsum("fvab,fvb->fva", jacobians, offsets[:, prior.weld], optimize=True)
         terms = [(cue.points, cue.around(moved)(cue.points.carried(moved))) for cue in cues]
         for frame in range(len(vertices)):
             parts = [(points, q.gradient[frame], q.normal[frame]) for points, q in terms]
-            offsets[frame] += _step(prior, carrying[frame], parts, offsets[frame])
+            offsets[frame] += _step(prior, jacobians[frame], parts, offsets[frame])
     return offsets[:, prior.weld]
 
 
 def _step(
     prior: Membrane,
-    carrying: np.ndarray,
+    jacobians: np.ndarray,
     parts: list[tuple[SurfacePoints, np.ndarray, np.ndarray]],
     offsets: np.ndarray,
 ) -> Float64[np.ndarray, "unknowns 3"]:
@@ -105,12 +112,12 @@ def _step(
     slope = (prior.matrix @ offsets).ravel()
     for points, gradient, normal in parts:
         # Rows: coordinates of the points; columns: offsets of their corners.
-        blocks = points.barycentric[..., None, None] * carrying[points.corners]
+        blocks = points.barycentric[..., None, None] * jacobians[points.corners]
         rows = np.broadcast_to(3 * np.arange(len(points))[:, None, None, None] + np.arange(3)[:, None], blocks.shape)
         columns = np.broadcast_to(3 * prior.weld[points.corners][..., None, None] + np.arange(3), blocks.shape)
         shape = (3 * len(points), count)
-        carried = scipy.sparse.coo_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape).tocsr()
-        matrix = matrix + carried.T @ scipy.sparse.block_diag(list(normal), "csr") @ carried
-        slope += carried.T @ gradient.ravel()
+        jacobian = scipy.sparse.coo_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape).tocsr()
+        matrix = matrix + jacobian.T @ scipy.sparse.block_diag(list(normal), "csr") @ jacobian
+        slope += jacobian.T @ gradient.ravel()
     step, _ = cg(matrix, -slope, rtol=SOLVED, M=scipy.sparse.diags_array(1 / matrix.diagonal()))
     return step.reshape(-1, 3)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.hard_case import HardCase, HardCaseTable
+from tests.support.results.hard_case import HardCase, HardCaseTable
 
 OPTION = "--hard-cases"
 

@@ -12,8 +12,16 @@ import pytest
 from pipeline.sync.brightness import BrightnessModel
 from pipeline.sync.subject_proxy import Ellipsoid, shading_response
 from pipeline.sync.sync import IN_SYNC, UNDETERMINED, UNEXPLAINED, SyncCheck, check_sync
-from tests.support.hard_case import HardCase
-from tests.support.planted_stage import Stage, build_stage, model_of, one_at_a_time, photograph, random_groups, white
+from tests.support.results.hard_case import HardCase
+from tests.support.rigs.light_stage import (
+    Stage,
+    brightness_model,
+    build_stage,
+    one_at_a_time,
+    photograph,
+    random_groups,
+    white,
+)
 
 
 @pytest.fixture(scope="module")
@@ -84,28 +92,28 @@ HEALTHY: dict[str, Callable[[Stage, np.random.Generator], np.ndarray]] = {
 def test_a_healthy_log_raises_no_alarm(case: HardCase, stage: Stage, log_name: str) -> None:
     rng = np.random.default_rng(0)
     log = HEALTHY[log_name](stage, rng)
-    found = checked(model_of(stage, log, photograph(stage, log, rng)))
+    found = checked(brightness_model(stage, log, photograph(stage, log, rng)))
     assert found.verdict in (IN_SYNC, UNDETERMINED), found.why
     case.check(len(found.faults), 0, unit="alarms")
 
 
 def test_black_images_of_a_lit_log_are_unexplained(stage: Stage) -> None:
     log = random_groups(stage, np.random.default_rng(0))
-    found = checked(model_of(stage, log, np.zeros((stage.frames, 5, 3))))
+    found = checked(brightness_model(stage, log, np.zeros((stage.frames, 5, 3))))
     assert found.verdict == UNEXPLAINED
 
 
 def test_lit_images_of_a_dark_log_are_unexplained(stage: Stage) -> None:
     rng = np.random.default_rng(0)
     seen = photograph(stage, random_groups(stage, rng), rng)
-    assert checked(model_of(stage, all_dark(stage, rng), seen)).verdict == UNEXPLAINED
+    assert checked(brightness_model(stage, all_dark(stage, rng), seen)).verdict == UNEXPLAINED
 
 
 def test_units_of_intensity_and_brightness_do_not_matter(case: HardCase, stage: Stage) -> None:
     log = random_groups(stage, np.random.default_rng(0))
     seen = photograph(stage, log, np.random.default_rng(1))
     usual, small, bright = (
-        checked(model_of(stage, factor * log, gain * seen)) for factor, gain in ((1, 1), (1e-6, 1), (1, 1e4))
+        checked(brightness_model(stage, factor * log, gain * seen)) for factor, gain in ((1, 1), (1e-6, 1), (1, 1e4))
     )
     for other in (small, bright):
         ahead = [[sync.sigmas_ahead[offset] for offset in usual.sigmas_ahead] for sync in (other, usual)]
@@ -120,7 +128,7 @@ def test_lights_in_one_place_are_not_told_apart_but_one_is_named(stage: Stage) -
     twin.lights[9], twin.transport[:, :, 9] = twin.lights[4], twin.transport[:, :, 4]
     shown = log.copy()
     shown[:, 4] = 0
-    found = checked(model_of(twin, log, photograph(twin, shown, rng)))
+    found = checked(brightness_model(twin, log, photograph(twin, shown, rng)))
     assert [fault.name for fault in found.faults] in (["L004"], ["L009"])
 
 
@@ -128,7 +136,7 @@ def test_cameras_in_one_place(case: HardCase, stage: Stage) -> None:
     rng = np.random.default_rng(4)
     log = random_groups(stage, rng)
     twin = replace(stage, cameras=np.repeat(stage.cameras[:1], 5, 0), transport=np.repeat(stage.transport[:, :1], 5, 1))
-    found = checked(model_of(twin, log, photograph(twin, log, rng)))
+    found = checked(brightness_model(twin, log, photograph(twin, log, rng)))
     assert found.verdict == IN_SYNC
     case.check(len(found.faults), 0, unit="alarms")
 
@@ -147,7 +155,7 @@ def test_saturated_images_hide_neither_an_offset_nor_raise_alarms(case: HardCase
     log = random_groups(stage, rng)
     seen = photograph(stage, log, rng)
     clipped = np.minimum(seen, 0.8 * seen.max(0))
-    assert checked(model_of(stage, log, clipped)).verdict == IN_SYNC
-    late = checked(model_of(stage, log, clipped, numbers=np.arange(stage.frames) + 2))
+    assert checked(brightness_model(stage, log, clipped)).verdict == IN_SYNC
+    late = checked(brightness_model(stage, log, clipped, numbers=np.arange(stage.frames) + 2))
     assert [fault.kind for fault in late.faults] == ["offset"]
     case.check(abs(late.faults[0].value - 2.0), 0, unit="frames")

@@ -11,7 +11,7 @@ from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS, ROUGHNESS_BOU
 from pipeline.avatar.networks.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
 from pipeline.avatar.training.losses import SCALE_BOUNDS_M
 from pipeline.geometry.texels import Atlas
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 2e-6
 """A logarithm of float32 is good to 6e-8 of its value, up to 90."""

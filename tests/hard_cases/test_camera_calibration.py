@@ -15,8 +15,8 @@ from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.calibrate_cameras import run
-from tests.support.drawn_boards import BOARD, FOCAL, camera_at, draw, pose, write_capture
-from tests.support.planted_rig import boards_in_stage, center_errors, observe, planted_cameras, solve
+from tests.support.drawings.boards import BOARD, FOCAL, camera_at, draw, pose, write_capture
+from tests.support.rigs.cameras import boards_in_stage, center_errors, observe, planted_cameras, solve
 
 TURNS = np.random.default_rng(2).uniform(-0.5, 0.5, (12, 3))
 PLACES = np.random.default_rng(3).uniform([-0.15, -0.1, -0.1], [0.15, 0.1, 0.2], (12, 3))

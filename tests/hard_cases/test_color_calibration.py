@@ -12,7 +12,7 @@ from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.stages.calibrate_color import run
-from tests.support.drawn_chart import (
+from tests.support.drawings.chart import (
     VALUES,
     camera_responses,
     corners_of_chart,

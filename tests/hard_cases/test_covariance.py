@@ -16,7 +16,7 @@ import torch
 from pipeline.rendering.splat import splat
 from pipeline.rendering.splat_conventions import MAX_ALPHA, MIN_ALPHA, MIN_DILATION_PX2
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 SIZE, FOCAL, DEPTH_M, OPACITY = 24, 60.0, 2.0, 0.7
 

@@ -19,7 +19,7 @@ from pipeline.lighting.lobes import LOBE_CONSTANT
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.zonal import DEGREES
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 HEIGHT = 32
 

@@ -21,7 +21,7 @@ from pipeline.eyes.eye_shape import EyeShape, eye_surface, turn_to
 from pipeline.lighting.lobes import LOBE_CONSTANT
 from pipeline.lighting.point_lights import PointLights
 from pipeline.rendering.splat_types import CameraView
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     AHEAD,
     CENTERS,
     make_atlas,
@@ -30,7 +30,7 @@ from tests.support.eyeballs import (
     make_frame,
     make_image,
 )
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 2e-6
 """Two dozen operations of float32 on numbers of about 1, three of them roots."""

@@ -13,7 +13,7 @@ from pipeline.lighting.distant import arriving_light, gather_harmonics
 from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, gather_light
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 1e-5
 """Cosines in float32, over the root of a sum of squares, are good to 2e-7; P_8 has the slope 36 at the end of its

@@ -25,8 +25,8 @@ from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.lobes import LOBE_CONSTANT, angle_between, cosine_gaussian, unit
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import DEGREES, clamped_cosine_coefficients
-from tests.support.hard_case import HardCase, worst
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 5e-7
 """A dozen operations of float32."""

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.capture.index.eye_tables import OPPOSITE, between_directions
 from pipeline.effects.mean_textures import SeenColors, fill_unseen
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 
 @pytest.mark.parametrize("angle", [1e-12, 1e-5, 1.0, np.pi - 1e-5])

@@ -17,7 +17,7 @@ from pipeline.capture.index.image_checks import ExpectedImage, inspect_image
 from pipeline.capture.undistortion import SPLINE_SUPPORT, undistort_image
 from pipeline.geometry.cameras import Camera
 from pipeline.metrics.images import flip, psnr_db, ssim
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 5e-7
 EVERYWHERE = np.ones((16, 16), bool)

@@ -14,7 +14,7 @@ from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 UP = np.array([0, 1.0, 0])
 ROUNDING = 1e-12

@@ -1,6 +1,6 @@
 """What goes wrong when lights are calibrated from mirror balls: each case with the message or the bound it has to meet.
 
-The capture is drawn (tests/support/drawn_balls.py); every case changes one thing in it.
+The capture is drawn (tests/support/drawings/balls.py); every case changes one thing in it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.stages.calibrate_lights import run
-from tests.support.drawn_balls import edit_json, images_of, paths, planted_lights, variant, write_ball_capture
+from tests.support.drawings.balls import edit_json, light_images, paths, planted_lights, variant, write_ball_capture
 
 LENIENT = CalibrateLights(largest_sigma_m=0.06)
 """These balls are 37 px in radius: a light here is good to 5 mm, and one in five to 30 only."""
@@ -88,7 +88,7 @@ def test_a_ball_at_the_border_of_an_image(folder):
 
 
 def test_a_dead_led(folder):
-    for path in images_of(folder, "L4"):
+    for path in light_images(folder, "L4"):
         cv2.imwrite(str(path), np.full((300, 300), 3, np.uint8))
     lights, verdicts = calibrate(folder)
     grade, reason = verdicts["light", "L4"]
@@ -100,7 +100,7 @@ def test_a_dead_led(folder):
 
 
 def test_two_leds_on_in_all_images_of_one(folder):
-    for path, other in zip(images_of(folder, "L3"), images_of(folder, "L7"), strict=True):
+    for path, other in zip(light_images(folder, "L3"), light_images(folder, "L7"), strict=True):
         both = np.maximum(cv2.imread(str(path), 0), cv2.imread(str(other), 0))
         cv2.imwrite(str(path), both)
     lights, verdicts = calibrate(folder)
@@ -113,7 +113,7 @@ def test_two_leds_on_in_all_images_of_one(folder):
 
 def test_a_reflection_of_something_else_in_some_images(case, folder):
     plain, _ = calibrate(folder)
-    for path in images_of(folder, "L3")[::3]:
+    for path in light_images(folder, "L3")[::3]:
         image = cv2.imread(str(path), 0)
         silhouette = cv2.imread(str(path.with_name(path.name.replace("_3.", "_None."))), 0)
         middle = np.argwhere(silhouette < 90).mean(0)
@@ -128,7 +128,7 @@ def test_a_reflection_of_something_else_in_some_images(case, folder):
 def test_a_window_in_all_images_is_no_light(case, folder, caplog):
     """Brighter than some highlights, fainter than others; and one LED is dead, so that it is all that shines."""
     for light in range(len(planted_lights())):
-        for path in images_of(folder, f"L{light}"):
+        for path in light_images(folder, f"L{light}"):
             image = cv2.imread(str(path), 0) if light != 4 else np.full((300, 300), 3, np.uint8)
             silhouette = cv2.imread(str(path.with_name(path.name.replace(f"_{light}.", "_None."))), 0)
             row, column = np.argwhere(silhouette < 90).mean(0)
@@ -210,7 +210,7 @@ def test_known_cameras_in_another_frame(folder):
 
 
 def test_overexposed_highlights_tell_no_intensity(folder):
-    for path in images_of(folder, "L6"):
+    for path in light_images(folder, "L6"):
         image = cv2.imread(str(path), 0).astype(float)
         cv2.imwrite(str(path), np.minimum(30 * image, 255).astype(np.uint8))
     lights, verdicts = calibrate(folder)

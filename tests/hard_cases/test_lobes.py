@@ -14,7 +14,7 @@ from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_NORM, angle_between,
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.specular_lobes import gather_specular
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 5e-7
 """A dozen operations of float32 on the lobe's value over its peak, and on its slope over its steepest slope."""

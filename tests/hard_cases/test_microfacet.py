@@ -14,7 +14,7 @@ from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS
 from pipeline.lighting.lobes import LOBE_CONSTANT, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
 from pipeline.lighting.point_lights import PointLights
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 DIRECTION_RAD = 1e-7
 """Directions of float32, and the one halfway between two of them if they are not nearly opposite, are good to this."""

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.rigid_alignment import align_rigid, fit_scale
 from pipeline.geometry.triangulation import reprojection, triangulate
-from tests.support.hard_case import HardCase, worst
-from tests.support.walking_figure import ring_of_cameras
+from tests.support.figures.walking import ring_of_cameras
+from tests.support.results.hard_case import HardCase, worst
 
 TURN, STEP = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([1.0, -2.0, 0.5])
 

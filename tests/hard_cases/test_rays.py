@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.lighting.visibility import Occluders
-from tests.support.hard_case import HardCase
+from tests.support.results.hard_case import HardCase
 
 NAIVE_OFFSET_M = 1e-4
 

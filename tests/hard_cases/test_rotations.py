@@ -17,7 +17,7 @@ from pipeline.geometry.rotations import (
     skew,
     slerp,
 )
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 ROUNDING = 1e-14
 """A few dozen float64 operations on numbers of about one."""

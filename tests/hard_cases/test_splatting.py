@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from tests.support.splat_by_names import compare_with_reference
+from tests.support.avatars.splat_by_names import compare_with_reference
 
 VALUE_TOLERANCE = 1e-5
 GRADIENT_TOLERANCE = 1e-5

@@ -10,7 +10,7 @@ import torch
 from pipeline.geometry.atlas import rasterize_faces, tangent_weights
 from pipeline.geometry.mesh import area_vectors, unit_or, vertex_normals, weld_vertices
 from pipeline.geometry.texels import Atlas, any_tangent, texel_frames
-from tests.support.hard_case import HardCase, worst
+from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 1e-6
 EXACT = 1e-14

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from pathlib import Path
 
@@ -11,12 +10,12 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays, read_table, write_json
+from pipeline.base.files import read_arrays, read_table
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.stages.track_mesh import run
-from tests.support.hard_case import HardCase
-from tests.support.walking_capture import edited, mean_error_mm, write_capture
-from tests.support.walking_figure import Motion, walk
+from tests.support.captures.walking import edited, mean_error_mm, with_template_scale, write_capture
+from tests.support.figures.walking import Motion, walk
+from tests.support.results.hard_case import HardCase
 
 FRAMES = 14
 
@@ -85,13 +84,9 @@ def test_a_dead_camera(
 
 
 def test_left_and_right_swapped_in_one_view(
-    case: HardCase,
-    captured: dict,
-    keypoints: pd.DataFrame,
-    motion: Motion,
-    tmp_path: Path,
+    case: HardCase, captured: dict, keypoints: pd.DataFrame, motion: Motion, tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
-) -> None:
+) -> None:  # fmt: skip
     names = {"k03": "k05", "k04": "k06", "k07": "k09", "k08": "k10"}
     names |= {right: left for left, right in names.items()}
     swapped = (keypoints.camera == "cam04") & keypoints.frame.between(3, 9)
@@ -120,13 +115,9 @@ def test_a_rotation_through_180_degrees(case: HardCase, tmp_path: Path, turn: fl
 
 
 def test_a_subject_that_leaves_the_volume(
-    case: HardCase,
-    captured: dict,
-    keypoints: pd.DataFrame,
-    motion: Motion,
-    tmp_path: Path,
+    case: HardCase, captured: dict, keypoints: pd.DataFrame, motion: Motion, tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
-) -> None:
+) -> None:  # fmt: skip
     gone = keypoints.frame >= FRAMES - 3
     leaving = (keypoints.frame == FRAMES - 4) & keypoints.camera.isin(["cam00", "cam01", "cam02", "cam05"])
     images = read_table(captured["index"] / "images.parquet")
@@ -138,9 +129,8 @@ def test_a_subject_that_leaves_the_volume(
     assert table.status.tolist() == ["tracked"] * (FRAMES - 3) + ["interpolated"] * 3
     assert f"3 frames had too few keypoints and were interpolated: {list(range(FRAMES - 3, FRAMES))}" in caplog.text
     assert table.masks.tolist() == [5] * (FRAMES - 3) + [0] * 3
-    assert (
-        f"3 frames have no mask; carried poses stand in for outlines: {list(range(FRAMES - 3, FRAMES))}" in caplog.text
-    )
+    unmasked = "3 frames have no mask; interpolated poses stand in for silhouettes"
+    assert f"{unmasked}: {list(range(FRAMES - 3, FRAMES))}" in caplog.text
     seen = np.linalg.norm(result["vertices"] - motion.vertices, axis=-1)[: FRAMES - 3]
     case.check(1e3 * seen.mean(), 1.5 * GOOD_MM, unit="mm")
     # Nobody knows where it went: it stays where it was seen last.
@@ -154,12 +144,8 @@ def test_a_degenerate_template_triangle(case: HardCase, motion: Motion, tmp_path
 
 
 def test_a_template_in_centimetres(captured: dict, tmp_path: Path) -> None:
-    paths = edited(captured, tmp_path)
-    content = json.loads((paths["index"] / "capture.json").read_text())
-    content["template"]["scale_to_m"] = 1.0
-    write_json(paths["index"] / "capture.json", content)
     with pytest.raises(InputError, match=r"set template.scale_to_m in capture.yaml to about 0\.0"):
-        run(**paths, chunk=0)
+        run(**with_template_scale(captured, tmp_path, 1.0), chunk=0)
 
 
 def test_zero_keypoints(captured: dict, keypoints: pd.DataFrame, tmp_path: Path) -> None:

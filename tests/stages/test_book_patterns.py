@@ -16,7 +16,7 @@ from pipeline.capture.images import write_exr, write_png
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.stages.book_patterns import run
-from tests.support.planted_stage import Stage, build_stage, pattern_table, photograph, random_groups
+from tests.support.rigs.light_stage import Stage, build_stage, pattern_table, photograph, random_groups
 
 FRAMES, SIZE = 30, 24
 CAPPED = "c4"

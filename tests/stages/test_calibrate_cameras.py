@@ -13,7 +13,7 @@ from pipeline.base.files import read_table, write_json
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
 from pipeline.stages.calibrate_cameras import run
-from tests.support.drawn_boards import BOARD, FOCAL, SIZE, camera_at, draw, pose, write_capture
+from tests.support.drawings.boards import BOARD, FOCAL, SIZE, camera_at, draw, pose, write_capture
 
 TILTS = [(0.5, 0.1, 0.0), (-0.4, 0.4, 0.1), (0.1, -0.5, -0.2), (0.3, 0.3, 0.4), (-0.3, -0.4, 0.2)]
 RIG = {"left": 0.0, "right": 8.0}

@@ -12,11 +12,11 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_json
 from pipeline.stages.calibrate_color import run
 from pipeline.stages.index_capture import run as index_capture
-from tests.support.drawn_chart import (
+from tests.support.drawings.chart import (
     camera_responses,
+    chart_pixels,
     draw_chart,
     errors_of_corrections,
-    pixels_of,
     write_chart_capture,
 )
 
@@ -47,7 +47,7 @@ def test_drawn_charts_give_the_average_camera(tmp_path):
 def test_residuals_say_where_each_patch_lies(tmp_path):
     run(**write_capture(tmp_path))
     residuals = read_table(tmp_path / "out/residuals_color.parquet")
-    middles = pixels_of(*[(column + 0.5, row + 0.5) for row in range(4) for column in range(6)])
+    middles = chart_pixels(*[(column + 0.5, row + 0.5) for row in range(4) for column in range(6)])
     for _, group in residuals.groupby("camera"):
         assert list(group.patch) == list(range(1, 25))
         corners = group[[f"{axis}{corner}" for corner in range(4) for axis in "xy"]].to_numpy().reshape(24, 4, 2)

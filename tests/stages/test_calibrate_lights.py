@@ -12,7 +12,7 @@ from pipeline.base.files import read_table, write_json
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.geometry.cameras import read_cameras, write_cameras
 from pipeline.stages.calibrate_lights import run
-from tests.support.drawn_balls import (
+from tests.support.drawings.balls import (
     RADIUS,
     cameras_in_stage,
     edit_json,

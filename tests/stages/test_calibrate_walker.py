@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,10 +12,9 @@ import pipeline.stages.calibrate_color
 import pipeline.stages.calibrate_lights
 from pipeline.base.files import read_json, read_table, write_json, write_table
 from pipeline.geometry.cameras import read_cameras
+from tests.support.shared_data import shared_data
 
-WALKER = Path(__file__).parents[3] / "shared/captures/walker"
-
-pytestmark = pytest.mark.skipif(not WALKER.is_dir(), reason="captures/walker is not beside the repository")
+WALKER, pytestmark = shared_data("captures/walker")
 
 
 def entries(pattern, *keys):

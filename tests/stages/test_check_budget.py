@@ -1,4 +1,4 @@
-"""The table of promise and achievement, on results made by hand."""
+"""The table of estimate and achievement, on results made by hand."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.budget.estimate import Choice, Promise
+from pipeline.budget.estimate import Choice, Estimate
 from pipeline.stages.check_budget import run
 
 METRIC = "irradiance, RMS (reference full)"
@@ -34,26 +34,26 @@ def results(tmp_path):
     return folder
 
 
-def promise(**changes) -> str:
+def estimate(**changes) -> str:
     choices = [
         Choice("irradiance_power", "trace_irradiance", "samples", "4", "budget", METRIC, 0.2, 0.01, 0.5),
         Choice("training_steps", "train_avatar", "steps", "300", "user", "PSNR lost", math.nan, 0.1, 1.0),
     ]
     given = {"budget_s": 27.0, "seconds": {"trace_irradiance": 7.0, "train_avatar": 15.0}, "choices": choices}
-    made = Promise("someone", "other", **{**given, "psnr_db": math.nan, **changes})
+    made = Estimate("someone", "other", **{**given, "psnr_db": math.nan, **changes})
     return json.dumps(made.as_json(), allow_nan=False)
 
 
 def table_of(results, text, **settings) -> pd.DataFrame:
     out = results / "budget.csv"
-    run(results=results, capture=results / "capture", promise=text, out=out, **settings)
+    run(results=results, capture=results / "capture", estimate=text, out=out, **settings)
     return pd.read_csv(out).set_index("quantity")
 
 
 def test_time_and_error_side_by_side(results) -> None:
-    table = table_of(results, promise())
+    table = table_of(results, estimate())
     assert table.achieved[["trace_irradiance", "train_avatar", "total"]].tolist() == [8, 20, 28]
-    assert table.promised[["trace_irradiance", "train_avatar", "total", "budget"]].tolist() == [7, 15, 22, 27]
+    assert table.estimated[["trace_irradiance", "train_avatar", "total", "budget"]].tolist() == [7, 15, 22, 27]
     assert table.wall_seconds["total"] == 48
     # 8 for 7 is within a quarter, 20 for 15 is not; 28 for a budget of 27 is not, and of 22 just within 27.5 + 1.
     verdicts = table.verdict[["trace_irradiance", "train_avatar", "total", "budget"]].tolist()
@@ -63,24 +63,24 @@ def test_time_and_error_side_by_side(results) -> None:
     # Nobody knows the reference here.
     assert np.isnan(table.achieved["training_steps"]) and pd.isna(table.verdict["training_steps"])
     assert (
-        np.isnan(table.promised["PSNR of partially lit test images"])
+        np.isnan(table.estimated["PSNR of partially lit test images"])
         and table.achieved["PSNR of partially lit test images"] == 27
     )
 
 
 @pytest.mark.parametrize(("psnr_db", "verdict"), [(26.0, "kept"), (27.9, "kept"), (28.1, "missed")])
 def test_pictures_may_be_a_quarter_of_their_error_worse(results, psnr_db, verdict) -> None:
-    assert table_of(results, promise(psnr_db=psnr_db)).verdict["PSNR of partially lit test images"] == verdict
+    assert table_of(results, estimate(psnr_db=psnr_db)).verdict["PSNR of partially lit test images"] == verdict
 
 
-def test_stage_that_has_not_run_is_no_promise_kept(results) -> None:
+def test_stage_that_has_not_run_has_no_verdict(results) -> None:
     (results / "benchmarks/train_avatar.full.tsv").unlink()
-    table = table_of(results, promise())
+    table = table_of(results, estimate())
     assert np.isnan(table.achieved["train_avatar"]) and np.isnan(table.achieved["total"])
     assert pd.isna(table.verdict["total"])
 
 
 @pytest.mark.parametrize(("text", "said"), [("", "expected JSON"), ("[]", "expected JSON"), ("{}", "the key budget_s")])
-def test_text_that_promises_nothing(results, text, said) -> None:
+def test_text_that_is_no_estimate(results, text, said) -> None:
     with pytest.raises(InputError, match=said):
         table_of(results, text)

@@ -9,7 +9,7 @@ from pipeline.base.errors import InputError
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.metrics.ablation_table import ALL, COLUMNS
 from pipeline.stages.compare_subjects import run
-from tests.support.reported_results import scores
+from tests.support.results.reported_results import scores
 
 
 @pytest.fixture

@@ -20,9 +20,9 @@ from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.geometry.texels import write_atlas
 from pipeline.rendering.splat_ply import read_splats
 from pipeline.stages import relight_avatar as stage
-from tests.support import eyeballs
-from tests.support.sheet import make_sheet
-from tests.unit.avatar.test_head import folded, folds, make_head, trained
+from tests.support.avatars import eyeballs
+from tests.support.avatars.heads import folded, folds, make_head, trained
+from tests.support.avatars.sheet import make_sheet
 
 SMALL = {"height": 24, "width": 20, "orbit_radius": 1.2, "orbit_rise": 0.0, "orbit_turns": 0.0}
 LIGHT = "light,x,y,z,r,g,b\nkey,0.1,0.2,1.5,2,1.5,1\n"

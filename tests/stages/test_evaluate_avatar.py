@@ -180,3 +180,13 @@ def test_avatars_must_have_names_of_their_own(results):
 def test_a_missing_backbone_file_is_an_error(results):
     with pytest.raises(InputError, match="no file"):
         evaluate(results, "good", lpips_backbone=str(results / "absent.pth"))
+
+
+def test_metric_that_is_asked_for_has_columns_after_the_others(results):
+    evaluate(results, "good", metrics=("ms_ssim",))
+    table, costs = pd.read_csv(results / "metrics.csv"), pd.read_csv(results / "ablations.csv")
+    assert table.columns.tolist()[8:11] == ["lpips", "flip", "ms_ssim"]
+    assert table.ms_ssim.isna().all()  # 40 x 36 pixels are fewer than its five scales need
+    assert table.region.str.contains("ms_ssim at least 161 px a side").all()
+    assert {"ms_ssim_all", "ms_ssim_held_out_lights"} <= set(costs.columns)
+    assert "ms_ssim" in pd.read_parquet(results / "metrics_per_image.parquet")

@@ -14,7 +14,7 @@ from pipeline.config.fit_eyes import FitEyes
 from pipeline.eyes.eye_fit import read_eyes
 from pipeline.eyes.eye_shape import usual_shape
 from pipeline.geometry.texels import write_atlas
-from tests.support.eyeballs import AHEAD, CENTERS, make_atlas, make_eyes
+from tests.support.avatars.eyeballs import AHEAD, CENTERS, make_atlas, make_eyes
 
 FRAMES = {0: (4, 5, 6), 1: (7, 8)}
 """Frames of the chunks."""

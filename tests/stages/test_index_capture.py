@@ -1,4 +1,4 @@
-"""A tiny capture indexed: its tables against what was planted. Broken ones: tests/unit/capture/test_validation.py."""
+"""A tiny capture indexed: its tables against what was planted. Broken ones: tests/unit/capture/index."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.stages.index_capture import run
-from tests.support.capture_builder import (
+from tests.support.captures.builder import (
     HEIGHT,
     LIGHTS,
     SENSOR,
@@ -27,9 +27,9 @@ from tests.support.capture_builder import (
     truncate,
     write_lines,
 )
+from tests.support.shared_data import shared_data
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-WALKER = REPOSITORY.parent / "shared/captures/walker"
+WALKER, needs_walker = shared_data("captures/walker")
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +224,7 @@ def test_complaints_come_all_at_once_and_each_once(known: Path, tmp_path: Path) 
         assert message.count(words) == 1, message
 
 
-def test_command_line_exits_with_1_and_no_traceback(known: Path, tmp_path: Path) -> None:
+def test_command_line_exits_with_1_and_no_traceback(known: Path, tmp_path: Path, repo_root: Path) -> None:
     capture = shutil.copytree(known, tmp_path / "capture")
     (capture / "frames.csv").unlink()
     command = [
@@ -236,13 +236,13 @@ def test_command_line_exits_with_1_and_no_traceback(known: Path, tmp_path: Path)
         "--out",
         str(tmp_path / "out"),
     ]
-    result = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    result = subprocess.run(command, cwd=repo_root, capture_output=True, text=True, check=False)
     assert result.returncode == 1
     assert "frames.csv" in result.stderr
     assert "Traceback" not in result.stderr
 
 
-@pytest.mark.skipif(not WALKER.is_dir(), reason="needs shared/captures/walker beside the repository")
+@needs_walker
 def test_walker(tmp_path: Path) -> None:
     run(capture=WALKER, out=tmp_path)
     images = pd.read_parquet(tmp_path / "images.parquet")

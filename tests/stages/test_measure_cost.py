@@ -21,7 +21,7 @@ from pipeline.config.project import SubjectSettings
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject
 from pipeline.stages.measure_cost import read_stage_settings, run
-from tests.support.posed_capture import write_posed_capture
+from tests.support.captures.posed import write_posed_capture
 
 PROGRAM = """
 import json, pathlib, sys
@@ -56,7 +56,7 @@ def read_number(path: Path) -> float:
 def turn(tmp_path, monkeypatch):
     """Runs the stage with one dial that takes the values given; returns its table and the order of its runs."""
     stage = TinyStage(
-        name="index_capture", arguments="", inputs=(), outputs={"value": ("value.json", "value.json")},
+        name="index_capture", inputs=(), outputs={"value": ("value.json", "value.json")},
         metrics=(
             Metric("off", lambda s, out, true: abs(read_number(out["value"]) - read_number(true["value"])),
                    lambda s: 0.0),
@@ -211,9 +211,9 @@ def long_stage(tmp_path):
         return abs(read_number(output["value"]) - read_number(expected["value"]))
 
     return LongStage(
-        name="index_capture", arguments="", inputs=(), outputs={"value": ("first.json", None)},
+        name="index_capture", inputs=(), outputs={"value": ("first.json", None)},
         metrics=(Metric("off", error, lambda subject: 0.5),), unit="numbers", work=lambda output: 1,
-        afterwards={"slow": "", "judge": ""}, timed=("slow",), warm_up={"short": 100}, history=tmp_path / "history",
+        afterwards=("slow", "judge"), timed=("slow",), warm_up={"short": 100}, history=tmp_path / "history",
     )  # fmt: skip
 
 

@@ -132,7 +132,7 @@ def test_frames_carry_light_and_geometry(stage):
     assert frames[12].light_positions.shape == (0, 3)
     assert (frames[11].segment, frames[11].fully_lit, frames[10].fully_lit) == ("a", True, False)
     np.testing.assert_array_equal(frames[12].irradiance, [0.25, 0.5, 3])  # texels (0,1), (1,0), (1,1) of frame 12's map
-    np.testing.assert_array_equal(frames[12].falling, [0.125, 0.25, 0.5])
+    np.testing.assert_array_equal(frames[12].cosine_visibility, [0.125, 0.25, 0.5])
     np.testing.assert_allclose(frames[12].vertices[0], [-0.2 + 0.02, -0.3 + 0.02, 0.02], rtol=1e-6)
 
 

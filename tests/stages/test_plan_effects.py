@@ -13,7 +13,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.effects.scene_evidence import rotation_spread_deg
 from pipeline.stages.plan_effects import run
-from tests.support.posed_capture import BALL_HEIGHT, BALL_RADIUS, write_cameras_and_color, write_posed_capture
+from tests.support.captures.posed import BALL_HEIGHT, BALL_RADIUS, write_cameras_and_color, write_posed_capture
 
 UNSEEN = {"specular", "deferred", "learned_transport", "eyes"}
 """What captures without images (and eyes) cannot call for."""

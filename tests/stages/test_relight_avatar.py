@@ -26,7 +26,7 @@ from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.texels import write_atlas
 from pipeline.rendering.splat_ply import read_splats
 from pipeline.stages import relight_avatar as stage
-from tests.support.sheet import make_sheet
+from tests.support.avatars.sheet import make_sheet
 
 SMALL = {"height": 32, "width": 24, "orbit_radius": 1.2, "orbit_rise": 0.0, "orbit_turns": 0.0}
 LIGHT = "light,x,y,z,r,g,b\nkey,0.1,0.2,1.5,2,1.5,1\n"

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from pipeline.stages.write_report import run
-from tests.support.reported_results import write_results
+from tests.support.results.reported_results import write_results
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
 

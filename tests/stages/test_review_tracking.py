@@ -17,9 +17,9 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_arrays, write_json, write_table
 from pipeline.config.review_tracking import ReviewTracking
 from pipeline.stages.review_tracking import run
-from tests.support.painted_figure import add_images
-from tests.support.walking_capture import DOWNSAMPLE, write_capture
-from tests.support.walking_figure import Motion, ring_of_cameras, walk
+from tests.support.captures.walking import DOWNSAMPLE, write_capture
+from tests.support.figures.painted import add_images
+from tests.support.figures.walking import Motion, ring_of_cameras, walk
 
 FRAMES, SLIPPED, KNOCKED, HELD_OUT = 12, 5, "cam03", "cam01"
 SLIP_M = np.array([0.0, 0.08, 0.0], np.float32)

@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.bench_growth import measure, write_results
-from benchmarks.growth_cases import CASES, COUNTED, Case
-from benchmarks.growth_projection import CAPTURES, TERMS, fit_terms, product
+from benchmarks.bench_scaling import measure, write_results
+from benchmarks.scaling_cases import CASES, COUNTED, Case
+from benchmarks.scaling_projection import CAPTURES, TERMS, fit_terms, product
 
 ARRAYS = """
 import numpy as np
-from benchmarks.bench_growth import cost_of
+from benchmarks.bench_scaling import cost_of
 
 MIB = 2**20
 held = np.ones(16 * MIB // 8)
@@ -75,7 +75,7 @@ def test_planted_runs_are_projected_as_planted(tmp_path):
             assert getattr(row, f"{name}_low") <= getattr(row, name) <= getattr(row, f"{name}_high")
     sizes = CAPTURES["RFGCA"]["pack_shards"].sizes
     assert projection.beyond[2] == pytest.approx(math.prod(size / 512 for size in sizes.values()))
-    assert (tmp_path / "growth.png").stat().st_size > 10_000
+    assert (tmp_path / "scaling.png").stat().st_size > 10_000
 
 
 def test_coefficients_are_found_in_noise_and_never_negative():

@@ -10,10 +10,11 @@ import pytest
 import yaml
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays, read_json
+from pipeline.base.files import read_json
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.synthesize_capture import run
+from tests.support.captures.synthesized import read_truth, synthesize
 
 pytest.importorskip("mitsuba")
 
@@ -29,16 +30,12 @@ SETTINGS = SynthesizeCapture(
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
-    out = tmp_path_factory.mktemp("captures") / "small"
-    run(subject="small", out=out, workers=1, settings=SETTINGS)
-    return out
+    return synthesize(tmp_path_factory.mktemp("captures") / "small", SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def truth(capture):
-    cameras = read_cameras(capture / "truth/cameras.json")
-    images = {name: camera.downsampled(SETTINGS.downsample_from_sensor) for name, camera in cameras.items()}
-    return images, read_arrays(capture / "truth/tracking.safetensors")
+    return read_truth(capture, SETTINGS)
 
 
 def image(capture, camera, frame):

@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 from pipeline.base.files import read_arrays, read_json
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.unwrap_atlas import UnwrapAtlas
-from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.skin import read_template
 from pipeline.stages import index_capture, unwrap_atlas
-from pipeline.stages.synthesize_capture import run
+from tests.support.captures.synthesized import read_truth, synthesize
 
 pytest.importorskip("mitsuba")
 
@@ -29,16 +28,12 @@ SETTINGS = SynthesizeCapture(
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
-    out = tmp_path_factory.mktemp("captures") / "small"
-    run(subject="small", out=out, workers=1, settings=SETTINGS)
-    return out
+    return synthesize(tmp_path_factory.mktemp("captures") / "small", SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def truth(capture):
-    cameras = read_cameras(capture / "truth/cameras.json")
-    images = {name: camera.downsampled(SETTINGS.downsample_from_sensor) for name, camera in cameras.items()}
-    return images, read_arrays(capture / "truth/tracking.safetensors")
+    return read_truth(capture, SETTINGS)
 
 
 def test_capture_is_valid_and_says_that_it_is_a_head(capture, tmp_path):

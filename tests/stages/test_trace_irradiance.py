@@ -16,7 +16,7 @@ from pipeline.capture.images import read_exr_channel, write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texels import read_atlas
 from pipeline.stages.trace_irradiance import run
-from tests.support.posed_capture import BALL_HEIGHT, BALL_RADIUS, FLOOR_HALF, write_posed_capture
+from tests.support.captures.posed import BALL_HEIGHT, BALL_RADIUS, FLOOR_HALF, write_posed_capture
 
 
 def test_maps_and_table(tmp_path: Path) -> None:

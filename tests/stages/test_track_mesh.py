@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +9,12 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays, read_table, write_json
+from pipeline.base.files import read_arrays, read_table
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.stages.track_mesh import run
-from tests.support.painted_figure import add_images
-from tests.support.walking_capture import OUTLIERS, edited, mean_error_mm, write_capture
-from tests.support.walking_figure import BONES, Motion, walk
+from tests.support.captures.walking import OUTLIERS, edited, mean_error_mm, with_template_scale, write_capture
+from tests.support.figures.painted import add_images
+from tests.support.figures.walking import BONES, Motion, walk
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +45,7 @@ def test_vertices_are_found_to_millimetres(captured: dict, motion: Motion) -> No
     assert result["root_translation"].shape == (12, 3)
 
 
-def test_outlines_find_what_keypoints_leave_open(captured: dict, motion: Motion, tmp_path: Path) -> None:
+def test_silhouettes_find_what_keypoints_leave_open(captured: dict, motion: Motion, tmp_path: Path) -> None:
     errors = {}
     for rounds in (0, 5):
         paths = captured | {"out": tmp_path / str(rounds)}
@@ -55,7 +54,7 @@ def test_outlines_find_what_keypoints_leave_open(captured: dict, motion: Motion,
     assert errors[5] < 0.5 * errors[0]
 
 
-def test_outlines_between_masks_help_where_limbs_hardly_move(tmp_path: Path) -> None:
+def test_interpolated_silhouettes_help_slow_limbs(tmp_path: Path) -> None:
     slow = walk(9, fps=96.0)
     captured = write_capture(tmp_path, slow)
     images, masked = read_table(captured["index"] / "images.parquet"), np.arange(9) % 2 == 0
@@ -165,9 +164,6 @@ def test_bad_input_says_what_to_do(captured: dict, tmp_path: Path) -> None:
     assert "one row per frame" in complaint("twice", keypoints_2d=pd.concat([keypoints, keypoints[:1]]))
     scattered = keypoints.assign(x=np.random.default_rng(0).uniform(0, 160, len(keypoints)))
     assert "two cameras agree" in complaint("one_camera", keypoints_2d=scattered[scattered.camera == "cam00"])
-    paths = edited(captured, tmp_path)
-    content = json.loads((paths["index"] / "capture.json").read_text())
-    content["template"]["scale_to_m"] = 1.0
-    write_json(paths["index"] / "capture.json", content)
+
     with pytest.raises(InputError, match=r"set template.scale_to_m in capture.yaml to about 0\.0"):
-        run(**paths, chunk=0)
+        run(**with_template_scale(captured, tmp_path, 1.0), chunk=0)

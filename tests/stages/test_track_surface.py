@@ -18,7 +18,7 @@ from pipeline.synthesis.detector import detect_keypoints
 from pipeline.synthesis.head import build_head
 from pipeline.synthesis.stage_rig import build_stage_rig
 from pipeline.synthesis.subject import vertex_normals
-from tests.support.walking_figure import draw_mask
+from tests.support.figures.walking import draw_mask
 
 SETTINGS = SynthesizeCapture(
     figure="head", framed_height_m=0.36, cameras=7, frames=6, fps=15.0, width=112, height=128, uvs=False,

@@ -26,7 +26,7 @@ from pipeline.base.stopping import Stopped
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
+from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
 
 SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1)
 
@@ -34,7 +34,7 @@ SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1)
 @pytest.fixture
 def inputs(tmp_path):
     write_subject(tmp_path)
-    return {**arguments_of(tmp_path), "settings": SETTINGS}
+    return {**stage_arguments(tmp_path), "settings": SETTINGS}
 
 
 def test_avatar_has_what_the_plan_asks_for_and_loads(inputs, tmp_path):
@@ -63,7 +63,7 @@ def test_eyes_that_are_on_ask_for_their_fit(inputs, tmp_path):
 def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
     inputs["effects"].write_text(json.dumps({name: {"on": name != "eyes"} for name in EFFECTS}))
     dimmed = [
-        dataclasses.replace(frame, irradiance=0.5 * frame.irradiance, falling=0.3 * frame.falling)
+        dataclasses.replace(frame, irradiance=0.5 * frame.irradiance, cosine_visibility=0.3 * frame.cosine_visibility)
         for frame in read_frame_shards([tmp_path / "shards/frames"]).values()
     ]
     write_frame_shard(tmp_path / "dim/0000.arrow", dimmed)
@@ -171,7 +171,7 @@ def test_a_pixel_that_is_not_finite_is_traced_to_its_step(tmp_path, monkeypatch)
         (tmp_path / name).mkdir()
         write_subject(tmp_path / name, content)
     with pytest.raises(InputError) as told:
-        stage.run(**arguments_of(tmp_path / "spoiled"), settings=settings, out=tmp_path / "out")
+        stage.run(**stage_arguments(tmp_path / "spoiled"), settings=settings, out=tmp_path / "out")
     found = re.fullmatch(
         r"step (\d), (.*): expected finite numbers, found others in loss terms: photometric \(nan\).*; before it: (.*)",
         str(told.value),
@@ -182,7 +182,7 @@ def test_a_pixel_that_is_not_finite_is_traced_to_its_step(tmp_path, monkeypatch)
     assert number > 0
     step_and(monkeypatch, number, die)
     with pytest.raises(Death):
-        stage.run(**arguments_of(tmp_path / "clean"), settings=settings, out=tmp_path / "clean/out")
+        stage.run(**stage_arguments(tmp_path / "clean"), settings=settings, out=tmp_path / "clean/out")
     before, expected = read_arrays(Path(found[3])), read_arrays(tmp_path / "clean/out/checkpoint.safetensors")
     assert before["adam.step.albedo"] == number
     for name in expected:

@@ -13,7 +13,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json
 from pipeline.capture.shards import read_frame_shards, write_frame_shard
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet_subject import arguments_of, write_subject
+from tests.support.avatars.sheet_subject import stage_arguments, write_subject
 
 SMALL = {"code_size": 4, "decoder_channels": (8, 4), "pose_points": 4}
 SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1, deferred="off", weight_ssim=0.02, **SMALL)
@@ -23,7 +23,7 @@ SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1, deferred="off",
 def inputs(tmp_path):
     """The sheet as a head: every frame is bent a little further, and says how the head moved."""
     write_subject(tmp_path)
-    given = {**arguments_of(tmp_path), "settings": SETTINGS}
+    given = {**stage_arguments(tmp_path), "settings": SETTINGS}
     frames = []
     for number, frame in read_frame_shards([given["shards"] / "frames"]).items():
         vertices = frame.vertices.copy()

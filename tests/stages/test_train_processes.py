@@ -15,7 +15,7 @@ import pytest
 from pipeline.base.files import read_arrays
 from pipeline.config.flags import flags
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet_subject import arguments_of, sheet_frames, sheet_images, write_subject
+from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
 
 STEPS = 120
 SETTINGS = TrainAvatar(
@@ -45,7 +45,7 @@ def start(subject, out, processes):
     launcher = [sys.executable]
     if processes > 1:
         launcher += ["-m", "torch.distributed.run", "--standalone", "--nproc_per_node", str(processes)]
-    words = [word for name, value in arguments_of(subject).items() for word in (f"--{name}", str(value))]
+    words = [word for name, value in stage_arguments(subject).items() for word in (f"--{name}", str(value))]
     words += [*flags(SETTINGS), "--out", str(out)]
     return subprocess.Popen(
         [*launcher, "-m", "pipeline.stages.train_avatar", *words],

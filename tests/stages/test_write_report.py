@@ -17,12 +17,12 @@ from pipeline.config.project import SubjectSettings
 from pipeline.config.write_report import WriteReport, subject_changes
 from pipeline.report.provenance import without_paths
 from pipeline.stages.write_report import run
-from tests.support.reported_results import OF_THE_PROJECT, OPTIONAL, plot, write_results
+from tests.support.results.reported_results import OF_THE_PROJECT, OPTIONAL, plot, write_results
 
 EFFECTS_TITLE = "Effects, planned against all on"
 TITLES = (
     "Scores", "Captured and rendered", "In other light", "Ablations", "Effects", EFFECTS_TITLE, "Calibration",
-    "Light patterns and sync", "Tracking", "Atlas", "Accuracy against time", "Growth of cost", "Hard cases",
+    "Light patterns and sync", "Tracking", "Atlas", "Accuracy against time", "Scaling of cost", "Hard cases",
     "Time and memory", "Provenance",
 )  # fmt: skip
 
@@ -90,7 +90,7 @@ def test_every_part_is_there_with_what_was_planted(results):
         text in parts["Hard cases"] for text in ("2 cases, 1 pass, 1 do not", "a < b", "1e−09 (1e−06)", "not finite")
     )
     assert all(
-        text in parts["Growth of cost"]
+        text in parts["Scaling of cost"]
         for text in (
             "0.98 [0.90, 1.10]",
             "more than predicted",
@@ -130,10 +130,17 @@ def test_what_is_not_there_is_named_with_its_command(results):
     missing = {anchor for anchor, text in page.sections.items() if "Missing:" in text}
     assert missing == {
         "captured-and-rendered", "in-other-light", "calibration", "tracking", "accuracy-against-time", "hard-cases",
-        "time-and-memory", "growth-of-cost", "effects--planned-against-all-on",
+        "time-and-memory", "scaling-of-cost", "effects--planned-against-all-on",
     }  # fmt: skip
     assert "make results/someone/accuracy_cost.csv" in page.sections["accuracy-against-time"]
     assert "camera <b> is uncertain" in page.sections["calibration"]
+
+
+def test_scaling_that_an_earlier_version_wrote_is_shown(results):
+    (results / "scaling").rename(results / "growth")
+    (results / "growth/scaling.png").rename(results / "growth/growth.png")
+    text = Reader(report(results)).sections["scaling-of-cost"]
+    assert "0.98 [0.90, 1.10]" in text and "Missing:" not in text
 
 
 def test_one_avatar_has_no_ablation(tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.support.hard_case import COLUMNS, HardCase, worst
+from tests.support.results.hard_case import COLUMNS, HardCase, worst
 
 CASES = """
 import pytest

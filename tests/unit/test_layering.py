@@ -6,14 +6,14 @@ import ast
 
 import pytest
 
-from pipeline.base.code_digest import direct_imports
+from pipeline.base.code_digest import direct_imports, imported_modules
 
 LAYERS = [
     {"base"},
     {"config", "geometry"},
     {"eyes", "metrics", "rendering", "synthesis"},
     {"budget", "capture"},
-    {"calibration", "lighting"},
+    {"calibration", "lighting", "workflow"},
     {"sync", "tracking"},
     {"effects"},
     {"avatar"},
@@ -109,6 +109,13 @@ def test_stages_never_import_stages(modules):
     assert not crossing
 
 
+def test_no_stage_depends_on_the_workflow(modules):
+    """Which jobs there are decides nothing about what a stage does: its code digest leaves that out."""
+    stages = [name for name, path in modules.items() if path.parent.name == "stages"]
+    bound = {name for name in stages for used in imported_modules(name) if used.startswith("pipeline.workflow")}
+    assert len(stages) > 20 and not bound
+
+
 def test_no_module_imports_what_is_forbidden(modules):
     found = {
         f"{name} imports {target}"
@@ -122,6 +129,16 @@ def test_no_module_imports_what_is_forbidden(modules):
 def test_gsplat_is_imported_in_one_module(modules):
     users = [n for n, path in modules.items() if any(t.split(".")[0] == "gsplat" for t in direct_imports(n, path))]
     assert users == ["pipeline.rendering.splat_gsplat"]
+
+
+def test_no_test_module_imports_another(repo_root):
+    """What two of them need stands in tests/support."""
+    found = []
+    for path in sorted((repo_root / "tests").rglob("*.py")):
+        name = ".".join(path.relative_to(repo_root).with_suffix("").parts)
+        targets = {target for target in direct_imports(name, path) if target.split(".")[0] == "tests"}
+        found += [f"{name} imports {target}" for target in targets if not target.startswith("tests.support")]
+    assert not found
 
 
 def test_no_call_unpickles(modules):

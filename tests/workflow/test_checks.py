@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.support.curve_files import write_curves
+from pipeline import STAGES
+from pipeline.config.project import SECTIONS
+from pipeline.config.stage_commands import ARGUMENTS
+from tests.support.results.curve_files import write_curves
 
 ALWAYS = {
     "index_capture": 1,
@@ -120,17 +123,51 @@ def test_wrong_configuration_is_said_at_once_and_without_traceback(copy_of_proje
     assert "Traceback" not in printed
 
 
+def test_stages_are_listed_once_for_modules_rules_and_settings(repo_root):
+    text = "\n".join(path.read_text() for path in sorted((repo_root / "workflow/rules").glob("*.smk")))
+    modules = {path.stem for path in (repo_root / "pipeline/stages").glob("*.py")} - {"__init__"}
+    assert tuple(SECTIONS) == STAGES == tuple(ARGUMENTS)
+    assert sorted(STAGES) == sorted(modules) == sorted(re.findall(r"-m pipeline\.stages\.(\w+) ", text))
+
+
 def test_stage_has_one_rule_with_a_log_and_a_benchmark_of_its_name(repo_root):
     text = "\n".join(path.read_text() for path in sorted((repo_root / "workflow/rules").glob("*.smk")))
-    for stage in ("synthesize_capture", *ALWAYS, "trace_irradiance", "bake_textures"):
-        assert len([line for line in text.splitlines() if line in (f"rule {stage}:", f"checkpoint {stage}:")]) == 1
-        for expected in (
-            f"/logs/{stage}.",
-            f"/benchmarks/{stage}.",
-            f'code_of("{stage}")',
-            f"-m pipeline.stages.{stage} ",
-        ):
-            assert expected in text
+    for stage in STAGES:
+        (rule,) = re.findall(rf"^(?:rule|checkpoint) {stage}:\n(.*?)(?=^\S|\Z)", text, re.MULTILINE | re.DOTALL)
+        for expected in (f"/logs/{stage}." if stage != "compare_subjects" else f"/{stage}.log", f"/{stage}.",
+                         "code=", f'"{stage}"', f"-m pipeline.stages.{stage} "):  # fmt: skip
+            assert expected in rule
+
+
+def test_commands_name_files_that_the_rules_declare(copy_of_project, tmp_path):
+    """A path of a command that is no input and no output would be read behind Snakemake's back."""
+    workflow = copy_of_project(tmp_path / "project")
+    for path in (workflow.folder / "workflow/rules").glob("*.smk"):  # Without messages, a plan lists files.
+        path.write_text(re.sub(r"^    message:\n        .*\n", "", path.read_text(), flags=re.MULTILINE))
+    (workflow.folder / "config/lights").mkdir(exist_ok=True)
+    (workflow.folder / "config/lights/sky.exr").touch()
+    wanted = ("calibration/review", "tracking/review", "accuracy_cost.csv", "report/index.html", "eyes.json",
+              "irradiance/0000.parquet", "textures/0000.safetensors", "relit/full/sky", "budget.csv")  # fmt: skip
+    options = ("--dry-run", "--printshellcmds", "--config", "budget_minutes=60", "--")
+    done = workflow.snakemake(*options, "results/comparison.csv", *(f"results/tiny/{name}" for name in wanted))
+    pattern = r"^(rule|checkpoint) (\w+):\n(.*?)^Shell command: ([^\n]*)$"
+    jobs = re.findall(pattern, done.stdout, re.MULTILINE | re.DOTALL)
+    assert {rule for _, rule, _, _ in jobs} == set(STAGES), done.stdout
+    # Until a checkpoint has run, its outputs stand for whatever depends on it.
+    undecided = {file for kind, _, details, _ in jobs if kind == "checkpoint" for file in declared(details)}
+    for _, rule, details, command in jobs:
+        files = declared(details)
+        files |= undecided if "<TBD>" in files else set()
+        folders = {str(parent) for file in files for parent in Path(file).parents}
+        folders |= {str(Path(file).with_suffix("")) for file in files}  # A folder beside a table of the same name.
+        words = set(re.findall(r"\s(results/\S+)", command.partition(" > ")[0]))
+        assert words <= files | folders | {f"results/{name}/visibility" for name in ("tiny", "subjectA")}, rule
+
+
+def declared(details):
+    """Inputs and outputs of a job in a plan."""
+    lines = re.findall(r"^    (?:input|output): (.*)$", details, re.MULTILINE)
+    return {file for line in lines for file in line.split(", ")}
 
 
 def test_workflow_imports_nothing_heavy(repo_root):

@@ -83,7 +83,7 @@ def made(copy_of_project, tmp_path_factory):
     assert set(OUTPUTS) == set(SECTIONS) - ON_REQUEST
     for stage in OUTPUTS:
         text = f"from pipeline.config import {stage}\n{STAND_IN}".replace("OUTPUTS:", f"{OUTPUTS[stage]!r}:")
-        (workflow.folder / f"pipeline/{stage}.py").write_text(text)
+        (workflow.folder / f"pipeline/stages/{stage}.py").write_text(text)
     (workflow.folder / "config/subjects/subjectA.yaml").write_text(SUBJECT)
     ran = [*(OUTPUTS.keys() - HEADS_ONLY), "track_mesh", "trace_irradiance", "pack_shards"]
     assert sorted(workflow.ran(TARGET)) == sorted(ran)
@@ -294,9 +294,9 @@ def test_report_shows_what_is_there_and_makes_nothing_else(workflow):
     cost.write_text("dial,setting\n")
     assert workflow.ran(target) == ["write_report"]
     assert cost.read_text() == "dial,setting\n"
-    growth = workflow.folder / "results/growth/exponents.csv"
-    growth.parent.mkdir()
-    growth.write_text("stage,varied\n")
+    scaling = workflow.folder / "results/scaling/exponents.csv"
+    scaling.parent.mkdir()
+    scaling.write_text("stage,varied\n")
     assert workflow.ran(target) == ["write_report"]
     assert workflow.planned(target) == {}
     workflow.append("config/subjects/subjectA.yaml", "review_tracking: {most_cameras: 3}\n")

@@ -29,26 +29,20 @@ checkpoint pack_shards:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("pack_shards"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        out=subpath(output.train, ancestor=2),
-        irradiance=lambda wildcards, input: [
-            word for table in input.irradiance for word in ("--irradiance", table.removesuffix(".parquet"))
-        ],
-        textures=lambda wildcards, input: [word for path in input.textures for word in ("--textures", path)],
+        code=code_for("pack_shards"),
+        named=named,
+        arguments=arguments_with_input(
+            "pack_shards",
+            {},
+            irradiance=traced_maps,
+            textures=lambda input: input.textures,
+        ),
         parts=[],
-        chunk_size=chunk_size,
-        settings=settings_of("pack_shards"),
+        settings=settings_for("pack_shards"),
     message:
         "{wildcards.subject}: packing shards, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.stages.pack_shards --capture {params.capture:q} --index {params.index:q} "
-        "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
-        "--color {input.color:q} --lights {input.lights:q} --effects {input.effects:q} "
-        "--patterns {input.patterns:q} --frames {input.frames:q} --chunk {wildcards.chunk} "
-        "--chunk-size {params.chunk_size} {params.irradiance:q} {params.textures:q} {params.parts:q} --out {params.out:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.pack_shards {params.arguments:q} {params.parts:q} {params.settings:q} > {log:q} 2>&1"
 
 
 # For variants that ask for other irradiance maps than their subject; the images are the same.
@@ -60,7 +54,12 @@ use rule pack_shards as pack_frames_of_variant with:
     benchmark:
         "results/{subject}/benchmarks/pack_shards.{variant}.{chunk}.tsv"
     params:
-        out=subpath(output.frames, ancestor=2),
+        arguments=arguments_with_input(
+            "pack_shards",
+            {"shards": lambda wildcards: job(wildcards).path("variants", wildcards.variant)},
+            irradiance=traced_maps,
+            textures=lambda input: input.textures,
+        ),
         parts=["--only-frames"],
     message:
         "{wildcards.subject}: packing frames of variant {wildcards.variant}, chunk {wildcards.chunk}"
@@ -72,8 +71,8 @@ rule train_avatar:
         index=ancient("results/{subject}/index/capture.json"),
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
-        train=shards_of("train"),
-        frames=frame_shards,
+        train=lambda wildcards: job(wildcards).shards("shards/train"),
+        frames=lambda wildcards: job(wildcards).frame_shards(),
         eyes=fitted_eyes,
     output:
         avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
@@ -88,17 +87,19 @@ rule train_avatar:
     threads: 16
     resources:
         mem_mb=8000 * project.settings.training_processes,
+        # A resource, which reruns nothing: the number of processes changes nothing but the order of sums.
         launcher=launcher(project.settings.training_processes),
     params:
-        code=code_of("train_avatar"),
-        shards=lambda wildcards: f"results/{wildcards.subject}/shards",
-        frames=frame_folders,
-        eyes=lambda wildcards, input: ["--fitted-eyes", *input.eyes] if input.eyes else [],
-        out=subpath(output.avatar, parent=True),
-        settings=settings_of("train_avatar"),
+        code=code_for("train_avatar"),
+        named=named,
+        frames=lambda wildcards: job(wildcards).frame_folders(),
+        arguments=arguments_with_input(
+            "train_avatar",
+            {"frame_shards": lambda wildcards: job(wildcards).frame_folders()},
+            eyes=lambda input: input.eyes,
+        ),
+        settings=settings_for("train_avatar"),
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
-        "{resources.launcher} -m pipeline.stages.train_avatar --subject {wildcards.subject:q} --atlas {input.atlas:q} "
-        "--shards {params.shards:q} --frames {params.frames:q} --effects {input.effects:q} {params.eyes:q} "
-        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+        "{resources.launcher} -m pipeline.stages.train_avatar {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

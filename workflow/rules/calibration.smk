@@ -17,16 +17,14 @@ rule calibrate_cameras:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("calibrate_cameras"),
-        capture=capture_folder,
-        index=subpath(input.calibration, parent=True),
-        out=subpath(output.rig, parent=True),
-        settings=settings_of("calibrate_cameras"),
+        code=code_for("calibrate_cameras"),
+        arguments=arguments_for("calibrate_cameras"),
+        settings=settings_for("calibrate_cameras"),
     message:
         "{wildcards.subject}: calibrating cameras"
     shell:
-        "python -m pipeline.stages.calibrate_cameras --capture {params.capture:q} --index {params.index:q} "
-        "--out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.calibrate_cameras {params.arguments:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 rule calibrate_color:
@@ -48,16 +46,14 @@ rule calibrate_color:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("calibrate_color"),
-        capture=capture_folder,
-        index=subpath(input.calibration, parent=True),
-        out=subpath(output.color, parent=True),
-        settings=settings_of("calibrate_color"),
+        code=code_for("calibrate_color"),
+        arguments=arguments_for("calibrate_color"),
+        settings=settings_for("calibrate_color"),
     message:
         "{wildcards.subject}: calibrating colour"
     shell:
-        "python -m pipeline.stages.calibrate_color --capture {params.capture:q} --index {params.index:q} "
-        "--out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.calibrate_color {params.arguments:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 rule calibrate_lights:
@@ -81,16 +77,14 @@ rule calibrate_lights:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("calibrate_lights"),
-        capture=capture_folder,
-        index=subpath(input.calibration, parent=True),
-        out=subpath(output.lights, parent=True),
-        settings=settings_of("calibrate_lights"),
+        code=code_for("calibrate_lights"),
+        arguments=arguments_for("calibrate_lights"),
+        settings=settings_for("calibrate_lights"),
     message:
         "{wildcards.subject}: locating lights and aligning the cameras to the stage"
     shell:
-        "python -m pipeline.stages.calibrate_lights --capture {params.capture:q} --index {params.index:q} "
-        "--rig {input.rig:q} --out {params.out:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.calibrate_lights {params.arguments:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 rule review_calibration:
@@ -125,15 +119,11 @@ rule review_calibration:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("review_calibration"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        calibration=subpath(input.cameras, parent=True),
-        out=subpath(output.residuals, parent=True),
-        settings=settings_of("review_calibration"),
+        code=code_for("review_calibration"),
+        arguments=arguments_for("review_calibration"),
+        settings=settings_for("review_calibration"),
     message:
         "{wildcards.subject}: drawing what the calibration is judged by"
     shell:
-        "python -m pipeline.stages.review_calibration --capture {params.capture:q} --index {params.index:q} "
-        "--calibration {params.calibration:q} --out {params.out:q} --threads {threads} {params.settings:q} "
-        "> {log:q} 2>&1"
+        "python -m pipeline.stages.review_calibration {params.arguments:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"

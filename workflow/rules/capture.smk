@@ -7,21 +7,21 @@ rule synthesize_capture:
     benchmark:
         "results/{subject}/benchmarks/synthesize_capture.tsv"
     wildcard_constraints:
-        subject="|".join(project.synthetic_subjects) or "(?!)",
+        subject=one_of(project.synthetic_subjects),
     conda:
         "../../envs/cpu.yaml"
     threads: 2
     resources:
         mem_mb=4000,
     params:
-        code=code_of("synthesize_capture"),
-        out=subpath(output.description, parent=True),
-        settings=settings_of("synthesize_capture"),
+        code=code_for("synthesize_capture"),
+        arguments=arguments_for("synthesize_capture"),
+        settings=settings_for("synthesize_capture"),
     message:
         "{wildcards.subject}: making a synthetic capture"
     shell:
-        "python -m pipeline.stages.synthesize_capture --subject {wildcards.subject:q} --out {params.out:q} "
-        "--workers {threads} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.synthesize_capture {params.arguments:q} --workers {threads} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 # A checkpoint, so that all that follows is decided anew, by content, when the index is there: if it is what it was,
@@ -29,7 +29,7 @@ rule synthesize_capture:
 # index therefore name a file of it, as `ancient`, which by itself reruns nothing.
 checkpoint index_capture:
     input:
-        capture_files,
+        lambda wildcards: job(wildcards).capture_files(),
     output:
         cameras="results/{subject}/index/cameras.parquet",
         frames="results/{subject}/index/frames.parquet",
@@ -53,16 +53,14 @@ checkpoint index_capture:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("index_capture"),
-        capture=capture_folder,
-        origin=origin_of_capture,
-        out=subpath(output.capture, parent=True),
-        settings=settings_of("index_capture"),
+        code=code_for("index_capture"),
+        arguments=arguments_for("index_capture"),
+        origin=lambda wildcards: job(wildcards).capture_origin(),
+        settings=settings_for("index_capture"),
     message:
         "{wildcards.subject}: checking and indexing the capture"
     shell:
-        "python -m pipeline.stages.index_capture --capture {params.capture:q} --out {params.out:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.index_capture {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
 
 
 rule book_patterns:
@@ -90,14 +88,10 @@ rule book_patterns:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("book_patterns"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        out=subpath(output.patterns, parent=True),
-        settings=settings_of("book_patterns"),
+        code=code_for("book_patterns"),
+        arguments=arguments_for("book_patterns"),
+        settings=settings_for("book_patterns"),
     message:
         "{wildcards.subject}: booking light patterns and splits, checking that log and images are in step"
     shell:
-        "python -m pipeline.stages.book_patterns --capture {params.capture:q} --index {params.index:q} "
-        "--lights {input.lights:q} --cameras {input.cameras:q} --out {params.out:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.book_patterns {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

@@ -26,9 +26,9 @@ rule measure_cost:
         tracking="results/{subject}/tracking/0000.safetensors",
         effects="results/{subject}/effects.json",
         color="results/{subject}/calibration/color.json",
-        train=shards_of("train"),
-        test=shards_of("test"),
-        avatar=first_avatar,
+        train=lambda wildcards: job(wildcards).shards("shards/train"),
+        test=lambda wildcards: job(wildcards).shards("shards/test"),
+        avatar=lambda wildcards: job(wildcards).avatars("avatar.safetensors")[0],
     output:
         table="results/{subject}/accuracy_cost.csv",
         picture=report(
@@ -47,26 +47,25 @@ rule measure_cost:
     resources:
         mem_mb=4000,
     params:
-        code=[code_of(stage) for stage in ("measure_cost", *COSTED_STAGES)],
-        results=subpath(output.table, parent=True),
-        capture=capture_folder,
-        chunk_size=chunk_size,
-        variant=lambda wildcards, input: Path(input.avatar).parent.name,
-        stage_settings=lambda wildcards: changed_settings(project.subject(wildcards.subject)),
-        settings=settings_of("measure_cost"),
+        code=[code_for(stage) for stage in ("measure_cost", *COSTED_STAGES)],
+        arguments=arguments_for(
+            "measure_cost",
+            variant=lambda wildcards: job(wildcards).variants[0],
+            stage_settings=lambda wildcards: changed_settings(job(wildcards).settings),
+        ),
+        settings=settings_for("measure_cost"),
     message:
         "{wildcards.subject}: measuring what accuracy costs in time"
     shell:
-        "python -m pipeline.stages.measure_cost --results {params.results:q} --capture {params.capture:q} "
-        "--out {params.results:q} --threads {threads} --chunk-size {params.chunk_size} "
-        "--variant {params.variant:q} --stage-settings {params.stage_settings:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.measure_cost {params.arguments:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 # After a run with --config budget_minutes=...; give the same budget again, or what it chose is undone.
 rule check_budget:
     input:
         metrics="results/{subject}/metrics.csv",
-        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
     output:
         "results/{subject}/budget.csv",
     log:
@@ -79,15 +78,13 @@ rule check_budget:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("check_budget"),
-        results=subpath(input.metrics, parent=True),
-        capture=capture_folder,
-        promise=promise_of_budget,
-        chunk_size=chunk_size,
-        settings=settings_of("check_budget"),
+        code=code_for("check_budget"),
+        arguments=arguments_for(
+            "check_budget",
+            estimate=lambda wildcards: estimate_json(project, wildcards.subject),
+        ),
+        settings=settings_for("check_budget"),
     message:
-        "{wildcards.subject}: comparing what the budget promised with what was achieved"
+        "{wildcards.subject}: comparing what was estimated of the budget with what was achieved"
     shell:
-        "python -m pipeline.stages.check_budget --results {params.results:q} --capture {params.capture:q} "
-        "--promise {params.promise:q} --chunk-size {params.chunk_size} --out {output:q} {params.settings:q} "
-        "> {log:q} 2>&1"
+        "python -m pipeline.stages.check_budget {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

@@ -20,19 +20,13 @@ rule track_mesh:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("track_mesh"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        out=subpath(output.tracking, parent=True),
-        chunk_size=chunk_size,
-        settings=settings_of("track_mesh"),
+        code=code_for("track_mesh"),
+        arguments=arguments_for("track_mesh"),
+        settings=settings_for("track_mesh"),
     message:
         "{wildcards.subject}: tracking the template, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.stages.track_mesh --capture {params.capture:q} --index {params.index:q} "
-        "--cameras {input.cameras:q} --lights {input.lights:q} --patterns {input.patterns:q} "
-        "--chunk {wildcards.chunk} --chunk-size {params.chunk_size} "
-        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.track_mesh {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
 
 
 rule review_tracking:
@@ -45,8 +39,8 @@ rule review_tracking:
         lights="results/{subject}/calibration/lights.parquet",
         color="results/{subject}/calibration/color.json",
         patterns="results/{subject}/patterns.parquet",
-        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
-        quality=of_chunks("results/{subject}/tracking/{chunk}.parquet"),
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
+        quality=each_chunk("tracking/{chunk}.parquet"),
     output:
         review=directory("results/{subject}/tracking/review"),
     log:
@@ -59,17 +53,14 @@ rule review_tracking:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("review_tracking"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        calibration=subpath(input.cameras, parent=True),
-        settings=settings_of("review_tracking"),
+        code=code_for("review_tracking"),
+        arguments=arguments_for("review_tracking", tracking=each_chunk("tracking/{chunk}.safetensors")),
+        settings=settings_for("review_tracking"),
     message:
         "{wildcards.subject}: drawing what the tracking is judged by"
     shell:
-        "python -m pipeline.stages.review_tracking --capture {params.capture:q} --index {params.index:q} "
-        "--calibration {params.calibration:q} --patterns {input.patterns:q} --tracking {input.tracking:q} "
-        "--out {output.review:q} --threads {threads} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.review_tracking {params.arguments:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 rule unwrap_atlas:
@@ -91,16 +82,13 @@ rule unwrap_atlas:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("unwrap_atlas"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        out=subpath(output.atlas, parent=True),
-        settings=settings_of("unwrap_atlas"),
+        code=code_for("unwrap_atlas"),
+        arguments=arguments_for("unwrap_atlas"),
+        settings=settings_for("unwrap_atlas"),
     message:
         "{wildcards.subject}: laying the template's surface out on an atlas"
     shell:
-        "python -m pipeline.stages.unwrap_atlas --capture {params.capture:q} --index {params.index:q} "
-        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.unwrap_atlas {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
 
 
 # Only for avatars with explicit eyes: `fitted_eyes` asks for it.
@@ -109,7 +97,7 @@ rule fit_eyes:
         eyes="results/{subject}/index/eyes.parquet",
         gaze="results/{subject}/index/gaze.parquet",
         atlas="results/{subject}/atlas.safetensors",
-        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
     output:
         eyes="results/{subject}/eyes.json",
     log:
@@ -122,11 +110,10 @@ rule fit_eyes:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("fit_eyes"),
-        index=subpath(input.eyes, parent=True),
-        settings=settings_of("fit_eyes"),
+        code=code_for("fit_eyes"),
+        arguments=arguments_for("fit_eyes", tracking=each_chunk("tracking/{chunk}.safetensors")),
+        settings=settings_for("fit_eyes"),
     message:
         "{wildcards.subject}: fitting eyeballs and corneas"
     shell:
-        "python -m pipeline.stages.fit_eyes --index {params.index:q} --atlas {input.atlas:q} "
-        "--tracking {input.tracking:q} --out {output.eyes:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.fit_eyes {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

@@ -22,15 +22,10 @@ rule bake_textures:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("bake_textures"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        out=lambda wildcards, output: output.textures.removesuffix(".safetensors"),
-        settings=settings_of("bake_textures"),
+        code=code_for("bake_textures"),
+        arguments=arguments_for("bake_textures"),
+        settings=settings_for("bake_textures"),
     message:
         "{wildcards.subject}: averaging what cameras see of the surface, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.stages.bake_textures --capture {params.capture:q} --index {params.index:q} "
-        "--atlas {input.atlas:q} --tracking {input.tracking:q} --cameras {input.cameras:q} "
-        "--color {input.color:q} --effects {input.effects:q} --frames {input.frames:q} "
-        "--out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.bake_textures {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

@@ -3,7 +3,7 @@ checkpoint plan_effects:
     input:
         capture="results/{subject}/index/capture.json",
         atlas="results/{subject}/atlas.safetensors",
-        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
         images="results/{subject}/index/images.parquet",
         gaze="results/{subject}/index/gaze.parquet",
         patterns="results/{subject}/patterns.parquet",
@@ -23,18 +23,13 @@ checkpoint plan_effects:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("plan_effects"),
-        capture=capture_folder,
-        index=subpath(input.capture, parent=True),
-        settings=settings_of("plan_effects"),
+        code=code_for("plan_effects"),
+        arguments=arguments_for("plan_effects", tracking=each_chunk("tracking/{chunk}.safetensors")),
+        settings=settings_for("plan_effects"),
     message:
         "{wildcards.subject}: measuring which effects this capture calls for"
     shell:
-        "python -m pipeline.stages.plan_effects --capture {params.capture:q} --index {params.index:q} "
-        "--atlas {input.atlas:q} --tracking {input.tracking:q} --patterns {input.patterns:q} "
-        "--booked {input.frames:q} --lights {input.lights:q} --cameras {input.cameras:q} "
-        "--color {input.color:q} --out {output.effects:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.plan_effects {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
 
 
 rule trace_irradiance:
@@ -59,16 +54,14 @@ rule trace_irradiance:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("trace_irradiance"),
+        code=code_for("trace_irradiance"),
         # Visibility bits, if they are kept, are found again by their content: no output, and never out of date.
-        cache=lambda wildcards: f"results/{wildcards.subject}/visibility",
-        settings=settings_of("trace_irradiance"),
+        arguments=arguments_for("trace_irradiance"),
+        settings=settings_for("trace_irradiance"),
     message:
         "{wildcards.subject}: tracing shadow rays, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.stages.trace_irradiance --subject {wildcards.subject:q} --atlas {input.atlas:q} "
-        "--tracking {input.tracking:q} --lights {input.lights:q} --patterns {input.patterns:q} "
-        "--frames {input.frames:q} --out {output.irradiance:q} --cache {params.cache:q} --threads {threads} "
+        "python -m pipeline.stages.trace_irradiance {params.arguments:q} --threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -82,5 +75,12 @@ use rule trace_irradiance as trace_irradiance_of_variant with:
         "results/{subject}/logs/trace_irradiance.{variant}.{chunk}.log",
     benchmark:
         "results/{subject}/benchmarks/trace_irradiance.{variant}.{chunk}.tsv"
+    params:
+        arguments=arguments_for(
+            "trace_irradiance",
+            irradiance=lambda wildcards: job(wildcards).path(
+                "variants", wildcards.variant, "irradiance", wildcards.chunk
+            ),
+        ),
     message:
         "{wildcards.subject}: tracing shadow rays of variant {wildcards.variant}, chunk {wildcards.chunk}"

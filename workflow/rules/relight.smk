@@ -4,15 +4,15 @@ rule relight_avatar:
         atlas="results/{subject}/atlas.safetensors",
         avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
         config="results/{subject}/avatars/{variant}/config.json",
-        tracking=of_chunks("results/{subject}/tracking/{chunk}.safetensors"),
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
         textures=mean_textures,
         index_frames="results/{subject}/index/frames.parquet",
         gaze="results/{subject}/index/gaze.parquet",
-        tables=drive_tables,
+        tables=lambda wildcards: job(wildcards).driving_tables(),
         cameras="results/{subject}/calibration/cameras.json",
-        light=light_file,
+        light=lambda wildcards: light_file(wildcards.light),
     output:
-        directory("results/{subject}/relit/{variant}/{light}"),
+        pictures=directory("results/{subject}/relit/{variant}/{light}"),
     log:
         "results/{subject}/logs/relight_avatar.{variant}.{light}.log",
     benchmark:
@@ -23,15 +23,20 @@ rule relight_avatar:
     resources:
         mem_mb=4000,
     params:
-        code=code_of("relight_avatar"),
-        avatar=subpath(input.avatar, parent=True),
-        index=subpath(input.gaze, parent=True),
-        textures=lambda wildcards, input: ["--textures", *input.textures] if input.textures else [],
-        kind=lambda wildcards, input: LIGHT_KINDS[Path(input.light).suffix],
-        settings=settings_of("relight_avatar"),
+        code=code_for("relight_avatar"),
+        named=named,
+        arguments=arguments_with_input(
+            "relight_avatar",
+            {
+                "tracking": each_chunk("tracking/{chunk}.safetensors"),
+                "environment": light_as("environment"),
+                "light_list": light_as("light_list"),
+                "relit": lambda wildcards: job(wildcards).path("relit", wildcards.variant, wildcards.light),
+            },
+            textures=lambda input: input.textures,
+        ),
+        settings=settings_for("relight_avatar"),
     message:
         "{wildcards.subject}: avatar {wildcards.variant} under {wildcards.light}"
     shell:
-        "python -m pipeline.stages.relight_avatar --atlas {input.atlas:q} --avatar {params.avatar:q} "
-        "--tracking {input.tracking:q} {params.textures:q} --index {params.index:q} --cameras {input.cameras:q} "
-        "--{params.kind} {input.light:q} --out {output:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.relight_avatar {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

@@ -8,13 +8,13 @@ rule write_report:
         ),
         sync=multiext("results/{subject}/sync", ".json", ".png"),
         frames="results/{subject}/frames.parquet",
-        tracking=of_chunks("results/{subject}/tracking/{chunk}.parquet"),
+        tracking=each_chunk("tracking/{chunk}.parquet"),
         atlas="results/{subject}/atlas.png",
         effects="results/{subject}/effects.json",
         metrics="results/{subject}/metrics.csv",
         per_image="results/{subject}/metrics_per_image.parquet",
         ablations="results/{subject}/ablations.csv",
-        images=pictures_of_scores,
+        images=lambda wildcards: job(wildcards).score_pictures(),
     output:
         report(
             "results/{subject}/report/index.html",
@@ -32,26 +32,23 @@ rule write_report:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("write_report"),
-        results=subpath(input.metrics, parent=True),
-        project_results=subpath(input.metrics, ancestor=2),
+        code=code_for("write_report"),
+        arguments=arguments_for(
+            "write_report",
+            subject_settings=lambda wildcards: subject_changes(job(wildcards).settings),
+        ),
         # What else is there is shown. No inputs: they would be made, or made anew.
-        optional=digests_of_optional,
-        subject_settings=lambda wildcards: subject_changes(project.subject(wildcards.subject)),
-        settings=settings_of("write_report"),
+        optional=lambda wildcards: job(wildcards).optional_digests(),
+        settings=settings_for("write_report"),
     message:
         "{wildcards.subject}: writing the report"
     shell:
-        "python -m pipeline.stages.write_report --results {params.results:q} --project-results {params.project_results:q} "
-        "--out {output:q} --subject-settings {params.subject_settings:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.write_report {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
 
 
 rule compare_subjects:
     input:
-        expand(
-            "results/{subject}/metrics_per_image.parquet",
-            subject=project.settings.compare_subjects.subjects or subject_names(project),
-        ),
+        compared_scores(project),
     output:
         table=report(
             "results/comparison.csv",
@@ -69,10 +66,14 @@ rule compare_subjects:
     resources:
         mem_mb=2000,
     params:
-        code=code_of("compare_subjects"),
-        out=subpath(output.table, parent=True),
+        code=code_for("compare_subjects"),
+        arguments=arguments_for(
+            "compare_subjects",
+            score_tables=lambda wildcards: compared_scores(project),
+            project_results=lambda wildcards: RESULTS,
+        ),
         settings=flags(project.settings.compare_subjects),
     message:
         "comparing avatars over subjects"
     shell:
-        "python -m pipeline.stages.compare_subjects --scores {input:q} --out {params.out:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.compare_subjects {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

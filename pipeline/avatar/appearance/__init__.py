@@ -1,1 +1,1 @@
-"""Parts of an avatar's appearance: diffuse, specular, normals, shadows and indirect light, a module each."""
+"""Parts of an avatar's appearance: diffuse, specular, normals, shadows, indirect light."""

@@ -41,7 +41,9 @@ def shade_specular(
     lights: PointLights,
     lobe: Lobe = angular_gaussian,
 ) -> Float[Tensor, "n channels"]:
-    """Evaluate a lobe about the mirror direction: RFGCA 11-12 with point lights as Diracs; linear radiance.
+    """Evaluate a lobe about the mirror direction.
+
+    RFGCA 11-12 with point lights as Diracs; linear radiance.
 
     c_s = v F(n . w_o) sum over lights of (I / d^2) G(w_i; q, sigma); F: see `grazing_gain`.
     """
@@ -89,7 +91,9 @@ def shade_near_mirrors(
 
 
 def grazing_gain(normals: Float[Tensor, "n 3"], to_camera: Float[Tensor, "#n 3"]) -> Float[Tensor, " n"]:
-    """Gain of a dielectric's mirroring towards w_o over straight back: 1 at normal incidence, 25 at grazing.
+    """Gain of a dielectric's mirroring towards w_o over straight back.
+
+    1 at normal incidence, 25 at grazing.
 
     v depends on the view in RFGCA 14. This is the part of it that all dielectrics share (Schlick 1994, divided by its
     value at normal incidence); at the lobe's centre the half vector is the normal. Unit vectors.

@@ -11,7 +11,9 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Layers:
-    """Values of texels [texels, n] or images [h, w, n]; None: this camera's picture has no such layer.
+    """Values of texels [texels, n] or images [h, w, n].
+
+    None: this camera's picture has no such layer.
 
     Attributes:
         color: linear RGB without what the other layers add.

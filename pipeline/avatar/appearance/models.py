@@ -71,7 +71,7 @@ class NormalModel(Part, ABC):
 
 
 class SpecularModel(Part):
-    """Light that depends on the view: evaluated at texels, or as samples of a lobe; this one has neither."""
+    """Light that depends on the view. Evaluated at texels, or as samples of a lobe; this one has neither."""
 
     works_under_sky = True
 

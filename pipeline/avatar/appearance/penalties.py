@@ -1,4 +1,4 @@
-"""Penalties on parameters of an appearance: bounds, and values below zero (RFGCA Appendix B)."""
+"""Penalties on parameters: bounds, and values below zero (RFGCA Appendix B)."""
 
 from __future__ import annotations
 

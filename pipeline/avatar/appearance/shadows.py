@@ -1,4 +1,4 @@
-"""Shadows of the lamps: one learned factor per texel, or traced for every pair of texel and light."""
+"""Shadows of the lamps: a learned factor per texel, or traced for every light."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Precomputed radiance transfer of the template at rest (Sloan et al. 2002): where a learned transfer may start.
+"""Precomputed radiance transfer of the template at rest (Sloan et al. 2002).
+
+Where a learned transfer may start.
 
 A stage lights a subject in a few dozen patterns, a texel's transfer has 113 coefficients. What the mesh hides at rest
 needs no pictures: it is traced, so that only the rest is left to learn.
@@ -34,7 +36,9 @@ def even_directions(count: int) -> Float64[np.ndarray, "n 3"]:
 
 
 def hidden_harmonics(atlas: Atlas) -> Float[Tensor, "texels 81"]:
-    """The part of each texel's Lambertian transfer that the template at rest hides from it, in the template's frame.
+    """Part of each texel's Lambertian transfer that the template at rest hides from it.
+
+    In the template's frame.
 
     (4 pi / N) sum over hidden directions of max(0, n . w) / pi Y_lm(w), times `UNTURNED_SCALE` as all such
     coefficients. Zero where nothing hides anything: the open part of the lobe is known in closed form, and is not

@@ -1,4 +1,4 @@
-"""Learned diffuse transfer: coefficients, their start, their product with light (RFGCA 7-9, RGCA 5)."""
+"""Learned diffuse transfer: coefficients, start, product with light (RFGCA 7-9, RGCA 5)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ kinds of transfer as far, and both are held to their start about as strongly."""
 
 
 def start_transfer(degrees: int = DEGREES) -> tuple[Float[Tensor, "3 color 3"], Float[Tensor, "3 mono"]]:
-    """Zonal coefficients of a Lambertian texel, coloured and monochrome: tangent and bitangent lobes are empty.
+    """Zonal coefficients of a Lambertian texel, coloured and monochrome.
+
+    Tangent and bitangent lobes are empty.
 
     `degrees`: 0, 1 and so on to one less than this; above `COLOR_DEGREES` they are monochrome.
     """
@@ -36,7 +38,7 @@ def start_harmonics(
     normals: Float[Tensor, "texels 3"],
     degrees: int = DEGREES,
 ) -> tuple[Float[Tensor, "texels color 3"], Float[Tensor, "texels mono"]]:
-    """SH coefficients of a Lambertian texel, z_l Y_lm(n) in the frame of its normal n, times `UNTURNED_SCALE`."""
+    """SH coefficients of a Lambertian texel, z_l Y_lm(n), times `UNTURNED_SCALE`. In the frame of its normal n."""
     lobe = torch.as_tensor(clamped_cosine_coefficients()[:degrees], dtype=torch.float32)
     orders = torch.arange(1, 2 * degrees, 2)
     transfer = UNTURNED_SCALE * spherical_harmonics(normals, degrees) * lobe.repeat_interleave(orders)
@@ -49,7 +51,10 @@ def shade_diffuse(
     transfer_mono: Float[Tensor, "texels 3 mono"] | None,
     light: Float[Tensor, "texels 3 degrees channels"],
 ) -> Float[Tensor, "texels 3"]:
-    """c_d = albedo * sum over axes a and degrees l of z_al times the light gathered there (RFGCA 7-9)."""
+    """Diffuse light by zonal transfer (RFGCA 7-9).
+
+    c_d = albedo * sum over axes a and degrees l of z_al times the light gathered there.
+    """
     color = (transfer_color * light[:, :, :COLOR_DEGREES]).sum((1, 2))
     if transfer_mono is None:
         return albedo * color
@@ -63,8 +68,11 @@ def shade_harmonics(
     transfer_mono: Float[Tensor, "texels mono"] | None,
     light: Float[Tensor, "#texels coefficients channels"],
 ) -> Float[Tensor, "texels 3"]:
-    """c_d with SH coefficients, at degree 8 113 per texel instead of 51 zonal ones (RGCA 5), in the frame of `light`;
-    these are stored times `UNTURNED_SCALE`. Without monochrome ones, degrees above 3 of the light are not seen."""
+    """Diffuse light by unturned harmonics, in the frame of `light` (RGCA 5).
+
+    At degree 8 they are 113 per texel instead of 51 zonal ones; these are stored times `UNTURNED_SCALE`. Without
+    monochrome ones, degrees above 3 of the light are not seen.
+    """
     color = (transfer_color * light[:, : COLOR_DEGREES**2]).sum(1)
     if transfer_mono is None:
         return albedo / UNTURNED_SCALE * color

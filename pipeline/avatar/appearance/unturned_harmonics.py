@@ -1,4 +1,7 @@
-"""Spherical harmonics that are not turned with the Gaussians, in the frame of the body or the head (RGCA 5)."""
+"""Spherical harmonics that are not turned with the Gaussians (RGCA 5).
+
+They are in the frame of the body or the head.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,12 @@ from pipeline.avatar.texels.texel_parameters import TexelParameters
 
 
 class UnturnedHarmonics(LearnedTransfer):
-    """Diffuse light by learned coefficients, which start at the Lambertian lobe of the normal at rest."""
+    """Diffuse light by coefficients that start at the Lambertian lobe of the normal at rest."""
 
     reads_harmonics = True
 
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
-        """Lambertian lobe of each normal at rest, without what the template hides, if that is traced."""
+        """Lambertian lobe of each normal at rest, less what the template hides if that is traced."""
         atlas = self.store.atlas
         color, mono = start_harmonics(rest_normals(atlas), spec.degrees)
         if spec.transfer_start == "traced":

@@ -1,4 +1,4 @@
-"""Specular light by harmonics that the view decoder gives each camera (row "EyeNeRF" of RGCA)."""
+"""Specular harmonics that the view decoder gives each camera (row "EyeNeRF" of RGCA)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pipeline.avatar.frames.prepared import PreparedFrame, ViewedParameters
 
 
 class ViewedHarmonics(SpecularModel):
-    """Harmonics in the frame of the light; may be negative, as a band-limited highlight is beside its peak."""
+    """Harmonics in the frame of the light. May be negative, as a band-limited highlight is beside its peak."""
 
     works_under_sky = False
 

@@ -1,1 +1,1 @@
-"""Explicit eyes of a head avatar: texels on two spheres, corneal reflections, lids, albedo, gaze."""
+"""Explicit eyes of a head avatar: texels on spheres, reflections, lids, albedo, gaze."""

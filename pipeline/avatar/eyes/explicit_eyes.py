@@ -1,4 +1,6 @@
-"""The explicit eyes of an avatar: Gaussians frozen on two spheres per eye that turn with the gaze (RGCA section 3.4).
+"""Explicit eyes of an avatar: Gaussians on two spheres per eye (RGCA section 3.4).
+
+They are frozen there, and turn with the gaze.
 
 Position and normal of an eye's Gaussians follow from nine numbers per eye, which training refines, and from where the
 eye looks; their albedo depends on the direction they are seen from, since the iris is seen through a cornea that
@@ -92,7 +94,10 @@ class Eyes(nn.Module):
         self._traced: WeakKeyDictionary[FrameInputs, tuple[LidOcclusion, Tensor | None]] = WeakKeyDictionary()
 
     def refined(self) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
-        """Centres, sizes (r_e, r_c, d) in metres, and turns of the axes that are the same for all gazes."""
+        """Centres, sizes (r_e, r_c, d) in metres, and turns of the axes, as training has them.
+
+        The turns are the same for all gazes.
+        """
         half = MOST_TURN / 2 * torch.tanh(self.turn)
         correction = matrix_from_quaternion(torch.cat([torch.ones_like(half[:, :1]), half], -1))
         centers = self.centers + MOST_SHIFT_M * torch.tanh(self.shift)
@@ -105,7 +110,7 @@ class Eyes(nn.Module):
     def placed(
         self, head: Float[Tensor, "3 4"], gaze: Float[Tensor, "eyes 3"]
     ) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
-        """Sizes of the eyes, their centres in the world (metres), and their turns from rest to there.
+        """Sizes of the eyes, their centres in the world (metres), and their turns from rest.
 
         Args:
             head: [R | t], head from world.
@@ -195,7 +200,9 @@ class Eyes(nn.Module):
 
     @torch.no_grad()
     def start(self, spec: AvatarSpec, parameters: Collection[str]) -> dict[str, Tensor | float]:
-        """Values that eye texels start with, by parameter: a lobe, and an open transfer, if there are any.
+        """Values that eye texels start with, by parameter.
+
+        A lobe, and an open transfer, if there are any.
 
         Where each texel has harmonics of its own light, eyes have those of the light that passes the lids, each lamp by
         itself, in a frame that turns with the eye. Their transfer starts as that of the bare spheres: what lids hide at
@@ -214,7 +221,9 @@ class Eyes(nn.Module):
         return values
 
     def losses(self, gaussians: Gaussians, visibility: Tensor | None) -> dict[str, Float[Tensor, ""]]:
-        """The terms of RGCA 16, unweighted: scales (mm) no larger than closes the surface, opacity and visibility 1.
+        """The terms of RGCA 16, unweighted.
+
+        Scales (mm) no larger than closes the surface, opacity and visibility 1.
 
         Args:
             visibility: logits of the specular visibility, if there is a lobe.

@@ -1,4 +1,6 @@
-"""Texels of eyes, the gaze of a frame, and the albedo of eyes, which depends on the side they are seen from.
+"""Texels of eyes, the gaze of a frame, and the albedo of eyes.
+
+It depends on the side they are seen from.
 
 The iris lies behind a cornea that refracts (RGCA 10).
 """
@@ -29,7 +31,9 @@ MOST_GAIN = 3.0
 def eye_texels(
     atlas: Atlas, parts: Mapping[str, tuple[int, ...]]
 ) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
-    """Texels of all eyes, those whose face has all corners in one, and the number of each one's eye.
+    """Texels of all eyes, and the number of each one's eye.
+
+    An eye's are those whose face has all corners in it.
 
     Args:
         parts: vertices of each eye by name; eyes are numbered in its order.
@@ -72,7 +76,9 @@ def frame_gaze(
 
 
 class EyeAlbedo(nn.Module):
-    """A factor on the albedo of each of so many texels, per colour and direction; 1 until it has learned.
+    """A factor on the albedo of each of so many texels, per colour and direction.
+
+    1 until it has learned.
 
     Refraction depends on the direction in the eye's own frame alone: neither gaze nor head are asked for.
     """

@@ -50,7 +50,9 @@ def light_past_lids(
     skin: Occluders | None, points: Float[Tensor, "n 3"], normals: Float[Tensor, "n 3"], turns: Float[Tensor, "n 3 3"],
     sources: PointLights,
 ) -> Float[Tensor, "n 81 channels"]:  # fmt: skip
-    """Project lights on harmonics at eye texels, in the frames of their eyes, but for what skin hides.
+    """Project lights on harmonics at eye texels, but for what skin hides.
+
+    In the frames of their eyes.
 
     sum_j I_j / d_j^2 V_j Y_lm(w_j), V_j = 0 where skin hides a light. As `gather_harmonics`, but an eye's transfer
     turns with it. A light below a texel's horizon is left to the transfer.

@@ -1,1 +1,1 @@
-"""Frames, moments in time: what an avatar is given, the light it is in, and what is prepared for all cameras."""
+"""Frames, moments in time: their inputs, their light, and what all cameras share."""

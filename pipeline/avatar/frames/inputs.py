@@ -29,7 +29,9 @@ direct light: their sampling error is below 1 % of a texel's colour, and splatti
 
 @dataclass(eq=False)
 class FrameInputs:
-    """Input of an avatar for one frame, kept while training comes back to it; equal only to itself.
+    """Input of an avatar for one frame, kept while training comes back to it.
+
+    Equal only to itself.
 
     Nothing is traced before it is asked for.
 
@@ -54,8 +56,8 @@ class FrameInputs:
 
     @cached_property
     def irradiance(self) -> tuple[Float[Tensor, " texels"], Float[Tensor, " texels"]]:
-        """Normalised irradiance and cosine visibility, the two maps of `pipeline.lighting.irradiance`."""
-        return self._tensor(self.record.irradiance), self._tensor(self.record.falling)
+        """Normalised irradiance and cosine visibility; see `pipeline.lighting.irradiance`."""
+        return self._tensor(self.record.irradiance), self._tensor(self.record.cosine_visibility)
 
     @cached_property
     def visibility_bits(self) -> UInt8[np.ndarray, "lights bytes"]:
@@ -107,7 +109,7 @@ class FrameInputs:
 
     @cached_property
     def harmonics(self) -> Float[Tensor, "texels 81 channels"]:
-        """The light at every texel in spherical harmonics of the body's frame, see `gather_harmonics`."""
+        """Light at every texel in harmonics of the body's frame; see `gather_harmonics`."""
         return gather_harmonics(self.posed.points, self.root_from_world, white_once(self.lights))
 
     @cached_property
@@ -138,13 +140,13 @@ class FrameInputs:
 
 
 def white_once(lights: PointLights) -> PointLights:
-    """The lights with one channel if all are white, which spares two thirds of the sums over them; else as they are."""
+    """Lights with one channel if all are white; else as they are. It spares two thirds of the sums over them."""
     intensities = lights.intensities
     white = intensities[:, :1] if bool((intensities == intensities[:, :1]).all()) else intensities
     return PointLights(lights.positions_m, white, lights.visibility_bits)
 
 
 def body_rotation(atlas: Atlas, vertices: np.ndarray) -> Float[Tensor, "3 3"]:
-    """Rotation that best turns the posed body as a whole back to rest (Kabsch 1976): body from world."""
+    """Rotation that best turns the posed body as a whole back to rest (Kabsch 1976). Body from world."""
     rest, posed = (array.astype(np.float64) - array.mean(0) for array in (atlas.rest_vertices, vertices))
     return torch.as_tensor(Rotation.align_vectors(rest, posed)[0].as_matrix(), dtype=torch.float32)

@@ -1,4 +1,4 @@
-"""Light of a frame as texels gather it: from lamps where they are, from far lamps, or from a sky."""
+"""Light of a frame as texels gather it. From lamps where they are, from far lamps, or from a sky."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pipeline.lighting.zonal import gather_light
 
 
 class LightField(ABC):
-    """How light depends on the place."""
+    """Dependence of the light on the place."""
 
     @abstractmethod
     def lights(self, inputs: FrameInputs) -> PointLights:
@@ -72,7 +72,7 @@ class FarField(LightField):
 
 
 class SkyField(NearField):
-    """The sky that comes with a frame's inputs, for transfer that turns with each Gaussian (RFGCA 7-9)."""
+    """Sky of a frame's inputs, for transfer that turns with each Gaussian (RFGCA 7-9)."""
 
     def along_axes(
         self, inputs: FrameInputs, lights: PointLights, points: Tensor, axes: Tensor, degrees: int

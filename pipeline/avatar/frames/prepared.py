@@ -1,4 +1,4 @@
-"""A frame as all its cameras share it: placed and lit texels, and the state of head and eyes."""
+"""A frame as all its cameras share it. Placed and lit texels, and the state of head and eyes."""
 
 from __future__ import annotations
 
@@ -64,7 +64,10 @@ class LidOcclusion:
     def pass_mirrored(
         self, points: Float[Tensor, "n 3"], normals: Float[Tensor, "n 3"], center: Float[Tensor, "3"]
     ) -> Float[Tensor, " n"]:
-        """1 where the ray from `center` is mirrored past the skin, else 0; points (metres) and unit normals of eyes."""
+        """Let rays pass, 1, that are mirrored past the skin; 0 for those that are not.
+
+        The rays come from `center`; points (metres) and unit normals are those of eyes.
+        """
         if self.skin is None or not len(points):
             return torch.ones_like(points[:, 0])
         mirrored = mirror_direction(normals, unit(center - points))

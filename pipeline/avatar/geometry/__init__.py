@@ -1,1 +1,1 @@
-"""Primitives that an avatar is made of: how they are placed, drawn, and how far away a pixel's surface is."""
+"""Primitives of an avatar: placing them, drawing them, and the depth of their pixels."""

@@ -1,4 +1,4 @@
-"""The networks of RFGCA 3, 4 and 14 together: what pose and view add to the parameters of every texel.
+"""The networks of RFGCA 3, 4 and 14 together: additions for pose and view.
 
     l_b, l_f = E(K_b, K_f)                      body and face points, each moved by its root's inverse
     dt, dR, s, o, z, dn = D_ci(l_b, l_f)        does not know the camera
@@ -40,7 +40,7 @@ class BodyNetworks(nn.Module):
         self.view = ViewDecoder(*sizes) if spec.view_decoder else None
 
     def decode(self, parameters: TexelParameters, inputs: FrameInputs, **_: object) -> Decoded:
-        """Put the texels' parameters in the pose of a frame, and prepare what its cameras share of D_cv."""
+        """Put the texels' parameters in the pose of a frame, and prepare D_cv for its cameras."""
         code = self.code(inputs.record.vertices)
         if self.pose is not None:
             parameters = parameters.plus(self.pose(code))

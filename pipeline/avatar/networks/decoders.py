@@ -1,4 +1,4 @@
-"""From a pose's code to what every texel adds to its own parameters: the decoders of RFGCA 4 and 14.
+"""Decoders from a pose's code to additions to texels' parameters (RFGCA 4 and 14).
 
 Transposed convolutions on the atlas (RGCA supplement A), whose last layer starts at zero. It has no bias: what stands
 for its untied bias are the parameters that each texel has anyway.
@@ -29,7 +29,9 @@ TAPS = 4
 
 
 class Upsampling(nn.Module):
-    """A transposed 4x4 convolution of stride 2, weight-normalised per output channel, with untied bias.
+    """A transposed 4x4 convolution of stride 2 with untied bias.
+
+    Weight-normalised per output channel.
 
     Args:
         inputs, outputs: channels.
@@ -54,7 +56,10 @@ class Upsampling(nn.Module):
 
 
 def bilinear(atlas: Atlas, side: int) -> tuple[Int64[np.ndarray, "texels 4"], Float32[np.ndarray, "texels 4"]]:
-    """Which four texels of a map of `side` squared, row by row, lie around each texel of an atlas, and their shares."""
+    """The four texels of a coarser map around each texel of an atlas, and their shares.
+
+    The map is of `side` squared, its texels row by row.
+    """
     place = ((atlas.texel + 0.5) * (side / atlas.size) - 0.5).clip(0, side - 1)
     low = np.floor(place).astype(np.int64)
     high, share = np.minimum(low + 1, side - 1), (place - low).astype(np.float32)
@@ -65,7 +70,9 @@ def bilinear(atlas: Atlas, side: int) -> tuple[Int64[np.ndarray, "texels 4"], Fl
 
 
 class AtlasDecoder(nn.Module):
-    """A code to values per texel: a linear layer to 8 x 8, then layers that double it, then bilinear to the atlas.
+    """A code to values per texel.
+
+    A linear layer to 8 x 8, then layers that double it, then bilinear to the atlas.
 
     Args:
         code: numbers of the code.
@@ -110,7 +117,7 @@ def draw(
 
 
 class PoseDecoder(nn.Module):
-    """D_ci of RFGCA 4 and RGCA 3, 9: what a pose or an expression adds to the parameters of every texel.
+    """D_ci of RFGCA 4 and RGCA 3, 9: additions of a pose or an expression to all parameters.
 
     Args:
         atlas: the texels.
@@ -133,7 +140,7 @@ class PoseDecoder(nn.Module):
         self.decoder = AtlasDecoder(atlas, code, channels, sum(self.widths), starts_at_zero=True)
 
     def forward(self, code: Float[Tensor, " code"]) -> dict[str, Float[Tensor, "texels *_"]]:
-        """What is added to each parameter."""
+        """Additions to each parameter."""
         parts = self.decoder(code).split(self.widths, -1)
         added = {
             name: self.units.get(name, 1.0) * part.reshape(shape)
@@ -143,7 +150,7 @@ class PoseDecoder(nn.Module):
 
 
 class ViewDecoder(nn.Module):
-    """D_cv of RFGCA 14: what pose and view direction add to the logit of each texel's specular visibility.
+    """D_cv of RFGCA 14: additions of pose and view to logits of the specular visibility.
 
     The convolutions do not see the camera, so all cameras of a frame share them; the direction comes in afterwards,
     texel by texel, in the frame of each Gaussian, where nothing blurs it over the charts' borders.
@@ -157,7 +164,7 @@ class ViewDecoder(nn.Module):
         nn.init.zeros_(self.last.parametrizations.weight.original0)
 
     def prepare(self, code: Float[Tensor, " code"]) -> Float[Tensor, "texels width"]:
-        """What all cameras of a frame share."""
+        """Features that all cameras of a frame share."""
         return self.decoder(code)
 
     def forward(

@@ -1,4 +1,6 @@
-"""The conditional variational auto-encoder of RGCA 3, 4: a head's vertices and mean texture to a latent code, and back.
+"""The conditional variational auto-encoder of RGCA 3, 4.
+
+A head's vertices and mean texture to a latent code, and back.
 
     mu, sigma = E(V, T)        z = mu + sigma e        V' = D_v(z)
 
@@ -31,7 +33,9 @@ have learned anything; what divergence costs undoes it."""
 
 
 def standard_divergence(latent: Latent) -> Float[Tensor, ""]:
-    """KL(N(mu, sigma^2) || N(0, 1)) = (mu^2 + sigma^2 - log sigma^2 - 1) / 2, mean over the code's numbers.
+    """KL divergence from a standard normal, mean over the code's numbers.
+
+    KL(N(mu, sigma^2) || N(0, 1)) = (mu^2 + sigma^2 - log sigma^2 - 1) / 2.
 
     Above `LARGEST_LOG_VARIANCE`, sigma^2 goes on along its tangent: a variance that ran away comes back by a finite
     slope instead of overflowing. As sigma goes to 0 the divergence grows as -log sigma, without end, as it should.
@@ -71,7 +75,9 @@ class Expression(nn.Module):
     def learn_statistics(
         self, vertices: Sequence[Float32[Tensor, "vertices 3"]], textures: Sequence[Float32[np.ndarray, "texels 3"]]
     ) -> None:
-        """Take down what training sees: mean and principal components of vertices, mean and deviation of textures.
+        """Take down what training sees.
+
+        Mean and principal components of vertices, mean and deviation of textures.
 
         Args:
             vertices: of each frame, in the head's frame, metres.
@@ -90,7 +96,9 @@ class Expression(nn.Module):
             self.texture_scale.copy_((colors - colors.mean(0)).std().clamp_min(SMALLEST_COLOR))
 
     def encode(self, vertices: Float[Tensor, "vertices 3"], texture: Float[Tensor, "texels 3"] | None = None) -> Latent:
-        """The codes that these vertices, metres in the head's frame, and this mean texture may have come from.
+        """Codes that these vertices and this mean texture may have come from.
+
+        Vertices are in the head's frame, metres.
 
         Without a texture, that of an average frame is taken.
         """
@@ -121,8 +129,11 @@ SMALLEST_COLOR = 1e-4
 
 
 class TextureEncoder(nn.Module):
-    """A mean texture to features: averaged to a coarse map, then 4x4 convolutions that halve it, to 8 x 8, and a
-    linear layer. The layers of the decoders backwards (RGCA supplement A)."""
+    """Encoder of a mean texture to features.
+
+    It is averaged to a coarse map; then come 4x4 convolutions that halve it, to 8 x 8, and a linear layer. The layers
+    of the decoders backwards (RGCA supplement A).
+    """
 
     def __init__(self, atlas: Atlas, channels: Sequence[int], outputs: int) -> None:
         super().__init__()
@@ -148,7 +159,7 @@ class TextureEncoder(nn.Module):
 
 
 def coarse_bags(atlas: Atlas, side: int) -> tuple[Int64[np.ndarray, " texels"], Int64[np.ndarray, " squares"]]:
-    """Texels in the order of the squares of a coarser map that they fall into, and where each square's begin."""
+    """Texels in the order of the squares of a coarser map, and where each square's begin."""
     row, column = (atlas.texel * side // atlas.size).astype(np.int64).T
     square = row * side + column
     order = np.argsort(square, kind="stable")

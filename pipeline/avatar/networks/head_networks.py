@@ -1,4 +1,6 @@
-"""The networks of a head together (RGCA 3, 4, 9): in the place of those of RFGCA in `body_networks`.
+"""The networks of a head together (RGCA 3, 4, 9).
+
+In the place of those of RFGCA in `body_networks`.
 
     z ~ E(V, T)                                 an expression, see `pipeline.avatar.networks.expression_vae`
     V' = D_v(z)                                 what the Gaussians sit on
@@ -115,7 +117,10 @@ class HeadNetworks(nn.Module):
     def linear_color(
         self, head: HeadState, center: Float[Tensor, " 3"], light: Float[Tensor, "81 channels"]
     ) -> Float[Tensor, "texels 3"]:
-        """Decode what a camera sees of the light in the head's frame, through the network that is linear in it."""
+        """Decode a camera's view of the light through the network that is linear in it.
+
+        The light is in the head's frame.
+        """
         return self.light(head.code, self.beside(head, center), light)
 
     def beside(self, head: HeadState, center: Float[Tensor, " 3"]) -> Float[Tensor, "features 8 8"]:

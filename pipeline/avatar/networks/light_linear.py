@@ -1,4 +1,6 @@
-"""A decoder of colours that is linear in the light: the row "Linear" of RGCA (after Yang et al. 2023).
+"""A decoder of colours that is linear in the light.
+
+The row "Linear" of RGCA (after Yang et al. 2023).
 
 Two branches of the same layers. One, with biases and leaky ReLUs, decodes features of expression and view; the other
 starts from the light, has neither, and is multiplied by the first one's features before each layer: whatever the

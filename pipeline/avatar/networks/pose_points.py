@@ -1,4 +1,6 @@
-"""A pose as the networks see it: points of the tracked surface, moved back by the root's transform (RFGCA 3).
+"""A pose as the networks see it.
+
+Points of the tracked surface, moved back by the root's transform (RFGCA 3).
 
 The points stand for the papers' 3D keypoints. They are points of the tracked mesh, which was fitted to the keypoints,
 because every posed frame has them: also those whose keypoints nobody saw, templates without joints, and poses that were
@@ -54,7 +56,7 @@ def face_points(atlas: Atlas, face: Sequence[float], count: int) -> Int64[np.nda
 def pose_offsets(
     rest: Float[np.ndarray, "points 3"], posed: Float[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points 3"]:
-    """How far each point has moved, in units of the points' extent, once the motion of all together is undone.
+    """Motion of each point, in units of their extent, less the motion of all together.
 
     That motion, the root's, is the rigid one that brings the posed points nearest to those at rest (Kabsch 1976). So
     the result knows of no place in the world and no way the subject faces. The extent is the root mean square distance

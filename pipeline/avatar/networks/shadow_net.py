@@ -18,7 +18,7 @@ SHARE_FLOOR, SHARE_CEILING = 0.02, 0.98
 
 
 class ShadowNet(nn.Module):
-    """A residual on the logit of the cosine visibility, from three 3x3 convolutions on the atlas."""
+    """A residual on the logit of the cosine visibility, from three 3x3 convolutions."""
 
     def __init__(self, atlas: Atlas, width: int) -> None:
         super().__init__()

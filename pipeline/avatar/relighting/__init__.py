@@ -1,1 +1,1 @@
-"""Films of an avatar: what drives it in each picture, and what lights it."""
+"""Films of an avatar: its driving signals and its light, picture by picture."""

@@ -1,4 +1,4 @@
-"""What drives an avatar in each picture of a film: tracked frames, a table of latent codes, a table of gaze.
+"""Driving signals of a film: tracked frames, a table of latent codes, a table of gaze.
 
 A head that sits on decoded vertices is shown as its codes say: a frame is encoded, and its code and its motion are all
 that is kept of it, so that the same codes with the same motion give the same pictures. One that sits on tracked
@@ -30,7 +30,9 @@ def read_poses(
     relighter: Relighter, tracking: tuple[Path, ...], textures: tuple[Path, ...], index: Path | None,
     settings: RelightAvatar,
 ) -> dict[int, DrivingSignal]:  # fmt: skip
-    """The tracked frames to show, by number; of heads with motion and latent code, with gaze if it was captured.
+    """The tracked frames to show, by number.
+
+    Of heads with motion and latent code, with gaze if it was captured.
 
     Args:
         tracking, textures: of the same chunks; without textures, those of an average frame are encoded.
@@ -52,10 +54,10 @@ def read_poses(
         known += chunk.frames.tolist()
         for frame, vertices in zip(chunk.frames.tolist(), chunk.vertices, strict=True):
             if (wanted is None or frame in wanted) and is_shown(frame, settings):
-                driver = DrivingSignal(vertices, motions.get(frame), colors.get(frame), gaze=gaze.get(frame))
+                signal = DrivingSignal(vertices, motions.get(frame), colors.get(frame), gaze=gaze.get(frame))
                 # Only the code is kept: textures of thousands of frames would not fit into memory.
-                code = relighter.code_of(driver) if head else None
-                poses[frame] = replace(driver, texture=None, code=code)
+                code = relighter.code_of(signal) if head else None
+                poses[frame] = replace(signal, texture=None, code=code)
     if tracking and not poses:
         last = max(known) if settings.last_frame is None else settings.last_frame
         of_segment = f" of segment {settings.segment}" if settings.segment else ""
@@ -67,7 +69,7 @@ def read_poses(
 
 
 def is_shown(frame: int, settings: RelightAvatar) -> bool:
-    """Whether a frame is among those that were asked for by number."""
+    """A frame is among those that were asked for by number."""
     return settings.first_frame <= frame and (settings.last_frame is None or frame <= settings.last_frame)
 
 
@@ -150,7 +152,7 @@ class DrivingSequence:
         return fixed_gaze(settings.gaze_direction, eyes)
 
     def at(self, picture: int) -> DrivingSignal:
-        """What drives a picture: the same object as for the picture before, if it is the same pose."""
+        """Driving signal of a picture. The same object as for the picture before, if it is the same pose."""
         pose = self.pose_of(picture)
         code, gaze = (None if table is None else table.at(picture) for table in (self.codes, self.gaze))
         key = (pose, *(None if array is None else array.tobytes() for array in (code, gaze)))
@@ -159,7 +161,7 @@ class DrivingSequence:
         return self._last[1]
 
     def pose_of(self, picture: int) -> int | None:
-        """Which of the poses a picture shows, or moves its head as."""
+        """Index of the pose that a picture shows, or moves its head as."""
         return picture * len(self.poses) // self.pictures if self.poses else None
 
     def middle(self) -> Float64[np.ndarray, " 3"]:
@@ -172,8 +174,8 @@ class DrivingSequence:
         spec = self.avatar.spec
         if spec.head and (code is not None or spec.anchors != "tracked"):
             motion = self.motion if self.motion is not None else pose.head_from_world
-            driver = from_code(self.avatar, pose.code if code is None else code, motion)
-            driver = driver if pose is None else replace(driver, gaze=pose.gaze)
+            signal = from_code(self.avatar, pose.code if code is None else code, motion)
+            signal = signal if pose is None else replace(signal, gaze=pose.gaze)
         else:
-            driver = pose if self.motion is None else moved_as(pose, self.motion)
-        return driver if gaze is None else replace(driver, gaze=gaze)
+            signal = pose if self.motion is None else moved_as(pose, self.motion)
+        return signal if gaze is None else replace(signal, gaze=gaze)

@@ -1,8 +1,10 @@
-"""What drives an avatar in a picture: posed vertices, and of a head also its motion, its mean texture, or a code.
+"""Driving signal of an avatar in a picture.
+
+Posed vertices, and of a head also its motion, its mean texture, or a code.
 
 A head is driven from a latent code (`from_code`), from tracked vertices (a plain array, or `from_record`), or by the
 expressions of frames of any segment, held still or moved in another way (`from_record` with a motion). The light is
-`Relighter`'s to choose. The gaze of explicit eyes is apart from the expression: `replace(driver, gaze=...)`.
+`Relighter`'s to choose. The gaze of explicit eyes is apart from the expression: `replace(signal, gaze=...)`.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ class DrivingSignal:
 
 
 def as_signal(pose: Float[np.ndarray, "vertices 3"] | DrivingSignal) -> DrivingSignal:
-    """Vertices alone, or what drives an avatar already."""
+    """Make a driving signal of vertices alone, or keep one as it is."""
     return pose if isinstance(pose, DrivingSignal) else DrivingSignal(pose)
 
 
@@ -71,19 +73,19 @@ def from_record(record: FrameRecord, head_from_world: Float[np.ndarray, "3 4"] |
     Raises:
         InputError: if it shall, but the frame does not say how its head moved.
     """
-    driver = DrivingSignal(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
+    signal = DrivingSignal(record.vertices, record.head_from_world, record.texture, gaze=record.gaze)
     if head_from_world is None:
-        return driver
-    if driver.head_from_world is None:
+        return signal
+    if signal.head_from_world is None:
         raise InputError(f"frame {record.frame}: expected the motion of a head, found none; only heads move as a whole")
-    return moved_as(driver, head_from_world)
+    return moved_as(signal, head_from_world)
 
 
-def moved_as(driver: DrivingSignal, head_from_world: Float[np.ndarray, "3 4"]) -> DrivingSignal:
+def moved_as(signal: DrivingSignal, head_from_world: Float[np.ndarray, "3 4"]) -> DrivingSignal:
     """The same head, its own motion known, moved in another way."""
-    tracked = driver.head_from_world.astype(np.float64)
-    local = driver.vertices @ tracked[:, :3].T + tracked[:, 3]
-    return replace(driver, vertices=moved(local, head_from_world), head_from_world=head_from_world.astype(np.float32))
+    tracked = signal.head_from_world.astype(np.float64)
+    local = signal.vertices @ tracked[:, :3].T + tracked[:, 3]
+    return replace(signal, vertices=moved(local, head_from_world), head_from_world=head_from_world.astype(np.float32))
 
 
 def moved(

@@ -1,4 +1,4 @@
-"""Tables that drive a head in place of what was filmed: latent codes, and where its eyes look, by picture."""
+"""Tables that drive a head in place of what was filmed. Latent codes, and where its eyes look, by picture."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class KeyedGaze:
     eyes: Sequence[tuple[Float64[np.ndarray, " _"], Float64[np.ndarray, "_ 3"]]]
 
     def at(self, picture: int) -> Float32[np.ndarray, "eyes 3"]:
-        """Where the eyes look in a picture: on the great circle between rows, constant before and after them."""
+        """Gaze in a picture. On the great circle between rows, constant before and after them."""
         looks = []
         for pictures, directions in self.eyes:
             row, share = divmod(np.interp(picture, pictures, np.arange(len(pictures))), 1)

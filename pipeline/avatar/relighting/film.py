@@ -1,4 +1,6 @@
-"""An avatar in any pose under any light: the one place that turns lights into the inputs of a frame.
+"""An avatar in any pose under any light.
+
+The one place that turns lights into the inputs of a frame.
 
 Point lights go in as they are. An environment map goes in as its pixels, each a point light so far away that its
 falloff is even (any avatar; cost grows with the pixels), or as harmonics and prefiltered panoramas (avatars that learn
@@ -49,12 +51,12 @@ class Relighter:
 
     @property
     def device(self) -> torch.device:
-        """Where the avatar is."""
+        """Device of the avatar's parameters."""
         return self.avatar.albedo.device
 
     @property
     def prefilters(self) -> bool:
-        """Whether maps can go in by harmonics and panoramas.
+        """Maps can go in by harmonics and panoramas.
 
         The transfer is learned and turns with each Gaussian, the lobe is deferred and of the mirror direction alone,
         and nothing is asked of lights one by one.
@@ -92,10 +94,10 @@ class Relighter:
             environment: only casts shadows.
         """
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
-        driver = as_signal(pose)
-        maps = self._irradiance(driver.vertices, directions, irradiances, distant=True)
+        signal = as_signal(pose)
+        maps = self._irradiance(signal.vertices, directions, irradiances, distant=True)
         turned = replace(sky, world_from_map=self._tensor(turn))
-        record = self._record(driver, NO_LIGHTS, maps)
+        record = self._record(signal, NO_LIGHTS, maps)
         return self._under_sky.prepare(FrameInputs(self.atlas, record, turned, device=self.device))
 
     @torch.no_grad()
@@ -116,19 +118,19 @@ class Relighter:
         return picture.rgb, picture.alpha
 
     @torch.no_grad()
-    def code_of(self, driver: DrivingSignal) -> Float32[np.ndarray, " code"]:
+    def code_of(self, signal: DrivingSignal) -> Float32[np.ndarray, " code"]:
         """The latent code that a head's encoder gives a pose: its mean (RGCA 3)."""
         ones = np.ones(self.atlas.texel_count, np.float32)
-        inputs = FrameInputs(self.atlas, self._record(driver, NO_LIGHTS, (ones, ones)), device=self.device)
+        inputs = FrameInputs(self.atlas, self._record(signal, NO_LIGHTS, (ones, ones)), device=self.device)
         return self.avatar.networks.encode(inputs).mean.cpu().numpy()
 
     def _prepare(
-        self, driver: DrivingSignal, sources: FrameLights, lights: FrameLights, distant: bool
+        self, signal: DrivingSignal, sources: FrameLights, lights: FrameLights, distant: bool
     ) -> PreparedFrame:
         """A frame under `lights`; shadow rays go to `sources`: the same, or directions and irradiances."""
-        maps = self._irradiance(driver.vertices, sources.positions, sources.intensities, distant)
-        inputs = FrameInputs(self.atlas, self._record(driver, lights, maps), device=self.device)
-        code = {} if driver.code is None else {"code": self._tensor(driver.code)}
+        maps = self._irradiance(signal.vertices, sources.positions, sources.intensities, distant)
+        inputs = FrameInputs(self.atlas, self._record(signal, lights, maps), device=self.device)
+        code = {} if signal.code is None else {"code": self._tensor(signal.code)}
         return self.avatar.prepare(inputs, **code)
 
     def _tensor(self, array: np.ndarray) -> Tensor:
@@ -145,18 +147,18 @@ class Relighter:
         traced = FrameTracer(self.atlas, stage, self.trace).trace(0, vertices, generator_for("relight_avatar"))
         return traced.values.astype(np.float32), traced.cosine_visibility.astype(np.float32)
 
-    def _record(self, driver: DrivingSignal, lights: FrameLights, maps: tuple[np.ndarray, np.ndarray]) -> FrameRecord:
+    def _record(self, signal: DrivingSignal, lights: FrameLights, maps: tuple[np.ndarray, np.ndarray]) -> FrameRecord:
         lit = lights.intensities.any(1)
         return FrameRecord(
-            frame=0, segment="", fully_lit=False, vertices=driver.vertices.astype(np.float32), irradiance=maps[0],
-            falling=maps[1], light_positions=lights.positions[lit].astype(np.float32),
-            light_intensities=lights.intensities[lit].astype(np.float32), head_from_world=driver.head_from_world,
-            texture=driver.texture, gaze=driver.gaze,
+            frame=0, segment="", fully_lit=False, vertices=signal.vertices.astype(np.float32), irradiance=maps[0],
+            cosine_visibility=maps[1], light_positions=lights.positions[lit].astype(np.float32),
+            light_intensities=lights.intensities[lit].astype(np.float32), head_from_world=signal.head_from_world,
+            texture=signal.texture, gaze=signal.gaze,
         )  # fmt: skip
 
 
 def view_independent_color(frame: PreparedFrame) -> Float[Tensor, "texels 3"]:
-    """Linear RGB of each Gaussian without its specular part: diffuse times shadow, and indirect light."""
+    """Linear RGB of each Gaussian without its specular part. Diffuse times shadow, and indirect light."""
     shading = frame.shading
     color = shading.diffuse if shading.shadow is None else shading.diffuse * shading.shadow[:, None]
     return color if shading.indirect is None else color + shading.indirect

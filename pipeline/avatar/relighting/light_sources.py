@@ -1,4 +1,4 @@
-"""What lights the pictures of relight_avatar, and what is seen behind the subject: listed lamps, or a turning sky."""
+"""Light of the pictures of relight_avatar: listed lamps, or a turning sky. And what is seen behind the subject."""
 
 from __future__ import annotations
 

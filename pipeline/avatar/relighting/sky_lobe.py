@@ -1,4 +1,4 @@
-"""Specular lobe under an environment map: one look-up per pixel where lamps are summed (RFGCA 11-12)."""
+"""Specular lobe under an environment map: a look-up per pixel (RFGCA 11-12)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SkyLobe(SpecularLobe):
 
 
 def works_under_sky(avatar: Avatar) -> bool:
-    """Whether maps can light an avatar by harmonics and panoramas, which asks nothing of lights one by one."""
+    """Tell an avatar that maps can light by harmonics and panoramas. Nothing of it asks for lights one by one."""
     built = avatar.built
     return all(part.works_under_sky for part in (built.diffuse, built.specular, built.shadow, built.indirect))
 

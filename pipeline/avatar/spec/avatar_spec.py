@@ -32,7 +32,7 @@ class AvatarSpec:
         transfer_degree: highest degree of the transfer, zonal or not; above 3 it is monochrome.
         near_field: lights at their distance; if not, one direction and strength each for all texels of a frame.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
-        depth: how far away a pixel's point is; see `pipeline.avatar.pixel_depth`.
+        depth: how far away a pixel's point is; see `pipeline.avatar.geometry.pixel_depth`.
         normals: "learned": bent away from the Gaussian's axis (RFGCA 10), "viewed": and by each camera differently
             (RGCA 9), or those of the "mesh".
         anchors: what a head's Gaussians sit on: "decoded" vertices (RGCA 4), those "tracked", or the template moved as
@@ -140,7 +140,7 @@ class AvatarSpec:
 
     @property
     def pixel_depth(self) -> DepthSource | None:
-        """Where the depth of pixels comes from, if anything asks for it."""
+        """Source of the depth of pixels, if anything asks for it."""
         return self.depth if self.lobe and self.deferred else None
 
     @property

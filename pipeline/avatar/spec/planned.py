@@ -47,9 +47,7 @@ def resolve_spec(settings: TrainAvatar, planned: Collection[str], kind: Kind = "
 
 
 def require_parts(decided: TrainAvatar) -> None:
-    """Raises:
-    InputError: see `resolve_spec`.
-    """
+    """Refuse what a kind of capture does not have, by the InputErrors of `resolve_spec`."""
     asked = {
         "shading: linear": decided.shading == "linear",
         "highlight: harmonics": decided.highlight == "harmonics",

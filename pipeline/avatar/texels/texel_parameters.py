@@ -17,7 +17,9 @@ EXPRESSED = (*POSED, "log_roughness")
 
 @dataclass(frozen=True)
 class TexelParameters:
-    """Parameters of all texels in one frame: their own, plus what networks add; None where an avatar has none.
+    """Parameters of all texels in one frame.
+
+    Their own, plus what networks add; None where an avatar has none.
 
     Attributes:
         offset: of the Gaussian from its anchor, in the tangent frame, metres (RFGCA 5).
@@ -39,7 +41,7 @@ class TexelParameters:
     log_roughness: Float[Tensor, " texels"] | None = None
 
     def named(self, names: Collection[str] = EXPRESSED) -> dict[str, Tensor]:
-        """Those of `names` that there are."""
+        """The parameters of these names, where there are any."""
         own = {field.name: getattr(self, field.name) for field in fields(self) if field.name in names}
         return {name: tensor for name, tensor in own.items() if tensor is not None}
 

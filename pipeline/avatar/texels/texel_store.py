@@ -1,4 +1,4 @@
-"""Parameters of texels that are optimised directly: one flat set of names, to which the parts of an avatar add."""
+"""Parameters of texels that are optimised directly. One flat set of names, to which the parts of an avatar add."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Training an avatar: images of a step, losses, the loop, its log, checkpoints, several processes."""
+"""Training an avatar: a step's images, losses, loop, log, checkpoints, processes."""

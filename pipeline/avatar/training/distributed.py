@@ -1,4 +1,6 @@
-"""Several processes that train one avatar: each renders its share of a step's images, and all sum their gradients.
+"""Several processes that train one avatar.
+
+Each renders its share of a step's images, and all sum their gradients.
 
 Started by `torchrun --nproc_per_node N -m pipeline.stages.train_avatar ...`; alone otherwise. The gradients of all
 parameters lie in one flat tensor that is summed by one call, rather than in the buckets of `DistributedDataParallel`:
@@ -56,7 +58,7 @@ class Processes:
         return self.rank == 0
 
     def share(self, items: Sequence[Item]) -> Sequence[Item]:
-        """Those of `items` that fall to this process: every `count`-th."""
+        """Every `count`-th of `items`, those that fall to this process."""
         return items[self.rank :: self.count]
 
     def sum_in_place(self, tensor: Tensor) -> None:
@@ -65,7 +67,7 @@ class Processes:
             torch.distributed.all_reduce(tensor)
 
     def gather(self, item: dict) -> list[dict]:
-        """The items of all processes, by rank: what JSON can say. torch's own gathering of objects unpickles them."""
+        """Gather the items of all processes, by rank. They are what JSON can say."""
         if self.count == 1:
             return [item]
         text = torch.tensor(bytearray(json.dumps(item).encode()), dtype=torch.uint8, device=self.device)
@@ -155,8 +157,10 @@ class FlatGradients:
         self.flat.zero_()
 
     def not_finite(self) -> list[str]:
-        """Names of the parameters whose gradients are not all finite; looks at each only if their sum is not, which
-        may also overflow."""
+        """Names of the parameters whose gradients are not all finite.
+
+        Looks at each only if their sum is not, which may also overflow.
+        """
         if bool(torch.isfinite(self.flat.sum())):
             return []
         return [name for name, view in self.views.items() if not bool(torch.isfinite(view).all())]

@@ -21,7 +21,7 @@ STABLE_MEAN, STABLE_VARIANCE = 0.01**2, 0.03**2
 def structural_dissimilarity(
     rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
 ) -> Float[Tensor, ""]:
-    """(1 - SSIM) / 2 in sRGB between the picture and the capture over black, mean over subject pixels.
+    """(1 - SSIM) / 2 in sRGB between picture and capture over black, mean over the subject.
 
     The index of Wang et al. 2004 as `pipeline.metrics.images.ssim` scores it, differentiable; windows reach over the
     picture's border as if it went on black, which it is.

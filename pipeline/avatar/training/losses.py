@@ -1,4 +1,4 @@
-"""The terms of the training loss (RFGCA 17, 18 and Appendix B; RGCA 11-15), each as a small function of tensors."""
+"""Terms of the training loss (RFGCA 17, 18 and Appendix B; RGCA 11-15). Each is a small function of tensors."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ SCALE_BOUNDS_M = (1e-4, 1e-2)
 def photometric(
     rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], edges: Edges
 ) -> Float[Tensor, ""]:
-    """L1 in sRGB, where the result is scored, against the capture over black; summed over the picture, per subject
-    pixel, so that the width of the crop's margin does not change the balance with the other terms.
+    """L1 in sRGB, where the result is scored, against the capture over black.
+
+    Summed over the picture, per subject pixel, so that the width of the crop's margin does not change the balance with
+    the other terms.
 
     A mask of zeros and ones cuts through pixels that the subject covers in part. Compared with black, those beyond its
     edge would teach the avatar to end half a pixel inside its outline, so `edges` says what to do with them.
@@ -66,7 +68,9 @@ def alpha_sparsity(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> F
 
 
 def normal_orient(normal: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], camera: CameraView) -> Float[Tensor, ""]:
-    """Mean over covered pixels of max(0, -n . w_o)^2: blended normals that face away from the camera (Appendix B).
+    """Mean over covered pixels of max(0, -n . w_o)^2.
+
+    Blended normals that face away from the camera (Appendix B).
 
     With w_o from the surface to the camera, as elsewhere in the paper, B.3 as printed, max(0, n . w_o)^2, would punish
     the normals that can be seen.
@@ -82,7 +86,7 @@ def normal_orient(normal: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], c
 def lpips_loss(
     lpips: Lpips, rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
 ) -> Float[Tensor, ""]:
-    """LPIPS in sRGB between the picture and the capture over black (RFGCA 17); small ones are padded with black."""
+    """LPIPS in sRGB between the picture and the capture over black (RFGCA 17). Small ones are padded with black."""
     height, width = mask.shape
     pad = (0, 0, 0, max(0, SMALLEST_SIDE - width), 0, max(0, SMALLEST_SIDE - height))
     pictures = [
@@ -109,7 +113,7 @@ def reconstruction(
     picture: Picture, captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], camera: CameraView,
     weights: TrainAvatar,
 ) -> dict[str, Tensor]:  # fmt: skip
-    """All terms that look at one picture of `Avatar.view`, weighted; those of weight 0 are not computed."""
+    """All terms that look at one picture of `Avatar.view`, weighted. Those of weight 0 are not computed."""
     rgb, alpha = picture.rgb, picture.alpha
     terms = {
         "photometric": weights.weight_photometric * photometric(rgb, captured, mask, weights.edges),
@@ -128,7 +132,7 @@ def reconstruction(
 
 
 def normal_weight(weights: TrainAvatar, step: int) -> float:
-    """Weight of the squared normal offset after `step` steps: falls to zero in a straight line (Appendix B)."""
+    """Weight of the squared normal offset after `step` steps. Falls to zero in a straight line (Appendix B)."""
     if not weights.normal_steps:
         return weights.weight_normal
     return weights.weight_normal * max(0.0, 1 - step / weights.normal_steps)

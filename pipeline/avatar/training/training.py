@@ -1,4 +1,4 @@
-"""The training loop: what is drawn at each step, the step itself, and states that continue bit for bit.
+"""The training loop: drawing, steps, and states that continue bit for bit.
 
 What step s draws depends on (subject, epoch) alone, and on (subject, step) for a head's code. Adam's state is stored
 whole. So a run that was stopped and continued gives the same avatar as one that was not, to the bit on the CPU with as
@@ -59,7 +59,9 @@ def compute_loss(
     avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int,
     step: int = 0, processes: Processes = Processes(), subject: str = "",
 ) -> dict[str, Tensor]:  # fmt: skip
-    """This process's part of the weighted terms of one step; the sum of all parts and terms is what is minimised.
+    """This process's part of the weighted terms of one step.
+
+    The sum of all parts and terms is what is minimised.
 
     Args:
         avatar: what is trained.
@@ -85,7 +87,7 @@ def compute_loss(
 
 
 def drawn_expression(avatar: Avatar, subject: str, step: int) -> dict[str, Tensor]:
-    """The noise that a step draws a head's code with: the same in all processes, and after a stop."""
+    """The noise that a step draws a head's code with. The same in all processes, and after a stop."""
     if not avatar.spec.head:
         return {}
     noise = generator_for(subject, "train_avatar", "code", step).standard_normal(avatar.spec.code_size)
@@ -98,7 +100,7 @@ class BrokenStep(InputError):
 
 @dataclass
 class Position:
-    """How far a training has come.
+    """Progress of a training.
 
     Attributes:
         step: steps that are done.
@@ -113,7 +115,7 @@ class Position:
 
 @dataclass(frozen=True)
 class Part:
-    """What a process tells the others of its part of a step.
+    """One process' part of a step, as it tells the others.
 
     Attributes:
         values: its parts of the weighted terms; terms of pictures are missing where there was none to render.
@@ -127,7 +129,7 @@ class Part:
 
 
 class Training:
-    """An avatar, its optimiser and its gradients, in one or several processes; `subject` seeds what steps draw."""
+    """An avatar, its optimiser and its gradients, in one or several processes. `subject` seeds what steps draw."""
 
     def __init__(
         self, avatar: Avatar, settings: TrainAvatar, processes: Processes = Processes(), subject: str = ""
@@ -200,8 +202,9 @@ class Training:
             temporary.write_bytes(safetensors.torch.save(tensors, metadata=metadata))
 
     def restore(self, path: Path, fingerprint: str) -> Position:
-        """Put back what `save` wrote and return where it was; the start, changing nothing, if the state is missing or
-        another training's.
+        """Put back what `save` wrote and return where it was.
+
+        The start, changing nothing, if the state is missing or another training's.
         """
         if not path.exists():
             return Position()

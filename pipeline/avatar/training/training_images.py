@@ -1,4 +1,6 @@
-"""Which training images an avatar is trained on: all, or those of fewer cameras or light patterns; and in which order.
+"""Images that an avatar is trained on, and their order.
+
+All of them, or those of fewer cameras or light patterns.
 
 The same images for equal settings, and fewer is always a part of more: 2 of 4 of 8 cameras, 10 of 20 of 50 % of the
 patterns.
@@ -21,7 +23,7 @@ from pipeline.config.train_avatar import TrainAvatar
 
 
 class Schedule:
-    """Which images each step sees: every epoch all frames in random order, their cameras in random groups."""
+    """Images of each step. Every epoch all frames in random order, their cameras in random groups."""
 
     def __init__(self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int) -> None:
         self.subject, self.cameras_per_step = subject, cameras_per_step
@@ -68,7 +70,7 @@ def chosen_images(
 
 
 def spread_cameras(table: pd.DataFrame, count: int) -> list[str]:
-    """So many cameras, each as far as can be from those before it, beginning with the first by name."""
+    """So many cameras, each as far as can be from those before it. Beginning with the first by name."""
     first = table.drop_duplicates("camera").sort_values("camera")
     if count > len(first):
         raise InputError(
@@ -84,7 +86,7 @@ def spread_cameras(table: pd.DataFrame, count: int) -> list[str]:
 
 
 def frames_of_patterns(table: pd.DataFrame, frames: Mapping[int, FrameRecord], share: float, subject: str) -> list[int]:
-    """Partially lit frames under the first `share` of their patterns in random order, at least one."""
+    """Partially lit frames under the first `share` of their patterns, at least one. Patterns are in random order."""
     patterns: dict[bytes, list[int]] = {}
     for frame in sorted(table.frame[~table.fully_lit].unique().tolist()):
         record = frames[frame]

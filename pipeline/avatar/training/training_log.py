@@ -1,4 +1,4 @@
-"""A training seen while it runs: rows of its log, curves and pictures for TensorBoard, pictures as files."""
+"""A log of a training while it runs: rows, curves and pictures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.capture.images import write_png
 from pipeline.capture.records import ImageRecord
 from pipeline.config.train_avatar import TrainAvatar
-from pipeline.metrics.comparison import displayed, side_by_side
+from pipeline.metrics.comparison import preview_srgb, side_by_side
 
 log = logging.getLogger("train_avatar")
 
@@ -51,7 +51,7 @@ class TrainingLog:
         self.events.close()
 
     def record(self, step: int, seconds: float, values: dict[str, float], avatar: Avatar) -> list[dict]:
-        """Write the weighted terms of a step, and how the avatar looks after it, where the settings ask for them.
+        """Write the terms of a step, and a preview after it, where the settings ask for them.
 
         Args:
             seconds: spent on the training so far.
@@ -74,8 +74,10 @@ class TrainingLog:
 
 
 def preview_spacing(settings: TrainAvatar) -> int:
-    """Steps between two previews: a multiple of the steps between two rows of the log, so that each has its row; 0 for
-    none."""
+    """Steps between two previews.
+
+    A multiple of the steps between two rows of the log, so that each has its row; 0 for none.
+    """
     if not settings.preview_every:
         return 0
     wanted = max(settings.preview_every, settings.steps / MOST_PREVIEWS)
@@ -86,12 +88,15 @@ def preview_spacing(settings: TrainAvatar) -> int:
 def preview(
     step: int, avatar: Avatar, inputs: FrameInputs, image: ImageRecord
 ) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Captured | rendered | error, in sRGB over black; none if something is not finite, which the next step tells."""
+    """Render captured, rendered and error side by side, in sRGB over black.
+
+    None if something is not finite, which the next step tells.
+    """
     try:
         rgb = avatar.view(avatar.prepare(inputs), camera_view(image, inputs.device)).rgb
     except ValueError as error:
         log.warning("no preview of step %d: %s", step, error)
         return None
-    captured = displayed(image.image * image.mask[..., None])
-    rendered = np.nan_to_num(displayed(rgb.cpu().numpy()))
+    captured = preview_srgb(image.image * image.mask[..., None])
+    rendered = preview_srgb(rgb.cpu().numpy())
     return side_by_side(captured, rendered, f"step {step}, {image.camera}, frame {image.frame}")

@@ -1,1 +1,1 @@
-"""Camera calibration: boards found in images, a rig that starts camera by camera, bundle adjustment, verdicts."""
+"""Camera calibration from boards: detection, start, bundle adjustment, verdicts."""

@@ -1,4 +1,7 @@
-"""The ChArUco boards of a capture: found in its images and gathered for the calibration; if there are none, why."""
+"""ChArUco boards of a capture, found in its images and gathered for the calibration.
+
+If there are none, an error says why.
+"""
 
 from __future__ import annotations
 
@@ -46,8 +49,8 @@ class BoardViews:
     shot: Int64[np.ndarray, " views"]
     board: Int64[np.ndarray, " views"]
 
-    def of_cameras(self, cameras: Sequence[int]) -> BoardViews:
-        """What these cameras see; cameras and views are numbered anew, in the order given."""
+    def for_cameras(self, cameras: Sequence[int]) -> BoardViews:
+        """Views of some cameras; cameras and views are numbered anew, in the order given."""
         seen = self.observations.select(np.isin(self.observations.camera, cameras))
         views, view = np.unique(seen.view, return_inverse=True)
         number = {camera: k for k, camera in enumerate(cameras)}
@@ -55,13 +58,13 @@ class BoardViews:
         renumbered = Observations(camera, view.astype(np.int64), seen.corner, seen.pixel)
         return BoardViews(renumbered, self.corners_m, self.shot[views], self.board[views])
 
-    def shots_of(self, camera: int) -> Int64[np.ndarray, " shots"]:
+    def shots_for(self, camera: int) -> Int64[np.ndarray, " shots"]:
         """Numbers of the shots in which a camera sees a board."""
         return np.unique(self.shot[self.observations.view[self.observations.camera == camera]])
 
 
 def choose_shots(views: Sequence[dict], most: int | None) -> list[dict]:
-    """The entries of at most so many shots, evenly spread over their numbers; all of them for None."""
+    """Entries of at most so many shots, evenly spread over their numbers; all of them for None."""
     shots = np.unique([view["view"] for view in views])
     if most is not None and len(shots) > most:
         shots = shots[np.round(np.linspace(0, len(shots) - 1, most)).astype(int)]
@@ -113,7 +116,10 @@ def _bare(detections: Sequence[Detection]) -> bool:
 def explain_nothing(
     capture: Path, views: Sequence[dict], boards: Sequence[Board], detections: Sequence[Sequence[Detection]]
 ) -> str:
-    """Why no board was found in some images, as far as can be told: what was expected and found, and what to do."""
+    """Explain why no board was found in some images.
+
+    As far as can be told: what was expected and found, and what to do.
+    """
     dictionaries = " or ".join(dict.fromkeys(board.dictionary for board in boards))
     grays = [read_gray_8bit(capture / view["path"]) for view in views[:: max(1, len(views) // EXPLAINING_IMAGES)]]
     expected = f"dictionary: expected a board of {dictionaries}, found none in {len(views)} images"
@@ -152,4 +158,4 @@ def gather_views(
     corners_m = np.concatenate(corners)
     observations = Observations(whole[:, 0], view.ravel().astype(np.int64), whole[:, 3], table[:, 4:])
     usable = observations.select(usable_views(observations, corners_m))
-    return BoardViews(usable, corners_m, shown[:, 0], shown[:, 1]).of_cameras(range(len(cameras)))
+    return BoardViews(usable, corners_m, shown[:, 0], shown[:, 1]).for_cameras(range(len(cameras)))

@@ -1,4 +1,4 @@
-"""Finding ChArUco boards in images, and what to tell a person when none is found."""
+"""ChArUco boards in images: their corners, and what to tell a person when none is found."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ class Board:
     first_marker: int = 0
 
     def opencv(self, legacy: bool = False) -> cv2.aruco.CharucoBoard:
-        """The board for OpenCV; `legacy`: the pattern printed before OpenCV 4.6, with a marker in the first corner.
+        """The board for OpenCV.
+
+        `legacy`: the pattern printed before OpenCV 4.6, with a marker in the first corner.
 
         The two differ only where `squares_y` is even.
         """
@@ -61,7 +63,9 @@ class Detection:
 def detect_boards(
     gray: UInt8[np.ndarray, "height width"], boards: Sequence[Board], legacy: Sequence[bool]
 ) -> list[Detection]:
-    """Detect each board's inner corners to a fraction of a pixel; empty arrays where one is not seen.
+    """Detect each board's inner corners to a fraction of a pixel.
+
+    Empty arrays where a board is not seen.
 
     Args:
         legacy: per board, see `Board.opencv`.
@@ -73,7 +77,10 @@ def detect_boards(
 def read_markers(
     gray: UInt8[np.ndarray, "height width"], dictionary: str
 ) -> tuple[list[np.ndarray], Int32[np.ndarray, " markers"]]:
-    """The markers of a dictionary in an image: their corners as OpenCV gives them, and their numbers."""
+    """Markers of a dictionary in an image.
+
+    Their corners as OpenCV gives them, and their numbers.
+    """
     # Marker corners refined first: a tenth less noise in the chessboard corners than without (captures/walker).
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -98,7 +105,10 @@ def _find_corners(
 
 
 def mirrored_markers(gray: UInt8[np.ndarray, "height width"], boards: Sequence[Board]) -> int:
-    """Number of markers of the boards' dictionaries in the image's mirror image, less those in itself."""
+    """Number of markers in the mirror image of an image, less those in itself.
+
+    Of the boards' dictionaries.
+    """
     names = {board.dictionary for board in boards}
     flipped = np.ascontiguousarray(gray[:, ::-1])
     return sum(len(read_markers(flipped, name)[1]) - len(read_markers(gray, name)[1]) for name in names)
@@ -116,7 +126,10 @@ def dictionary_names() -> list[str]:
 
 
 def matching_dictionary(images: Iterable[UInt8[np.ndarray, "height width"]]) -> tuple[str, int] | None:
-    """The dictionary that reads most markers in `images` and how many; the smallest of equals; None if none does."""
+    """Dictionary that reads most markers in `images`, and how many.
+
+    The smallest of equals; None if none does.
+    """
     images = list(images)
     counts = {}
     for name in dictionary_names():

@@ -1,4 +1,6 @@
-"""Finding a camera that was knocked while the board was recorded: its pose before and after a view differ.
+"""Detection of a camera that was knocked while the board was recorded.
+
+Its pose before and after a view differ.
 
 A score test (Rao 1948; of a change at an unknown time: Andrews 1993): how much would the adjusted rig gain from a
 second pose of one camera from one view on? It needs no second adjustment, and holds no intrinsics or board pose fixed.
@@ -46,7 +48,10 @@ class Moved:
 
 @dataclass(frozen=True)
 class _Gain:
-    """Chi-square and degrees of freedom of a second pose, those of a pose per view beyond it, and the shift."""
+    """Chi-square and degrees of freedom of a second pose, and the shift.
+
+    Beside those of a pose per view beyond it.
+    """
 
     gain: float
     freedom: int
@@ -56,7 +61,7 @@ class _Gain:
 
     @property
     def misfit(self) -> float:
-        """What each of the other differences between views gains, 1 if they are noise, and not less."""
+        """Gain of each of the other differences between views, 1 if they are noise, and not less."""
         return max(1.0, self.rest / self.rest_freedom) if self.rest_freedom else 1.0
 
     @property
@@ -66,7 +71,10 @@ class _Gain:
 
     @property
     def chance(self) -> float:
-        """Probability of it where nothing moves: neither noise (chi-square) nor misfit (F) may explain it."""
+        """Probability of the gain where nothing moves.
+
+        Neither noise (chi-square) nor misfit (F) may explain it.
+        """
         if self.freedom == 0:
             return 1.0
         by_noise = scipy.stats.chi2.sf(self.gain, self.freedom)
@@ -77,7 +85,9 @@ class _Gain:
 
 
 def find_moved(rig: Rig, time: Int64[np.ndarray, " views"]) -> Moved | None:
-    """The camera that most gains from a second pose; None if no gain is more than noise and misfit.
+    """Find the camera that most gains from a second pose.
+
+    None if no gain is more than noise and misfit.
 
     Args:
         time: of each of the rig's views, the number of the shot: they were recorded in this order.
@@ -99,7 +109,10 @@ def find_moved(rig: Rig, time: Int64[np.ndarray, " views"]) -> Moved | None:
 
 
 def _gains(rig: Rig, camera: int, time: np.ndarray) -> list[tuple[int, _Gain]]:
-    """For each view of a camera but its first: (its time, what a second pose from there on gains)."""
+    """Gain of a second pose from each view of a camera on but its first.
+
+    In pairs with the view's time.
+    """
     mine = np.flatnonzero(rig.model.observations.camera == camera)
     times, number = np.unique(time[mine], return_inverse=True)
     scores, curvature, by_pose, scale = _pose_per_view(rig, camera, mine, number.ravel())
@@ -118,9 +131,12 @@ def _gains(rig: Rig, camera: int, time: np.ndarray) -> list[tuple[int, _Gain]]:
 def _pose_per_view(
     rig: Rig, camera: int, mine: np.ndarray, number: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """If each view had a camera pose of its own: the scores of these poses [views, 6], whose covariance is the
-    curvature that is left of them when all else follows [views, 6, views, 6]; corners by pose [2 corners, 6]; and the
-    scale of a pose [6], which puts metres and radians on one footing."""
+    """Score test of a camera pose per view.
+
+    If each view had a camera pose of its own: the scores of these poses [views, 6], whose covariance is the curvature
+    that is left of them when all else follows [views, 6, views, 6]; corners by pose [2 corners, 6]; and the scale of a
+    pose [6], which puts metres and radians on one footing.
+    """
     jacobian = rig.model.residuals(rig.parameters)[1].tocsr()[np.repeat(2 * mine, 2) + np.tile([0, 1], len(mine))]
     used = np.unique(jacobian.indices)
     position = np.searchsorted(rig.model.free, rig.model.pose_columns(camera))

@@ -1,4 +1,7 @@
-"""Calibrating a rig: one bundle adjustment over all intrinsics, camera poses and board poses, and its error bars."""
+"""Bundle adjustment of a rig over all intrinsics, camera poses and board poses.
+
+With its error bars.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float64
 
-from pipeline.calibration.cameras.projection import INTRINSICS
 from pipeline.calibration.cameras.rig_model import Observations, RigModel
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.least_squares import CAUCHY, solve_least_squares
@@ -32,7 +34,7 @@ class Rig:
         center_sigma_m: standard deviation of each camera's centre, root mean square over the axes.
         center_covariance: of all centres, after the rigid motion that fits them best to the true ones: the rig's
             shape, which is all that a board tells. Where the first view happens to lie does not count.
-        intrinsics_covariance: of each camera's `INTRINSICS`; zero where a term is not estimated.
+        intrinsics_covariance: of each `Camera.intrinsics`; zero where a term is not estimated.
         model, parameters, normal_inverse: the problem, its minimum, and the inverse of its weighted normal matrix.
     """
 
@@ -44,7 +46,7 @@ class Rig:
     focal_sigma: Float64[np.ndarray, " cameras"]
     center_sigma_m: Float64[np.ndarray, " cameras"]
     center_covariance: Float64[np.ndarray, "axes axes"]
-    intrinsics_covariance: Float64[np.ndarray, "cameras 9 9"]
+    intrinsics_covariance: Float64[np.ndarray, "cameras intrinsics intrinsics"]
     model: RigModel
     parameters: Float64[np.ndarray, " parameters"]
     normal_inverse: Float64[np.ndarray, "free free"]
@@ -56,15 +58,15 @@ def adjust_rig(
     cameras: Sequence[Camera],
     rig_from_board: Float64[np.ndarray, "views 4 4"],
     distortion: int | Sequence[int],
-    lens: Sequence[int] | None = None,
+    lens_index: Sequence[int] | None = None,
 ) -> Rig:
     """Refine `cameras` and `rig_from_board` together; view 0 is the frame and does not move.
 
     Args:
         distortion: number of coefficients, of all lenses or of each.
-        lens: number of each camera's lens, counted from 0 without gaps; None: each camera has its own.
+        lens_index: number of each camera's lens, counted from 0 without gaps; None: each camera has its own.
     """
-    owned = np.arange(len(cameras)) if lens is None else np.asarray(lens, np.int64)
+    owned = np.arange(len(cameras)) if lens_index is None else np.asarray(lens_index, np.int64)
     numbers = [distortion] * len(np.unique(owned)) if isinstance(distortion, int) else list(distortion)
     model = RigModel(observations, corners_m[observations.corner], cameras, rig_from_board, numbers, owned)
     start, (mean, sigma), free = model.start(), model.priors(), model.free
@@ -83,17 +85,13 @@ def adjust_rig(
     inflation = robust_inflation(solution.residual / solution.sigma, len(free))
     covariance[np.ix_(free, free)] = _rescaled(solution.covariance, precision, inflation)
     centers = center_covariance(covariance, model.center_jacobian(full), solved)
-    intrinsics = np.stack([covariance[at, at] for at in map(_intrinsics_slice, owned.tolist())])
+    intrinsics = np.stack([covariance[at, at] for at in map(model.intrinsics_columns, owned.tolist())])
     focal_sigma = np.sqrt(intrinsics[:, 0, 0]) / np.array([camera.K[0, 0] for camera in solved])
     center_sigma = np.sqrt(np.maximum(np.diag(centers), 0).reshape(-1, 3).mean(1))
     return Rig(
         solved, boards, solution.residual, solution.weight, solution.sigma, focal_sigma, center_sigma, centers,
         intrinsics, model, full, solution.covariance,
     )  # fmt: skip
-
-
-def _intrinsics_slice(lens: int) -> slice:
-    return slice(lens * len(INTRINSICS), (lens + 1) * len(INTRINSICS))
 
 
 def robust_inflation(scaled: Float64[np.ndarray, "observations 2"], fitted: int) -> float:
@@ -126,7 +124,9 @@ def center_covariance(
     jacobian: Float64[np.ndarray, "axes parameters"],
     cameras: Sequence[Camera],
 ) -> Float64[np.ndarray, "axes axes"]:
-    """Covariance of the centres after a best rigid motion: its directions are projected out (Kanatani and Morris 2001).
+    """Covariance of the centres after a best rigid motion.
+
+    Its directions are projected out (Kanatani and Morris 2001).
 
     With up to two cameras little of a shape remains: none of one, the distance of two.
     """

@@ -1,4 +1,7 @@
-"""A rig from its observations: where to start, how much distortion, one adjustment, and whether all views fit it."""
+"""Calibration of a rig from its observations.
+
+Where to start, how much distortion, one adjustment, and whether all views fit it.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,20 @@ from jaxtyping import Float64, Int64
 
 from pipeline.calibration.cameras.moved_cameras import find_moved, split_camera
 from pipeline.calibration.cameras.rig import Rig, adjust_rig
-from pipeline.calibration.cameras.rig_distortion import FULL, choose_distortion, distortion_evidence
 from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.calibration.cameras.rig_start import connected_groups, possible_starts, view_rows
-from pipeline.geometry.cameras import Camera
+from pipeline.geometry.cameras import PINHOLE_TERMS, Camera
+from pipeline.geometry.lens import Lens
+from pipeline.geometry.lenses import BROWN_CONRADY
 
 STARTS = 4
 """Starts that are adjusted at most: two joins that nothing but the noise decides. Most rigs have one."""
 
 ROUNDS = 2
-"""Once with each camera's own lens, and if views stay astray once more with the lenses that came out of it: a lens from
-a few views alone may be off by several per cent, and with it the poses by which cameras are joined."""
+"""Once with each camera's own lens, and if views stay gross outliers once more with the lenses that came out of it: a
+lens from a few views alone may be off by several per cent, and with it the poses by which cameras are joined."""
 
-ASTRAY_PX = 10.0
+GROSS_OUTLIER_PX = 10.0
 """Median error of a view's corners above which it does not fit at all: a lens of too few coefficients leaves a few
 pixels, a camera joined by the mirror image of a pose, or a movement of a degree, tens to hundreds."""
 
@@ -64,31 +68,72 @@ class Movement:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What does not fit one rig that stands still.
+    """Views that do not fit one rig that stands still.
 
     Attributes:
         movements: cameras that moved.
-        astray: per camera with such views, the shots that fit none of its poses.
+        gross_outliers: per camera with such views, the shots that fit none of its poses.
     """
 
     movements: list[Movement]
-    astray: dict[int, list[int]]
+    gross_outliers: dict[int, list[int]]
 
 
 def calibrate_rig(
     observations: Observations,
     corners_m: Float64[np.ndarray, "corners 3"],
     sizes: Sequence[tuple[int, int]],
-    distortion: Literal["auto", 0, 1, 2, 5],
+    distortion: Literal["auto"] | int,
+    lens: Lens = BROWN_CONRADY,
 ) -> Calibrated:
-    """Calibrate cameras of `sizes` (width, height), all connected by shared views."""
-    full = _adjust_from_starts(observations, corners_m, sizes)
+    """Calibrate cameras of `sizes` (width, height), all connected by shared views.
+
+    Args:
+        distortion: number of coefficients, one of the lens's `term_counts`; auto: chosen for each camera.
+        lens: the model of all lenses.
+    """
+    full = _adjust_from_starts(observations, corners_m, sizes, lens)
     evidence = distortion_evidence(full)
     chosen = choose_distortion(evidence) if distortion == "auto" else [distortion] * len(sizes)
-    if all(number == FULL for number in chosen):
+    if all(number == len(lens.terms) for number in chosen):
         return Calibrated(full, chosen, evidence, full)
     rig = adjust_rig(observations, corners_m, full.cameras, full.rig_from_board, chosen)
     return Calibrated(rig, chosen, evidence, full)
+
+
+def distortion_evidence(rig: Rig) -> list[dict[int, float]]:
+    """Per camera and number of coefficients: log of the odds of that model against the full one.
+
+    Simpler models are the full one with some terms exactly zero, so that Savage and Dickey's ratio gives the odds
+    without fitting them: the posterior density of the excluded terms at zero over their prior density there (Verdinelli
+    and Wasserman 1995). The posterior is the adjusted rig's, with all other parameters free to follow; the prior is
+    that of the adjustment. Each camera decides for itself: one lens of a rig may be wide and another long.
+
+    Args:
+        rig: adjusted with the full model for every camera.
+    """
+    evidence = []
+    for camera, covariance in zip(rig.cameras, rig.intrinsics_covariance, strict=True):
+        prior = np.diag(np.array(camera.lens.prior_sigma) ** 2)
+        of_terms, log_odds = covariance[len(PINHOLE_TERMS) :, len(PINHOLE_TERMS) :], {}
+        for number in camera.lens.term_counts:
+            out = np.arange(number, len(camera.dist))
+            posterior = of_terms[np.ix_(out, out)]
+            at_zero = _log_density(camera.dist[out], posterior) - _log_density(np.zeros(len(out)), prior[out][:, out])
+            log_odds[number] = at_zero
+        evidence.append(log_odds)
+    return evidence
+
+
+def choose_distortion(evidence: list[dict[int, float]]) -> list[int]:
+    """The most probable number of coefficients of each camera; of equals the smallest."""
+    return [max(odds, key=lambda number: (odds[number], -number)) for odds in evidence]
+
+
+def _log_density(value: Float64[np.ndarray, " terms"], covariance: Float64[np.ndarray, "terms terms"]) -> float:
+    """Log of the normal density of mean zero."""
+    _, log_determinant = np.linalg.slogdet(2 * np.pi * covariance)
+    return float(-0.5 * (log_determinant + value @ np.linalg.solve(covariance, value)))
 
 
 def inspect_rig(
@@ -97,7 +142,9 @@ def inspect_rig(
     sizes: Sequence[tuple[int, int]],
     shot: Int64[np.ndarray, " views"],
 ) -> Inspection:
-    """Every camera that moved, found one by one, each then taken for two cameras of one lens; and what still is astray.
+    """Find every camera that moved, and the views that fit nowhere even so.
+
+    Movements are found one by one; a camera that moved is then taken for two cameras of one lens.
 
     Views are judged by lenses of all coefficients: what a lens of fewer leaves over varies with the place of the board,
     and so with time, as if the camera moved.
@@ -115,36 +162,40 @@ def inspect_rig(
         if len(connected_groups(observations, len(owner))) > 1:
             movements.append(Movement(suspects, moved.time, moved.shift_px, np.nan, np.nan))
             break
-        lenses = [rig.cameras[k] for k in owner]
-        rig = _adjust_from_starts(observations, corners_m, [sizes[k] for k in owner], lenses, owner)
+        known = [rig.cameras[k] for k in owner]
+        rig = _adjust_from_starts(observations, corners_m, [sizes[k] for k in owner], rig.model.lens, known, owner)
         movements.append(Movement(suspects, moved.time, *_difference(rig, before, after)))
-    astray: dict[int, list[int]] = {}
-    for camera, view in _astray(rig):
-        astray.setdefault(owner[camera], []).append(int(shot[view]))
-    return Inspection(movements, {camera: sorted(set(shots)) for camera, shots in astray.items()})
+    gross_outliers: dict[int, list[int]] = {}
+    for camera, view in _gross_outliers(rig):
+        gross_outliers.setdefault(owner[camera], []).append(int(shot[view]))
+    return Inspection(movements, {camera: sorted(set(shots)) for camera, shots in gross_outliers.items()})
 
 
 def _adjust_from_starts(
     observations: Observations,
     corners_m: np.ndarray,
     sizes: Sequence[tuple[int, int]],
-    lenses: Sequence[Camera] | None = None,
-    lens: Sequence[int] | None = None,
+    lens: Lens,
+    intrinsics: Sequence[Camera] | None = None,
+    lens_index: Sequence[int] | None = None,
 ) -> Rig:
-    """The best of a few adjustments with all coefficients: from the possible starts, and again with their lenses.
+    """Best of a few adjustments with all coefficients.
+
+    From the possible starts, and again with their lenses.
 
     Args:
-        lenses: cameras whose intrinsics to start with; None: those that each camera has from its own views.
-        lens: as in `adjust_rig`.
+        intrinsics: cameras whose intrinsics to start with; None: those that each camera has from its own views.
+        lens_index: as in `adjust_rig`.
     """
     rigs: list[Rig] = []
     for _ in range(ROUNDS):
-        starts = possible_starts(observations, corners_m, sizes, lenses)[:STARTS]
-        rigs += [adjust_rig(observations, corners_m, s.cameras, s.rig_from_board, FULL, lens) for s in starts]
+        starts = possible_starts(observations, corners_m, sizes, intrinsics, lens)[:STARTS]
+        number = len(lens.terms)
+        rigs += [adjust_rig(observations, corners_m, s.cameras, s.rig_from_board, number, lens_index) for s in starts]
         rigs = [min(rigs, key=_robust_cost)]
-        if not _astray(rigs[0]):
+        if not _gross_outliers(rigs[0]):
             break
-        lenses = rigs[0].cameras
+        intrinsics = rigs[0].cameras
     return rigs[0]
 
 
@@ -153,10 +204,10 @@ def _robust_cost(rig: Rig) -> float:
     return float(np.log1p((rig.residual**2).sum(1)).sum())
 
 
-def _astray(rig: Rig) -> list[tuple[int, int]]:
-    """(Camera, view) of which more than half of the corners are farther off than `ASTRAY_PX`."""
+def _gross_outliers(rig: Rig) -> list[tuple[int, int]]:
+    """(Camera, view) of which more than half of the corners are farther off than `GROSS_OUTLIER_PX`."""
     error = np.linalg.norm(rig.residual, axis=1)
-    return [key for key, rows in view_rows(rig.model.observations).items() if np.median(error[rows]) > ASTRAY_PX]
+    return [key for key, rows in view_rows(rig.model.observations).items() if np.median(error[rows]) > GROSS_OUTLIER_PX]
 
 
 def _difference(rig: Rig, before: int, after: int) -> tuple[float, float, float]:

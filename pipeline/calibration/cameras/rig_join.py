@@ -1,4 +1,6 @@
-"""Cameras joined through the views they share: which poses go together is decided by all of them at once.
+"""Joining cameras through the views they share.
+
+Which poses go together is decided by all of them at once.
 
 A small board seen from afar fits two poses almost equally, one the other's mirror image in depth (Collins and Bartoli
 2014). A pair of cameras that shares one view can then stand in four ways, and only a loop through other cameras tells
@@ -12,8 +14,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import Float64
 
-from pipeline.geometry.cameras import Camera
+from pipeline.geometry.cameras import LEAST_COSINE, Camera
 
 START_ERROR_PX = 3.0
 """Reprojection error of a pose that one camera sees in another: about ten times the noise of corners, because the pose
@@ -38,13 +41,30 @@ SAME_DEG = 10.0
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """One view by one camera: corners [n, 3], where they are on the plane z = 1 [n, 2], and the poses that fit."""
+class BoardImage:
+    """Corners of a board in one image: on the board in metres, and in pixels."""
 
-    points: np.ndarray
-    normalized: np.ndarray
+    points: Float64[np.ndarray, "corners 3"]
+    pixels: Float64[np.ndarray, "corners 2"]
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One view by one camera, and the poses that fit it.
+
+    Attributes:
+        points: corners on the board, metres.
+        view_from_camera: rotation that turns the view to the front of a fisheye, which also sees what lies beside it;
+            the identity for a perspective lens.
+        normalized: the corners on the plane z = 1 of the turned view.
+        focal: pixels.
+    """
+
+    points: Float64[np.ndarray, "corners 3"]
+    view_from_camera: Float64[np.ndarray, "3 3"]
+    normalized: Float64[np.ndarray, "corners 2"]
     focal: float
-    camera_from_board: np.ndarray
+    camera_from_board: Float64[np.ndarray, "poses 4 4"]
 
 
 Sightings = Mapping[int, Mapping[int, Sighting]]
@@ -63,19 +83,46 @@ class _Hypothesis:
         return float(sum(self.cost.values()))
 
 
-def sight(camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Sighting:
-    """A view of corners [n, 3] metres at pixels [n, 2], and the one or two poses that fit it."""
-    normalized, poses = camera.undistort(pixels), []
-    _, turns, shifts, _ = cv2.solvePnPGeneric(points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+def sight(camera: Camera, image: BoardImage) -> Sighting:
+    """A view of a board, and the one or two poses of it that fit."""
+    turned, normalized = _turned_view(camera, image.pixels)
+    poses = []
+    _, turns, shifts, _ = cv2.solvePnPGeneric(image.points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
     for turn, shift in zip(turns, shifts, strict=True):
+        if not (np.isfinite(turn).all() and np.isfinite(shift).all()):
+            continue
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
+        pose[:3, :3], pose[:3, 3] = turned.T @ cv2.Rodrigues(turn)[0], turned.T @ shift.ravel()
         poses.append(pose)
-    return Sighting(points, normalized, float(camera.K[0, 0]), np.stack(poses))
+    if not poses:  # corners that no pose fits at all: any will do, and cost what it must
+        poses.append(np.eye(4))
+        poses[0][:3, :3], poses[0][:3, 3] = turned.T, turned[2]
+    return Sighting(image.points, turned, normalized, float(camera.K[0, 0]), np.stack(poses))
+
+
+def _turned_view(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`Sighting.view_from_camera` and `Sighting.normalized`.
+
+    A corner beside the field of view that the lens now has is a gross error, or the lens is: it goes to the middle.
+    """
+    if camera.lens.perspective:
+        return np.eye(3), camera.undistort(pixels)
+    rays = camera.lens.undistort(pixels, camera.K, camera.dist)
+    known = np.isfinite(rays).all(1)
+    middle = rays[known].mean(0) if known.any() else np.array([0.0, 0.0, 1.0])
+    forward = middle / np.linalg.norm(middle)
+    right = np.cross(np.eye(3)[np.abs(forward).argmin()], forward)
+    right /= np.linalg.norm(right)
+    turned = np.stack([right, np.cross(forward, right), forward])
+    in_view = np.where(known[:, None], rays, middle) @ turned.T
+    in_front = in_view[:, 2] > LEAST_COSINE
+    return turned, np.where(in_front[:, None], in_view[:, :2], 0) / np.where(in_front, in_view[:, 2], 1)[:, None]
 
 
 def join_cameras(sightings: Sightings, shared: np.ndarray) -> list[dict[int, np.ndarray]]:
-    """Poses of all cameras from the first placed one; the best hypothesis first, and those that may yet be right.
+    """Poses of all cameras from the first placed one.
+
+    The best hypothesis first, and those that may yet be right.
 
     Args:
         shared: corners that two cameras see in the same view [cameras, cameras]; together they connect all.
@@ -99,7 +146,10 @@ def join_cameras(sightings: Sightings, shared: np.ndarray) -> list[dict[int, np.
 
 
 def place_board(sightings: Sightings, from_root: Mapping[int, np.ndarray], view: int) -> tuple[np.ndarray, float]:
-    """The board's pose from the root: the one that a placed camera suggests and all like best; and its cost."""
+    """Pose of a board from the root, and its cost.
+
+    The pose that a placed camera suggests and all like best.
+    """
     seen = [(from_root[c], sighting) for c, sighting in sightings[view].items() if c in from_root]
     candidates = np.concatenate([np.linalg.inv(pose) @ sighting.camera_from_board for pose, sighting in seen])
     cost = sum(_misfit(sighting, pose @ candidates) for pose, sighting in seen)
@@ -110,9 +160,9 @@ def place_board(sightings: Sightings, from_root: Mapping[int, np.ndarray], view:
 def _misfit(sighting: Sighting, camera_from_board: np.ndarray) -> np.ndarray:
     """Robust cost [...] of poses [..., 4, 4] in one view."""
     in_camera = sighting.points @ np.swapaxes(camera_from_board[..., :3, :3], -1, -2)
-    in_camera = in_camera + camera_from_board[..., None, :3, 3]
-    depth = np.where(in_camera[..., 2:] > 0, in_camera[..., 2:], np.nan)  # behind the camera: as wrong as can be
-    error = np.linalg.norm(in_camera[..., :2] / depth - sighting.normalized, axis=-1) * sighting.focal
+    in_view = (in_camera + camera_from_board[..., None, :3, 3]) @ sighting.view_from_camera.T
+    depth = np.where(in_view[..., 2:] > 0, in_view[..., 2:], np.nan)  # behind the camera: as wrong as can be
+    error = np.linalg.norm(in_view[..., :2] / depth - sighting.normalized, axis=-1) * sighting.focal
     return np.log1p((np.nan_to_num(error, nan=1e6) / START_ERROR_PX) ** 2).sum(-1)
 
 

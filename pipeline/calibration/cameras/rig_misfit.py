@@ -1,4 +1,4 @@
-"""What does not fit a rig that stands still: what to say of it, and what to do."""
+"""Reports of views that do not fit a rig that stands still, and what to do about them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KNOCK_M, KNOCK_DEG = 1.0, 45.0
 """A camera found to have gone farther was not knocked: it would see another room. Its views are those of two cameras,
 or joined wrongly; which of them, the views do not tell."""
 
-MOST_ASTRAY = 0.25
+MOST_GROSS_OUTLIERS = 0.25
 """Share of a camera's views that may be far off: a robust adjustment leaves out a few bad ones, but where they are many
 it is open which of them are right."""
 
@@ -29,7 +29,9 @@ def complain_of_misfits(
     section: str,
     complaints: Complaints,
 ) -> None:
-    """Complaints on cameras that moved by more than `largest_shift_px`, and on views that fit nowhere.
+    """Complain of cameras that moved and of views that fit nowhere.
+
+    A movement counts above `largest_shift_px`.
 
     Args:
         names: of the cameras.
@@ -38,37 +40,42 @@ def complain_of_misfits(
     """
     for movement in inspection.movements:
         if movement.shift_px > largest_shift_px:
-            mend = f"remove or record again the views before {movement.shot}, or those from it on"
+            hint = f"remove or record again the views before {movement.shot}, or those from it on"
             expected = "cameras that stand still"
             if not is_knock(movement):
-                expected, mend = "views that fit together", f"{MIXED}; or {mend}"
+                expected, hint = "views that fit together", f"{MIXED}; or {hint}"
             told = describe_movement(movement, [names[suspect] for suspect in movement.suspects])
-            complaints.add(section, "views", expected=expected, found=told, mend=mend)
-    for camera, told in too_many_astray(inspection, views).items():
-        mend = f"{MIXED}; or remove these views"
-        complaints.add(section, f"camera {names[camera]}", expected="views that fit together", found=told, mend=mend)
+            complaints.add(section, "views", expected=expected, found=told, hint=hint)
+    for camera, told in too_many_gross_outliers(inspection, views).items():
+        hint = f"{MIXED}; or remove these views"
+        complaints.add(section, f"camera {names[camera]}", expected="views that fit together", found=told, hint=hint)
 
 
-def too_many_astray(inspection: Inspection, views: Sequence[int]) -> dict[int, str]:
-    """Cameras of which so many views fit none of their poses that the rig cannot be trusted, and which views.
+def too_many_gross_outliers(inspection: Inspection, views: Sequence[int]) -> dict[int, str]:
+    """Cameras with so many outlying views that the rig cannot be trusted, and which views.
+
+    Outlying views fit none of a camera's poses.
 
     Args:
         views: number of each camera's views.
     """
     told = {}
-    for camera, shots in inspection.astray.items():
-        if len(shots) > MOST_ASTRAY * views[camera]:
+    for camera, shots in inspection.gross_outliers.items():
+        if len(shots) > MOST_GROSS_OUTLIERS * views[camera]:
             told[camera] = f"{len(shots)} of {views[camera]} views could not be brought together: {listed(shots)}"
     return told
 
 
 def is_knock(movement: Movement) -> bool:
-    """Whether a movement is one that a camera may suffer where it stands; so is one too short-lived to measure."""
+    """True for a movement that a camera may suffer where it stands.
+
+    So is one too short-lived to measure.
+    """
     return not (movement.shift_m > KNOCK_M or movement.turn_deg > KNOCK_DEG)
 
 
 def describe_movement(movement: Movement, suspects: Sequence[str]) -> str:
-    """Which camera moved, when and how far; or that its views do not fit together at all."""
+    """Name the camera that moved, when and how far; or say that its views do not fit together."""
     which = " or ".join(suspects)
     moved = "" if np.isnan(movement.shift_m) else f", {1000 * movement.shift_m:.1f} mm and {movement.turn_deg:.2f} deg"
     size = f"{movement.shift_px:.2g} px{moved}"

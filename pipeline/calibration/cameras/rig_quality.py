@@ -1,4 +1,4 @@
-"""How well each camera of a rig is calibrated: numbers, and a verdict with its reason."""
+"""Quality of each camera's calibration: numbers, and a verdict with its reason."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from jaxtyping import Float64, Int64
 from pipeline.base.errors import listed
 from pipeline.base.verdicts import Verdict
 from pipeline.calibration.cameras.rig import Rig
-from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection, Movement
-from pipeline.calibration.cameras.rig_distortion import choose_distortion
-from pipeline.calibration.cameras.rig_misfit import describe_movement, too_many_astray
+from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection, Movement, choose_distortion
+from pipeline.calibration.cameras.rig_misfit import describe_movement, too_many_gross_outliers
 from pipeline.config.calibrate_cameras import CalibrateCameras
 
 CELLS = 8
@@ -33,9 +32,12 @@ COLUMNS = [
 
 
 def quality_table(calibrated: Calibrated, names: Sequence[str], shot: Int64[np.ndarray, " views"]) -> pd.DataFrame:
-    """One row per camera: number of views and corners, reprojection error (root mean square length, px), standard
-    deviations of the focal length (relative) and of the centre within the rig (m), share of the image's 8 x 8 cells
-    with corners, largest angle between two boards (degrees), number of distortion coefficients."""
+    """Quality of every camera, one row each.
+
+    Number of views and corners, reprojection error (root mean square length, px), standard deviations of the focal
+    length (relative) and of the centre within the rig (m), share of the image's 8 x 8 cells with corners, largest
+    angle between two boards (degrees), number of distortion coefficients.
+    """
     rig, observations = calibrated.rig, calibrated.rig.model.observations
     rows = []
     for c, (name, camera) in enumerate(zip(names, rig.cameras, strict=True)):
@@ -75,9 +77,9 @@ def judge_cameras(
         rough_shots: per camera, shots whose own reprojection error is above `good_rms_px`.
         names: what the numbers of cameras in `inspection` mean.
     """
-    astray, verdicts = too_many_astray(inspection, quality.views.tolist()), []
+    gross_outliers, verdicts = too_many_gross_outliers(inspection, quality.views.tolist()), []
     for c, row in enumerate(quality.itertuples()):
-        failed, weak = _judge_fit(c, inspection.movements, astray, names, settings)
+        failed, weak = _judge_fit(c, inspection.movements, gross_outliers, names, settings)
         wanted = wanted_distortion(calibrated, c)
         if wanted > row.distortion:
             weak.append(
@@ -88,7 +90,10 @@ def judge_cameras(
 
 
 def wanted_distortion(calibrated: Calibrated, camera: int) -> int:
-    """The number of coefficients that a lens decisively needs; the one it has where it needs no other."""
+    """Number of coefficients that a lens decisively needs.
+
+    The one it has where it needs no other.
+    """
     odds, used = calibrated.evidence[camera], calibrated.distortion[camera]
     wanted = choose_distortion([odds])[0]
     return wanted if odds[wanted] - odds[used] > DECISIVE else used
@@ -97,11 +102,11 @@ def wanted_distortion(calibrated: Calibrated, camera: int) -> int:
 def _judge_fit(
     camera: int,
     movements: Sequence[Movement],
-    astray: Mapping[int, str],
+    gross_outliers: Mapping[int, str],
     names: Sequence[str],
     limits: CalibrateCameras,
 ) -> tuple[list[str], list[str]]:
-    failed, weak = [astray[camera]] if camera in astray else [], []
+    failed, weak = [gross_outliers[camera]] if camera in gross_outliers else [], []
     for movement in movements:
         if camera in movement.suspects:
             told = describe_movement(movement, [names[suspect] for suspect in movement.suspects])

@@ -1,4 +1,7 @@
-"""Where the bundle adjustment of a rig starts: each camera alone, then cameras joined through views they share."""
+"""Start of a rig's bundle adjustment.
+
+Each camera alone, then cameras joined through views they share.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,12 @@ import scipy.sparse.csgraph
 from jaxtyping import Float64
 
 from pipeline.base.conventions import PIXEL_CENTER
-from pipeline.calibration.cameras.rig_join import Sighting, join_cameras, place_board, sight
+from pipeline.calibration.cameras.rig import adjust_rig
+from pipeline.calibration.cameras.rig_join import BoardImage, Sighting, join_cameras, place_board, sight
 from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lens import Lens
+from pipeline.geometry.lenses import BROWN_CONRADY
 
 LEAST_CORNERS = 6
 """Corners that a view needs to count: four determine a plane's pose, two more make it robust."""
@@ -25,6 +31,14 @@ PLAUSIBLE_FOCAL = (0.3, 30.0)
 
 GUESSED_FOCAL = 1.2
 """Focal length over the longer side, of a 45 degree lens, where Zhang's start has failed."""
+
+
+TRIED_FOCALS = np.geomspace(0.1, 3.0, 35)
+"""Focal lengths over the longer side, 10 % apart, that a lens without a pinhole's homographies starts from: from a
+circle of 220 degrees in the middle of a wide image to a lens so long that it is no fisheye."""
+
+SCAN_ERROR_PX = 10.0
+"""Scale of the robust loss by which they are compared: what 10 % of the focal length leave of a board's 200 pixels."""
 
 
 @dataclass(frozen=True)
@@ -84,22 +98,28 @@ def possible_starts(
     observations: Observations,
     corners_m: Float64[np.ndarray, "corners 3"],
     sizes: Sequence[tuple[int, int]],
-    lenses: Sequence[Camera] | None = None,
+    intrinsics: Sequence[Camera] | None = None,
+    lens: Lens = BROWN_CONRADY,
 ) -> list[Start]:
     """Intrinsics and poses to start from, the likeliest first: some joins may be undecided. All must be connected.
 
     Args:
         sizes: (width, height) of each camera.
-        lenses: cameras whose intrinsics are taken; None: each camera's own views give them.
+        intrinsics: cameras whose intrinsics are taken; None: each camera's own views give them.
+        lens: the model of all lenses.
     """
     rows, cameras = view_rows(observations), []
     views = int(observations.view.max()) + 1
     sightings: dict[int, dict[int, Sighting]] = {v: {} for v in range(views)}
     for c, size in enumerate(sizes):
-        mine = {v: (corners_m[observations.corner[r]], observations.pixel[r]) for (k, v), r in rows.items() if k == c}
-        cameras.append(start_camera(list(mine.values()), size) if lenses is None else lenses[c])
-        for v, (points, pixels) in mine.items():
-            sightings[v][c] = sight(cameras[-1], points, pixels)
+        mine = {
+            v: BoardImage(corners_m[observations.corner[r]], observations.pixel[r])
+            for (k, v), r in rows.items()
+            if k == c
+        }
+        cameras.append(start_camera(list(mine.values()), size, lens) if intrinsics is None else intrinsics[c])
+        for v, image in mine.items():
+            sightings[v][c] = sight(cameras[-1], image)
     joined = join_cameras(sightings, _shared_corners(observations, len(sizes)))
     return [_in_first_view(cameras, sightings, from_root) for from_root in joined]
 
@@ -117,8 +137,11 @@ def _in_first_view(
 
 @contextmanager
 def _one_opencv_thread() -> Iterator[None]:
-    """While entered, OpenCV works on one thread: with more, calibrateCamera adds the views up in the order in which
-    they are done, and results differ in the last digits from run to run."""
+    """Keep OpenCV on one thread.
+
+    With more, calibrateCamera adds the views up in the order in which they are done, and results differ in the last
+    digits from run to run.
+    """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -127,24 +150,61 @@ def _one_opencv_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def start_camera(views: Sequence[tuple[np.ndarray, np.ndarray]], size: tuple[int, int]) -> Camera:
-    """Intrinsics of one camera alone, by Zhang's method; its pose is the identity.
+def start_camera(images: Sequence[BoardImage], size: tuple[int, int], lens: Lens = BROWN_CONRADY) -> Camera:
+    """Intrinsics of one camera alone, from its images of boards; its pose is the identity."""
+    if lens.perspective:
+        return _start_by_homographies(images, size, lens)
+    return _start_by_scan(images, size, lens)
 
-    Args:
-        views: (corners [n, 3] metres, pixels [n, 2]) of each view.
-    """
+
+def _start_by_homographies(images: Sequence[BoardImage], size: tuple[int, int], lens: Lens) -> Camera:
+    """Zhang's method (2000), with one radial coefficient."""
     longer = max(size)
     guess = np.array([[GUESSED_FOCAL * longer, 0, size[0] / 2], [0, GUESSED_FOCAL * longer, size[1] / 2], [0, 0, 1]])
-    K, dist = guess, np.zeros(5)
+    K, dist = guess, lens.no_distortion()
     flags = cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_ASPECT_RATIO
     flags |= cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_USE_INTRINSIC_GUESS
-    board = [points.astype(np.float32)[:, None] for points, _ in views]
-    pixels = [(pixel - PIXEL_CENTER).astype(np.float32)[:, None] for _, pixel in views]
-    if len(views) >= 2:
+    board = [image.points.astype(np.float32)[:, None] for image in images]
+    pixels = [(image.pixels - PIXEL_CENTER).astype(np.float32)[:, None] for image in images]
+    if len(images) >= 2:
         opencv_K = guess - np.array([[0, 0, PIXEL_CENTER], [0, 0, PIXEL_CENTER], [0, 0, 0]])
         with _one_opencv_thread():
             error, found, found_dist, *_ = cv2.calibrateCamera(board, pixels, size, opencv_K, None, flags=flags)
         if np.isfinite(error) and PLAUSIBLE_FOCAL[0] < found[0, 0] / longer < PLAUSIBLE_FOCAL[1]:
             K, dist = found.copy(), np.asarray(found_dist, np.float64).ravel()[:5]
             K[:2, 2] += PIXEL_CENTER
-    return Camera(np.eye(3), np.zeros(3), K.astype(np.float64), dist, *size)
+    return Camera(np.eye(3), np.zeros(3), K.astype(np.float64), dist, *size, lens)
+
+
+def _start_by_scan(images: Sequence[BoardImage], size: tuple[int, int], lens: Lens) -> Camera:
+    """The best of `TRIED_FOCALS`, adjusted with all coefficients to the camera's own views."""
+    tried = []
+    for focal in TRIED_FOCALS * max(size):
+        K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
+        camera = Camera(np.eye(3), np.zeros(3), K, lens.no_distortion(), *size, lens)
+        poses, costs = zip(*(_best_pose(camera, image) for image in images), strict=True)
+        tried.append((sum(costs), camera, np.stack(poses)))
+    _, camera, poses = min(tried, key=lambda each: each[0])
+    counts = [len(image.points) for image in images]
+    whole = np.concatenate([image.points for image in images])
+    numbers = np.arange(len(whole))
+    observations = Observations(
+        np.zeros_like(numbers), np.repeat(np.arange(len(images)), counts), numbers,
+        np.concatenate([image.pixels for image in images]),
+    )  # fmt: skip
+    # View 0 is the frame of an adjustment.
+    placed = replace(camera, R=poses[0, :3, :3], t=poses[0, :3, 3])
+    rig = adjust_rig(observations, whole, [placed], np.linalg.inv(poses[0]) @ poses, len(lens.terms))
+    return replace(rig.cameras[0], R=np.eye(3), t=np.zeros(3))
+
+
+def _best_pose(camera: Camera, image: BoardImage) -> tuple[np.ndarray, float]:
+    """The pose of a board that fits its image best, and its robust cost."""
+    poses = sight(camera, image).camera_from_board
+    costs = []
+    for pose in poses:
+        pixels = camera.project(image.points @ pose[:3, :3].T + pose[:3, 3])[0]
+        squared = np.nan_to_num(((pixels - image.pixels) ** 2).sum(1), nan=np.inf)
+        costs.append(float(np.log1p(squared / SCAN_ERROR_PX**2).sum()))
+    best = int(np.argmin(costs))
+    return poses[best], costs[best]

@@ -56,13 +56,16 @@ class Patches:
         return Patches(self.color[order], self.used[order], self.corners[order])
 
     def mirrored(self) -> bool:
-        """Whether rows and columns of the chart turn the other way round in the image than on the chart."""
+        """True if the image shows the chart's rows and columns turning the other way round."""
         first, right, down = self.corners.mean(1)[[0, COLUMNS - 1, PATCHES - COLUMNS]]
         return bool(np.linalg.det(np.stack([right - first, down - first])) < 0)
 
 
 def find_chart(image: Float32[np.ndarray, "height width 3"]) -> Float64[np.ndarray, "24 4 2"] | None:
-    """Squares inside the 24 patches of the chart in a linear image, corners in pixels; None if not found."""
+    """Squares inside the 24 patches of the chart in a linear image.
+
+    Corners in pixels; None if not found.
+    """
     longer = max(image.shape[:2])
     white = max(float(np.percentile(image, WHITE_PERCENTILE)), 1e-12)
     for side in DETECTION_SIDES:

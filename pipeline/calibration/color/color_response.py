@@ -1,4 +1,7 @@
-"""Fitting each camera's 3 x 3 colour response to what it sees of a chart, and bringing all cameras to their average."""
+"""Fit of each camera's 3 x 3 colour response to what it sees of a chart.
+
+All cameras are brought to their average.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +40,17 @@ class Response:
     weight: Float64[np.ndarray, " 24"]
 
     def relative_residual(self) -> Float64[np.ndarray, " 24"]:
-        """Root mean square over the channels of each patch's residual, over the brightest patch; NaN where unused."""
+        """Residual of each patch, over the brightest patch; NaN where unused.
+
+        Root mean square over the channels.
+        """
         return np.sqrt((self.residual**2).mean(1)) / np.nanmax(self.patches.color)
 
     def relative_sigma(self) -> float:
-        """Standard deviation of the least certain entry of the matrix, over the gain of an average channel."""
+        """Standard deviation of the matrix's least certain entry.
+
+        Over the gain of an average channel.
+        """
         return float(self.sigma.max() / (np.linalg.norm(self.matrix) / np.sqrt(3)))
 
 
@@ -68,6 +77,9 @@ def _fit(patches: Patches, values: np.ndarray) -> Response:
 
 
 def corrections(responses: Mapping[str, Float64[np.ndarray, "3 3"]]) -> dict[str, Float64[np.ndarray, "3 3"]]:
-    """corrected_from_raw of every camera: to the average camera, whose response is the mean of all."""
+    """corrected_from_raw of every camera.
+
+    To the average camera, whose response is the mean of all.
+    """
     average = np.mean(list(responses.values()), axis=0)
     return {name: average @ np.linalg.inv(response) for name, response in responses.items()}

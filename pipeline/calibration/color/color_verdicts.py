@@ -1,4 +1,4 @@
-"""How far each camera's colour calibration is to be trusted, and what to do where it is not."""
+"""Verdicts on each camera's colour calibration, and what to do where it is weak."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ GLARING_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Flaw:
-    """Why a camera is weak or failed: what was expected, what was found, and what to do."""
+    """Reason for a camera to be weak or failed: expected, found, and what to do."""
 
     grade: Literal["weak", "failed"]
     expected: str
     found: str
-    mend: str
+    hint: str
 
     def __str__(self) -> str:
-        return f"expected {self.expected}, found {self.found}; {self.mend}"
+        return f"expected {self.expected}, found {self.found}; {self.hint}"
 
 
 def patch_flaws(patches: Patches | None, saturated_share: float, settings: CalibrateColor) -> list[Flaw]:
-    """What keeps a response from being fitted at all.
+    """Flaws that keep a response from being fitted at all.
 
     Args:
         patches: None if no chart was found.
@@ -42,28 +42,28 @@ def patch_flaws(patches: Patches | None, saturated_share: float, settings: Calib
     """
     if patches is None:
         found = f"none, and {saturated_share:.0%} of the image saturated" if saturated_share > GLARING_SHARE else "none"
-        mend = "is it whole, sharp, not overexposed and larger than a tenth of the image? if so, say where its corners "
-        mend += "are: calibration.color.corners"
-        return [Flaw("failed", "a 24-patch chart", found, mend)]
+        hint = "is it whole, sharp, not overexposed and larger than a tenth of the image? if so, say where its corners "
+        hint += "are: calibration.color.corners"
+        return [Flaw("failed", "a 24-patch chart", found, hint)]
     if (used := int(patches.used.sum())) < settings.least_patches:
         expected = f"at least {settings.least_patches} patches of {LEAST_PIXELS} pixels and more, not saturated"
-        mend = "expose less, bring the chart nearer, or mend its corners if they are given"
-        return [Flaw("failed", expected, f"{used} of {PATCHES}", mend)]
+        hint = "expose less, bring the chart nearer, or mend its corners if they are given"
+        return [Flaw("failed", expected, f"{used} of {PATCHES}", hint)]
     return []
 
 
 def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
-    """What a fitted response says against itself."""
+    """Flaws of a fitted response."""
     residual, sigma = response.relative_residual(), response.relative_sigma()
     median = float(np.nanmedian(residual))
     if median > settings.largest_residual:
         expected = f"patches that fit the chart's values to {settings.largest_residual:.1%} of the brightest"
-        mend = "is it the chart that patches describes, is transfer right, are the corners in order?"
-        return [Flaw("failed", expected, f"{median:.1%} (median)", mend)]
+        hint = "is it the chart that patches describes, is transfer right, are the corners in order?"
+        return [Flaw("failed", expected, f"{median:.1%} (median)", hint)]
     if sigma > settings.largest_sigma:
         expected = f"a response known to {settings.largest_sigma:.1%}"
-        mend = "the patches that are left are of too few hues: expose less, or record without noise"
-        return [Flaw("failed", expected, f"{sigma:.1%}", mend)]
+        hint = "the patches that are left are of too few hues: expose less, or record without noise"
+        return [Flaw("failed", expected, f"{sigma:.1%}", hint)]
     flaws = []
     if sigma > settings.good_sigma:
         expected = f"a response known to {settings.good_sigma:.1%}"
@@ -71,18 +71,20 @@ def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
     if len(odd := 1 + np.flatnonzero(residual > settings.good_residual)):
         expected = f"patches that fit to {settings.good_residual:.1%} of the brightest"
         found = f"up to {np.nanmax(residual):.1%} at patches {listed(odd)}"
-        mend = "are they dirty or in shadow? they hardly count in the fit"
+        hint = "are they dirty or in shadow? they hardly count in the fit"
         if len(odd) > MOST_DIRTY:
-            mend = "is the light uneven across the chart, does it reflect a lamp, is transfer right?"
-        flaws.append(Flaw("weak", expected, found, mend))
+            hint = "is the light uneven across the chart, does it reflect a lamp, is transfer right?"
+        flaws.append(Flaw("weak", expected, found, hint))
     if response.patches.mirrored():
-        mend = "if the camera's other images are mirrored too, mirror them all"
-        flaws.append(Flaw("weak", "an image as the camera saw it", "a mirrored chart", mend))
+        hint = "if the camera's other images are mirrored too, mirror them all"
+        flaws.append(Flaw("weak", "an image as the camera saw it", "a mirrored chart", hint))
     return flaws
 
 
 def light_flaws(responses: Mapping[str, Response], settings: CalibrateColor) -> dict[str, list[Flaw]]:
-    """Cameras whose white differs from the median camera's more than cameras of one rig do among themselves.
+    """Cameras whose white differs too much from the median camera's.
+
+    By more than cameras of one rig do among themselves.
 
     A response holds the light on the chart, which the correction undoes as if it were the camera's doing.
     """
@@ -101,10 +103,10 @@ def _light_flaws(brighter: float, tinted: np.ndarray, settings: CalibrateColor) 
         allowed = settings.largest_tint if failed else settings.good_tint
         channel, sign = ("red", "blue")[int(np.abs(tinted).argmax())], tinted[np.abs(tinted).argmax()]
         found = f"{largest:.2f} times {'more' if sign > 0 else 'less'} {channel} against green"
-        mend = "light the chart alike for all cameras; if cameras of this rig differ by design, raise "
-        mend += f"calibrate_color.{'largest_tint' if failed else 'good_tint'}"
+        hint = "light the chart alike for all cameras; if cameras of this rig differ by design, raise "
+        hint += f"calibrate_color.{'largest_tint' if failed else 'good_tint'}"
         expected = f"the median camera's white within a factor of {allowed:g}"
-        yield Flaw("failed" if failed else "weak", expected, found, mend)
+        yield Flaw("failed" if failed else "weak", expected, found, hint)
     if abs(brighter) > np.log(settings.good_brightness):
         expected = f"the median camera's brightness within a factor of {settings.good_brightness:g}"
         found = f"{np.exp(abs(brighter)):.2f} times {'brighter' if brighter > 0 else 'darker'}"

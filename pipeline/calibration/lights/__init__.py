@@ -1,1 +1,1 @@
-"""Light calibration: mirror balls and their highlights, light positions and intensities, verdicts."""
+"""Light calibration: mirror balls and their highlights, positions, intensities, verdicts."""

@@ -61,7 +61,9 @@ def measure_spots(
     clipped: Bool[np.ndarray, "height width"],
     outline: Float64[np.ndarray, "points 2"],
 ) -> list[Spot]:
-    """Bright spots within the outline of a ball (pixels) in a linear image, brightest first; none in a dark ball.
+    """Bright spots within a ball's outline (pixels) in a linear image, brightest first.
+
+    None in a dark ball.
 
     Near the rim a spot's middle is its average distance from the ball's middle and angle about it, not its average x
     and y: there a highlight is an arc, whose centre of mass lies inside it, and a tenth of a pixel is degrees.

@@ -24,7 +24,9 @@ EDGE_STEP_PX = 0.25
 
 
 def measure_outline(gray: Float32[np.ndarray, "height width"]) -> Float64[np.ndarray, "points 2"] | None:
-    """Outline of the dark ball to a fraction of a pixel (first pixel centre at (0.5, 0.5)); None if there is no ball.
+    """Outline of the dark ball to a fraction of a pixel; None if there is no ball.
+
+    First pixel centre at (0.5, 0.5).
 
     The edge is where brightness is half way between inside and outside along each ray from the middle: on a linear
     image that is unbiased, because a pixel on the edge holds its covered share.
@@ -42,7 +44,7 @@ def measure_outline(gray: Float32[np.ndarray, "height width"]) -> Float64[np.nda
 
 
 def why_no_ball(gray: Float32[np.ndarray, "height width"]) -> str:
-    """What an image holds in which `measure_outline` finds no ball, in words."""
+    """Name what an image holds in which `measure_outline` finds no ball."""
     contours, _ = cv2.findContours(_dark_pixels(gray), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cut = any(_is_cut_disc(contour, gray.shape) for contour in contours)
     return "a ball that touches the image's border" if cut else "no round dark disc before a bright backdrop"
@@ -86,7 +88,7 @@ def _touches_border(contour: np.ndarray, shape: tuple[int, int]) -> bool:
 
 
 def _is_cut_disc(contour: np.ndarray, shape: tuple[int, int]) -> bool:
-    """Whether what the border leaves of the contour lies on a circle of a ball's size."""
+    """True if the rest of a contour that the border cuts lies on a circle of a ball's size."""
     points = contour[:, 0].astype(np.float64)
     inner = points[((points > 0) & (points < [shape[1] - 1, shape[0] - 1])).all(1)]
     if not _touches_border(contour, shape) or len(inner) < LEAST_DIAMETER_PX:

@@ -1,4 +1,4 @@
-"""The photographs of mirror balls in a capture: their outlines, and the bright spots in them."""
+"""Photographs of mirror balls in a capture: their outlines and bright spots."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ Key = tuple[str, str]
 def read_ball_photo(
     path: Path, transfer: Transfer = "linear"
 ) -> tuple[Float32[np.ndarray, "height width channels"], Bool[np.ndarray, "height width"]]:
-    """Linear image of one (grey) or three channels, counts over their maximum, and which pixels are clipped.
+    """Linear image of one (grey) or three channels, and mask of its clipped pixels.
+
+    In counts over their maximum.
 
     Raises:
         InputError: if the file cannot be read.
@@ -50,7 +52,10 @@ def read_ball_photo(
 
 
 def use_most_balls(calibration: dict[str, Any], most: int | None) -> dict[str, Any]:
-    """calibration_lights.json with at most `most` ball positions, evenly chosen in the order of their names."""
+    """calibration_lights.json with at most `most` ball positions.
+
+    Evenly chosen in the order of their names.
+    """
     positions = sorted({entry["position"] for entry in calibration["silhouettes"]})
     if most is None or most >= len(positions):
         return calibration
@@ -62,7 +67,10 @@ def use_most_balls(calibration: dict[str, Any], most: int | None) -> dict[str, A
 def find_outlines(
     capture: Path, calibration: dict[str, Any]
 ) -> tuple[dict[Key, Float64[np.ndarray, "_ 2"]], dict[Key, str]]:
-    """Outlines in pixels, and what the other images hold instead of a ball, per position and camera."""
+    """Outlines in pixels per position and camera.
+
+    And what the other images hold instead of a ball.
+    """
     outlines, refused = {}, {}
     for entry in calibration["silhouettes"]:
         key = entry["position"], entry["camera"]
@@ -78,7 +86,10 @@ def find_outlines(
 def find_spots(
     capture: Path, calibration: dict[str, Any], outlines: dict[Key, np.ndarray], lights: Iterable[str], threads: int
 ) -> pd.DataFrame:
-    """One row per bright spot: `SPOT_COLUMNS`, `flux`, and flux_r, flux_g, flux_b (NaN where the image is grey)."""
+    """Table of bright spots, one row each.
+
+    `SPOT_COLUMNS`, `flux`, and flux_r, flux_g, flux_b (NaN where the image is grey).
+    """
     known = set(lights)
     entries = [e for e in calibration["images"] if (e["position"], e["camera"]) in outlines and e["light"] in known]
 

@@ -1,4 +1,7 @@
-"""Which of the bright spots in mirror balls are one light's: those that rays from all balls and cameras agree on."""
+"""Matching bright spots in mirror balls to lights.
+
+A light's are those that rays from all balls and cameras agree on.
+"""
 
 from __future__ import annotations
 
@@ -35,31 +38,34 @@ SMALLEST_SINE2 = 1e-6
 
 
 @dataclass(frozen=True)
-class Choice:
+class HighlightMatches:
     """At most one spot per image.
 
     Attributes:
-        rows: of the spots that were chosen, in their order.
+        rows: of the spots that matched, in their order.
         start: metres; about where each light is.
         rival: images that agree to `AGREE_PX` on another light instead, if they are too many to decide; else 0.
     """
 
-    rows: Int64[np.ndarray, " chosen"]
+    rows: Int64[np.ndarray, " matched"]
     start: Float64[np.ndarray, "lights 3"]
     rival: Int64[np.ndarray, " lights"]
 
 
-def choose_highlights(
+def match_highlights(
     spots: Highlights, balls: Float64[np.ndarray, "balls 3"], cameras: Sequence[Camera], radius_m: float, lights: int
-) -> Choice:
-    """For each light, where two of its mirrored rays meet: the pair that most images agree with; and its spots."""
+) -> HighlightMatches:
+    """Match spots to every light: the pair of its mirrored rays that most images agree with.
+
+    They meet at the light; and the spots that agree.
+    """
     points, directions = np.zeros((2, len(spots.light), 3))
     for b, c in np.unique(np.stack([spots.ball, spots.camera], 1), axis=0):
         rows = (spots.ball == b) & (spots.camera == c)
         points[rows], directions[rows] = reflected_rays(balls[b], radius_m, cameras[c], spots.pixel[rows])
     image = spots.ball * len(cameras) + spots.camera
     start, rival = np.zeros((lights, 3)), np.zeros(lights, np.int64)
-    chosen = []
+    matched = []
     for light in range(lights):
         rows = np.flatnonzero(spots.light == light)
         rows = rows[np.argsort(image[rows], kind="stable")]
@@ -76,12 +82,15 @@ def choose_highlights(
         second = _votes(others[_most_agreed(others, first)], first)
         rival[light] = second if second >= max(FEWEST_AGREEING, RIVAL_SHARE * agreeing) else 0
         ends = np.append(first[1:], len(rows))
-        chosen += [rows[a + length[best, a:b].argmin()] for a, b in zip(first, ends, strict=True)]
-    return Choice(np.sort(np.array(chosen, np.int64)), start, rival)
+        matched += [rows[a + length[best, a:b].argmin()] for a, b in zip(first, ends, strict=True)]
+    return HighlightMatches(np.sort(np.array(matched, np.int64)), start, rival)
 
 
 def constant_spots(spots: Highlights) -> Bool[np.ndarray, " highlights"]:
-    """Whether each spot is at the same place in half of its ball's and camera's images, whichever light is on."""
+    """Mask of the spots that are there whichever light is on.
+
+    At the same place in half of their ball's and camera's images.
+    """
     constant = np.zeros(len(spots.light), bool)
     for b, c in np.unique(np.stack([spots.ball, spots.camera], 1), axis=0):
         rows = np.flatnonzero((spots.ball == b) & (spots.camera == c))

@@ -1,4 +1,6 @@
-"""Three lengths that have to be in one unit: the calibration board's squares, the ball's radius, the surveyed lights.
+"""Check that three lengths are in one unit.
+
+The calibration board's squares, the ball's radius, the surveyed lights.
 
 The board gives the rig its unit. Cameras that see one ball from two sides measure its radius in that unit, and the
 calibrated lights beside the surveyed ones give the third. A rigid alignment alone would hide that they differ.
@@ -25,7 +27,9 @@ SAME_UNIT = 0.15
 def radius_in_rig(
     cameras: Mapping[str, Camera], outlines: Mapping[tuple[str, str], Float64[np.ndarray, "_ 2"]]
 ) -> float | None:
-    """Radius of the ball in the cameras' unit, median over positions; None if no two cameras see one position.
+    """Radius of the ball in the cameras' unit, median over positions.
+
+    None if no two cameras see one position.
 
     Each outline gives a cone; the axes of one position meet at its centre, and the radius is distance times the sine
     of the half angle. `outlines`: per (position, camera), pixels.
@@ -45,7 +49,9 @@ def radius_in_rig(
 
 
 def unit_complaint(ball: float, survey: float, tolerance: float) -> tuple[str, str, str, str, str] | None:
-    """Which of the three lengths is in another unit, as (file, key, expected, found, what to do); None if they agree.
+    """Complaint of the one length in another unit; None if they agree.
+
+    As (file, key, expected, found, what to do).
 
     Args:
         ball: radius of the ball as the rig measures it, over the radius that capture.yaml says.

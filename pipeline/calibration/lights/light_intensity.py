@@ -1,4 +1,4 @@
-"""How bright lights are beside each other, from their mirror images in balls.
+"""Relative brightness of lights, from their mirror images in balls.
 
 A mirror keeps radiance (Nicodemus 1963), so a small light of radiant intensity I shows with its own radiance on an area
 of the image that is `LocatedLights.spread` times its own, square to its way to the ball: the pixels of a highlight add
@@ -45,7 +45,10 @@ def compare_lights(
     spread: Float64[np.ndarray, " highlights"],
     lights: int,
 ) -> Brightness:
-    """Relative brightness: log(flux / spread) = log(light) + log(camera), fitted robustly for each channel."""
+    """Relative brightness of lights and cameras, fitted robustly for each channel.
+
+    log(flux / spread) = log(light) + log(camera).
+    """
     usable = (flux > 0).all(1) & (spread > 0)
     light, camera = light[usable], camera[usable]
     value, sigma = np.full((2, lights, flux.shape[1]), np.nan)

@@ -1,4 +1,4 @@
-"""Lights as tables: what the spots in mirror balls say of each, and the rows of lights.parquet."""
+"""Lights as tables: measurements from spots in mirror balls, and rows of lights.parquet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pandas as pd
 from jaxtyping import Bool, Float64
 
 from pipeline.calibration.lights.ball_photos import CHANNELS
-from pipeline.calibration.lights.highlight_matching import choose_highlights, constant_spots
+from pipeline.calibration.lights.highlight_matching import constant_spots, match_highlights
 from pipeline.calibration.lights.light_intensity import Brightness, compare_lights, relative_colors
 from pipeline.calibration.lights.light_verdicts import AGREES_WEIGHT, resemblances
 from pipeline.calibration.lights.mirror_ball import Ball
@@ -43,7 +43,9 @@ def measure_lights(
     spots: pd.DataFrame, balls: dict[str, Ball], cameras: dict[str, Camera], radius_m: float, lights: list[str],
     settings: CalibrateLights,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:  # fmt: skip
-    """What highlights say in the cameras' frame: `MEASURED_COLUMNS` and brightness per light, and a row per highlight.
+    """Measurements of lights in the cameras' frame.
+
+    `MEASURED_COLUMNS` and brightness per light, and a row per highlight.
 
     Args:
         spots: what `ball_photos.find_spots` found.
@@ -65,9 +67,9 @@ def measure_lights(
         return facts, table.reindex(columns=RESIDUAL_COLUMNS)
     candidates = _as_highlights(table, enough, list(balls), names)
     centers = np.stack([ball.center for ball in balls.values()])
-    choice = choose_highlights(candidates, centers, eyes, radius_m, len(enough))
-    table, highlights = table.loc[choice.rows].reset_index(drop=True), candidates.select(choice.rows)
-    located = locate_lights(highlights, list(balls.values()), eyes, radius_m, choice.start)
+    matches = match_highlights(candidates, centers, eyes, radius_m, len(enough))
+    table, highlights = table.loc[matches.rows].reset_index(drop=True), candidates.select(matches.rows)
+    located = locate_lights(highlights, list(balls.values()), eyes, radius_m, matches.start)
     table[["residual_x", "residual_y"]], table["weight"] = located.residual, located.weight
     agrees = located.weight >= AGREES_WEIGHT
     facts.loc[enough, ["x", "y", "z"]] = located.position
@@ -75,7 +77,7 @@ def measure_lights(
     facts.loc[enough, MEASURED_COLUMNS[3:9]] = located.own_covariance[:, *upper]
     facts.loc[enough, "sigma_m"] = np.sqrt(np.trace(located.own_covariance, axis1=1, axis2=2) / 3)
     facts.loc[enough, "agreeing"] = np.bincount(highlights.light[agrees], minlength=len(enough))
-    facts.loc[enough, "rival"] = choice.rival
+    facts.loc[enough, "rival"] = matches.rival
     counts = ["highlights", "agreeing", "rival"]
     facts[counts] = facts[counts].astype(int)
     bright = _brightness_columns(table, highlights, located.spread, agrees, enough, settings.farthest_for_flux)

@@ -1,4 +1,4 @@
-"""What is said of every mirror ball and every light: good, weak or failed, and why."""
+"""Verdicts on every mirror ball and every light: good, weak or failed, and why."""
 
 from __future__ import annotations
 
@@ -24,10 +24,13 @@ middle: cameras calibrated to 0.1 px disagree by 5."""
 
 
 def ball_verdicts(
-    balls: Mapping[str, Ball], cameras_of: Mapping[str, list[str]], refused: Mapping[tuple[str, str], str],
+    balls: Mapping[str, Ball], cameras_by_position: Mapping[str, list[str]], refused: Mapping[tuple[str, str], str],
     settings: CalibrateLights,
 ) -> list[Verdict]:  # fmt: skip
-    """One per ball position; `refused`: what the images of (position, camera) without an outline hold instead."""
+    """Verdict on each ball position.
+
+    `refused`: what the images of (position, camera) without an outline hold instead.
+    """
     verdicts = []
     for position in sorted({*balls, *(position for position, _ in refused)}):
         without = "; ".join(f"{camera}: {why}" for (p, camera), why in refused.items() if p == position)
@@ -35,7 +38,7 @@ def ball_verdicts(
             verdicts.append(Verdict("ball", position, "failed", f"no outline; {without}"))
             continue
         sigma_mm = 1000 * np.sqrt(np.trace(ball.covariance) / 3)
-        eyes = len(cameras_of[position])
+        eyes = len(cameras_by_position[position])
         said = [f"outlines in {eyes} cameras, RMS {ball.rms_px:.3f} px, centre +-{sigma_mm:.2f} mm"]
         said += [without] if without else []
         flaws = []
@@ -51,7 +54,10 @@ def ball_verdicts(
 
 
 def why_not_measured(light: pd.Series, settings: CalibrateLights) -> str:
-    """Why a light keeps its surveyed position, or nothing. `light` is a row of what `light_verdicts` takes."""
+    """Reason for which a light keeps its surveyed position, or nothing.
+
+    `light` is a row of what `light_verdicts` takes.
+    """
     if light.images == 0:
         return "no image of it with a usable ball"
     if light.highlights == 0:
@@ -107,7 +113,10 @@ def _mixed_up(light: str, other: str, swaps: Mapping[str, str]) -> str:
 def resemblances(
     names: list[str], measured: Float64[np.ndarray, "lights 3"], surveyed: Float64[np.ndarray, "lights 3"], limit: float
 ) -> list[str]:
-    """For each light further than `limit` from its own surveyed place, whose place it is at (within `limit`), or ""."""
+    """Name the light whose surveyed place a displaced light is at.
+
+    For each light further than `limit` from its own surveyed place: whose place it is at (within `limit`), or "".
+    """
     lost = np.flatnonzero(np.linalg.norm(measured - surveyed, axis=1) > limit)
     found = [""] * len(names)
     distance = scipy.spatial.distance.cdist(measured[lost], surveyed[lost])

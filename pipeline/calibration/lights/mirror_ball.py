@@ -111,7 +111,10 @@ def reflection_points(
     camera: Float64[np.ndarray, "n 3"],
     light: Float64[np.ndarray, "n 3"],
 ) -> Float64[np.ndarray, "n 3"]:
-    """Points of spheres at `ball` where a camera sees the mirror image of a light, both outside the sphere."""
+    """Points of spheres where a camera sees the mirror image of a light.
+
+    The spheres are at `ball`; camera and light are outside.
+    """
     to_camera, to_light = camera - ball, light - ball
     u = to_camera / np.linalg.norm(to_camera, axis=1, keepdims=True)
     across = to_light - (to_light * u).sum(1, keepdims=True) * u
@@ -141,7 +144,9 @@ def reflection_derivatives(
     light: Float64[np.ndarray, "n 3"],
     point: Float64[np.ndarray, "n 3"],
 ) -> tuple[Float64[np.ndarray, "n 3 3"], Float64[np.ndarray, "n 3 3"]]:
-    """Derivatives of `reflection_points`, which gave `point`, by the ball's centre and by the light.
+    """Derivatives of `reflection_points` by the ball's centre and by the light.
+
+    At `point`, which it gave.
 
     In a basis T of the tangent plane the unit vectors c to the camera and l to the light obey T^t (c + l) = 0, and
     c + l = g n. By the implicit function theorem a turn of the normal, dn = T da, that answers motions db and dl is
@@ -163,7 +168,7 @@ def reflection_derivatives(
 
 
 def _turning(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How the unit vector along each offset turns with it, and the unit vectors."""
+    """Derivative of the unit vector along each offset by the offset, and the unit vectors."""
     distance = np.linalg.norm(offset, axis=1, keepdims=True)
     unit = offset / distance
     return (np.eye(3) - unit[:, :, None] * unit[:, None]) / distance[..., None], unit
@@ -176,7 +181,10 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def reflected_rays(
     ball: Float64[np.ndarray, "3"], radius_m: float, camera: Camera, pixels: Float64[np.ndarray, "n 2"]
 ) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
-    """Points on the ball seen at `pixels` and unit directions in which they mirror; NaN where a ray misses the ball."""
+    """Points on the ball seen at `pixels`, and unit directions in which they mirror.
+
+    NaN where a ray misses the ball.
+    """
     ray = camera.ray_directions(pixels)
     toward = ball - camera.center
     along = ray @ toward

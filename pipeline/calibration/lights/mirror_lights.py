@@ -9,9 +9,8 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float64, Int64
 
-from pipeline.calibration.cameras.projection import project_with_jacobian
 from pipeline.calibration.lights.mirror_ball import LEAST_SIGMA_PX, Ball, reflection_derivatives, reflection_points
-from pipeline.geometry.cameras import Camera
+from pipeline.geometry.cameras import Camera, project_with_jacobian
 from pipeline.geometry.least_squares import solve_least_squares
 
 INFORMATION_PER_WEIGHT = 1.2107
@@ -21,7 +20,10 @@ weights then average 0.7785 and the fit is 94.26 % efficient (quadrature, for `l
 
 @dataclass(frozen=True)
 class Highlights:
-    """Where lights show in balls; one row per light, ball and camera, indices into lists of each."""
+    """Highlights of lights in balls, one row per light, ball and camera.
+
+    Indices into lists of each.
+    """
 
     light: Int64[np.ndarray, " highlights"]
     ball: Int64[np.ndarray, " highlights"]
@@ -69,7 +71,9 @@ def locate_lights(
     radius_m: float,
     start: Float64[np.ndarray, "lights 3"],
 ) -> LocatedLights:
-    """All lights and all balls at once, from all highlights and from what the outlines said of the balls.
+    """Locate all lights and all balls at once.
+
+    From all highlights and from what the outlines said of the balls.
 
     Residuals are highlight pixels, not directions: near the ball's rim a pixel of error turns the mirrored ray by tens
     of degrees, and counts for as little as it should. The outlines enter as a Gaussian about each ball's centre, so
@@ -150,14 +154,27 @@ def _project(
     """Pixels of highlights, their derivatives by ball and by light, and `LocatedLights.spread`."""
     eye = np.stack([camera.center for camera in cameras])[highlights.camera]
     R = np.stack([camera.R for camera in cameras])[highlights.camera]
-    inside = [[c.K[0, 0], c.K[1, 1] / c.K[0, 0], c.K[0, 2], c.K[1, 2], *c.dist] for c in cameras]
     ball, light = balls[highlights.ball], lights[highlights.light]
     point = reflection_points(ball, radius_m, eye, light)
     by_ball, by_light = reflection_derivatives(ball, radius_m, eye, light, point)
     in_camera = np.einsum("nij,nj->ni", R, point - eye)
-    pixel, _, by_point = project_with_jacobian(np.array(inside)[highlights.camera], in_camera)
+    pixel, by_point = _project_in_cameras(cameras, highlights.camera, in_camera)
     by_point = by_point @ R
     by_light = by_point @ by_light
     # The light's motion along its ray moves nothing, so J J^t is that of the two motions across.
     spread = np.sqrt(np.maximum(np.linalg.det(by_light @ np.swapaxes(by_light, 1, 2)), 0))
     return pixel, by_point @ by_ball, by_light, spread
+
+
+def _project_in_cameras(
+    cameras: Sequence[Camera], camera: np.ndarray, in_camera: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels [n, 2] and their derivatives [n, 2, 3] by points [n, 3], each in the coordinates of its own camera."""
+    pixel, by_point = np.empty((len(camera), 2)), np.empty((len(camera), 2, 3))
+    for lens in dict.fromkeys(each.lens for each in cameras):
+        intrinsics = {c: each.intrinsics() for c, each in enumerate(cameras) if each.lens is lens}
+        rows = np.flatnonzero(np.isin(camera, list(intrinsics)))
+        if len(rows):
+            inside = np.stack([intrinsics[c] for c in camera[rows].tolist()])
+            pixel[rows], _, by_point[rows] = project_with_jacobian(lens, inside, in_camera[rows])
+    return pixel, by_point

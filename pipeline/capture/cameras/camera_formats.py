@@ -1,4 +1,7 @@
-"""What files of cameras by other programs have in common: images with a pose and a lens each, named by file."""
+"""Common parts of other programs' files of cameras.
+
+Images with a pose and a lens each, named by file.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,16 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 
 import numpy as np
+from jaxtyping import Float64
 
 from pipeline.base.errors import InputError, listed
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lens import Lens
 
-TERMS = ("k1", "k2", "p1", "p2", "k3")
+PINHOLE = ("fx", "fy", "cx", "cy")
+
 FURTHER_TERMS = ("k4", "k5", "k6")
+"""OpenCV's names of terms that its perspective lens may have beyond `BROWN_CONRADY`."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +38,8 @@ class SourceImage:
     camera: Camera | None
 
 
-def owner_of(image: str, cameras: Collection[str]) -> str | None:
-    """The capture's camera that an image's name or its folder names exactly; None if neither does.
+def resolve_owner(image: str, cameras: Collection[str]) -> str | None:
+    """The capture's camera that an image's name or its folder names exactly; None without one.
 
     Raises:
         InputError: if they name two.
@@ -45,18 +52,36 @@ def owner_of(image: str, cameras: Collection[str]) -> str | None:
     return next(iter(named), None)
 
 
-def camera_from_terms(R: np.ndarray, t: np.ndarray, terms: Mapping[str, float], width: int, height: int) -> Camera:
-    """A camera of OpenCV's model. `terms` has fx, fy, cx, cy in pixels (first centre at (0.5, 0.5)), and k1 k2 p1 p2 k3
-    where they are not 0.
+@dataclass(frozen=True)
+class SourceLens:
+    """Intrinsics as a file of cameras has them.
+
+    Attributes:
+        model: the lens.
+        terms: fx, fy, cx, cy in pixels (first centre at (0.5, 0.5)), and the lens's terms by OpenCV's names where they
+            are not 0.
+    """
+
+    model: Lens
+    terms: Mapping[str, float]
+    width: int
+    height: int
+
+
+def camera_from_lens(R: Float64[np.ndarray, "3 3"], t: Float64[np.ndarray, " 3"], lens: SourceLens) -> Camera:
+    """A camera of one of OpenCV's models.
 
     Raises:
-        InputError: if the terms are no lens, or one of more terms than these.
+        InputError: if the terms are no lens, or one of more terms than the model's.
     """
-    if further := [name for name in FURTHER_TERMS if terms.get(name, 0.0) != 0]:
+    terms, known = lens.terms, lens.model.terms
+    if further := [name for name in terms if name not in (*PINHOLE, *known) and terms[name] != 0]:
         found = ", ".join(f"{name} of {terms[name]:g}" for name in further)
-        raise InputError(f"distortion: expected k1, k2, p1, p2 and k3 only, found {found}; undistort the images")
-    if not np.isfinite([*terms.values()]).all() or min(terms["fx"], terms["fy"], width, height) <= 0:
+        expected = f"{', '.join(known[:-1])} and {known[-1]} only"
+        raise InputError(f"distortion: expected {expected}, found {found}; undistort the images")
+    if not np.isfinite([*terms.values()]).all() or min(terms["fx"], terms["fy"], lens.width, lens.height) <= 0:
         found = ", ".join(f"{name} {value:g}" for name, value in terms.items())
         raise InputError(f"lens: expected finite numbers and positive focal lengths and sizes, found {found}")
     K = np.array([[terms["fx"], 0, terms["cx"]], [0, terms["fy"], terms["cy"]], [0, 0, 1.0]])
-    return Camera(R, t, K, np.array([terms.get(name, 0.0) for name in TERMS]), width, height)
+    dist = np.array([terms.get(name, 0.0) for name in known])
+    return Camera(R, t, K, dist, lens.width, lens.height, lens.model)

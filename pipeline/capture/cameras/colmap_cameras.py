@@ -1,25 +1,35 @@
-"""Reading cameras from COLMAP's sparse models, text or binary.
+"""Reading cameras from COLMAP's sparse models, text or binary, and writing them.
 
 COLMAP's conventions are this project's: poses are camera-from-world, x right, y down, z forward, and the first pixel's
-centre is (0.5, 0.5). Its perspective lenses distort as OpenCV does.
+centre is (0.5, 0.5). Its perspective lenses and those of its fisheyes that are named here distort as OpenCV does.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pycolmap
 
 from pipeline.base.errors import Complaints, InputError
-from pipeline.capture.cameras.camera_formats import SourceImage, camera_from_terms, owner_of
+from pipeline.capture.cameras.camera_formats import SourceImage, SourceLens, camera_from_lens, resolve_owner
 from pipeline.capture.cameras.colmap_tables import check_whole
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lenses import BROWN_CONRADY, FISHEYE
 
-LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 """COLMAP's models that k1 k2 p1 p2 k3 express exactly; the last one if its k4 to k6 are 0."""
+
+FISHEYES = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
+"""COLMAP's models that a fisheye's k1 k2 k3 k4 express exactly."""
+
+MODELS = {**dict.fromkeys(PERSPECTIVE, BROWN_CONRADY), **dict.fromkeys(FISHEYES, FISHEYE)}
+
+WRITTEN_MODELS = {BROWN_CONRADY: "FULL_OPENCV", FISHEYE: "OPENCV_FISHEYE"}
+"""COLMAP's model of every lens; `OPENCV`, which more programs read, stands for the first where its k3 is 0."""
 
 OPENCV_TERMS = {"f": "fx", "k": "k1"}
 """COLMAP's names of terms where they differ from OpenCV's; a single f is fy too."""
@@ -45,7 +55,7 @@ def read_colmap(folder: Path, cameras: Collection[str], complaints: Complaints) 
     for image in sorted(_read_model(folder).images.values(), key=lambda image: image.name):
         owner, camera = None, None
         with complaints.collecting():
-            owner = owner_of(image.name, cameras)
+            owner = resolve_owner(image.name, cameras)
             if owner is not None and image.has_pose:
                 camera = _camera(image)
         if owner is not None and image.has_pose:
@@ -80,15 +90,37 @@ def _read_model(folder: Path) -> pycolmap.Reconstruction:
 def _camera(image: pycolmap.Image) -> Camera:
     lens, pose = image.camera, np.asarray(image.cam_from_world().matrix())
     where = f"image {image.name}: COLMAP camera {lens.camera_id}"
-    if lens.model_name not in LENSES:
-        mend = "calibrate with one of those, or undistort the images"
-        raise InputError(f"{where}: model: expected one of {', '.join(LENSES)}, found {lens.model_name}; {mend}")
+    if lens.model_name not in MODELS:
+        hint = "calibrate with one of those, or undistort the images"
+        raise InputError(f"{where}: model: expected one of {', '.join(MODELS)}, found {lens.model_name}; {hint}")
     names = [OPENCV_TERMS.get(name, name) for name in lens.params_info.split(", ")]
     if len(names) != len(lens.params):
         raise InputError(f"{where}: expected the parameters {lens.params_info}, found {len(lens.params)} numbers")
     terms = dict(zip(names, map(float, lens.params), strict=True))
     terms.setdefault("fy", terms["fx"])
     try:
-        return camera_from_terms(pose[:, :3], pose[:, 3], terms, int(lens.width), int(lens.height))
+        given = SourceLens(MODELS[lens.model_name], terms, int(lens.width), int(lens.height))
+        return camera_from_lens(pose[:, :3], pose[:, 3], given)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
+
+
+def write_colmap(folder: Path, cameras: Mapping[str, Camera], kind: Literal["binary", "text"] = "binary") -> None:
+    """Write cameras as a COLMAP model without points.
+
+    One image `<name>.png` for each, on a rig of its own.
+    """
+    made = pycolmap.Reconstruction()
+    for number, (name, camera) in enumerate(cameras.items(), 1):
+        model = WRITTEN_MODELS[camera.lens]
+        if model == "FULL_OPENCV" and camera.dist[-1] == 0:
+            model = "OPENCV"
+        lens = pycolmap.Camera(camera_id=number, model=model, width=camera.width, height=camera.height)
+        terms = dict(zip(("fx", "fy", "cx", "cy"), camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
+        terms |= dict(zip(camera.lens.terms, camera.dist, strict=True))
+        lens.params = [float(terms.get(term, 0.0)) for term in lens.params_info.split(", ")]
+        made.add_camera_with_trivial_rig(lens)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(camera.R), camera.t)
+        made.add_image_with_trivial_frame(pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number), pose)
+    folder.mkdir(parents=True, exist_ok=True)
+    getattr(made, f"write_{kind}")(folder)

@@ -1,4 +1,4 @@
-"""Whether the binary tables of a COLMAP model are whole.
+"""Check that the binary tables of a COLMAP model are whole.
 
 pycolmap does not ask: past the end of a truncated file it takes what lies in memory for numbers of cameras, poses and
 names, or never returns. Layouts (little endian) from COLMAP's reconstruction_io_binary.cc.
@@ -69,8 +69,10 @@ RECORDS: dict[str, Callable[[_Cursor], None]] = {
 
 
 def check_whole(file: Path) -> None:
-    """Raises:
-    InputError: if a table (cameras.bin, images.bin, rigs.bin or frames.bin) ends before its last record does.
+    """Check that a table (cameras.bin, images.bin, rigs.bin or frames.bin) is whole.
+
+    Raises:
+        InputError: if it ends before its last record does.
     """
     cursor = _Cursor(file.read_bytes())
     try:

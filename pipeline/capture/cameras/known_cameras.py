@@ -1,4 +1,7 @@
-"""Cameras that were calibrated elsewhere: read in the format they are in, checked, and brought to metres."""
+"""Cameras that were calibrated elsewhere.
+
+Read in the format they are in, checked, and brought to metres.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from pipeline.capture.cameras.camera_formats import SourceImage
 from pipeline.capture.cameras.colmap_cameras import read_colmap
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
 from pipeline.capture.paths import locate
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.geometry.cameras import Camera, read_cameras
 
 ROTATION_TOLERANCE = 1e-4
@@ -101,10 +104,10 @@ def _check(path: str, image: SourceImage, size: tuple[int, int], complaints: Com
     key = image.owner if image.name == image.owner else f"{image.owner}: image {image.name}"
     if (camera.width, camera.height) != size:
         expected, found = f"the sensor's {size[0]} x {size[1]}", f"{camera.width} x {camera.height}"
-        mend = "" if camera.width * size[1] != camera.height * size[0] else (
+        hint = "" if camera.width * size[1] != camera.height * size[0] else (
             f"multiply its f and c (pixels) by {size[0] / camera.width:g} and give the sensor's size"
         )  # fmt: skip
-        complaints.add(path, f"{key}: width x height", expected=expected, found=found, mend=mend)
+        complaints.add(path, f"{key}: width x height", expected=expected, found=found, hint=hint)
     error = float(np.abs(camera.R @ camera.R.T - np.eye(3)).max())
     if error > ROTATION_TOLERANCE or np.linalg.det(camera.R) < 0:
         found = "a mirrored one" if error <= ROTATION_TOLERANCE else f"rows off by {error:.2g}"
@@ -126,17 +129,18 @@ def _check_agreement(path: str, images: list[SourceImage], complaints: Complaint
     if differences[worst] > AGREEMENT_PX:
         expected = f"one pose and lens for all of its {len(images)} images"
         found = f"{images[0].name} and {images[worst].name} {differences[worst]:.2f} px apart"
-        mend = "calibrate the stage's cameras as a rig that does not move, or keep one image per camera"
-        complaints.add(path, images[0].owner, expected=expected, found=found, mend=mend)
+        hint = "calibrate the stage's cameras as a rig that does not move, or keep one image per camera"
+        complaints.add(path, images[0].owner, expected=expected, found=found, hint=hint)
 
 
 def _difference_px(a: Camera, b: Camera) -> float:
-    """How far apart two cameras put points that a sees in the middle half of its image, pixels."""
+    """Pixels between where two cameras put points that a sees in the middle half of its image."""
     x, y = np.meshgrid(a.width * np.array([0.25, 0.5, 0.75]), a.height * np.array([0.25, 0.5, 0.75]))
     pixels = np.stack([x.ravel(), y.ravel()], 1)
     rays = a.ray_directions(pixels)
+    pixels, rays = pixels[np.isfinite(rays).all(1)], rays[np.isfinite(rays).all(1)]
     away = []
     for distance in AGREEMENT_DISTANCES_M:
-        seen, depth = b.project(a.center + distance * rays)
-        away.append(np.where(depth > 0, np.linalg.norm(seen - pixels, axis=1), np.inf))
+        seen, _ = b.project(a.center + distance * rays)
+        away.append(np.where(b.sees(a.center + distance * rays), np.linalg.norm(seen - pixels, axis=1), np.inf))
     return float(np.max(away))

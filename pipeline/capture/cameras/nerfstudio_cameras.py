@@ -2,8 +2,8 @@
 
 Its poses are world-from-camera, x right, y up, looking along -z. Its world is the original one after
 `applied_transform` and then `applied_scale` (nerfstudio's own data parser applies them in this order): both are
-undone. The first pixel's centre is (0.5, 0.5), and lenses distort as OpenCV's do. A value stands in a frame or, for all
-frames, beside them.
+undone. The first pixel's centre is (0.5, 0.5), and lenses, fisheyes too, distort as OpenCV's do. A value stands in a
+frame or, for all frames, beside them.
 """
 
 from __future__ import annotations
@@ -16,11 +16,22 @@ import numpy as np
 
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json
-from pipeline.capture.cameras.camera_formats import FURTHER_TERMS, TERMS, SourceImage, camera_from_terms, owner_of
+from pipeline.capture.cameras.camera_formats import (
+    FURTHER_TERMS,
+    SourceImage,
+    SourceLens,
+    camera_from_lens,
+    resolve_owner,
+)
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lenses import BROWN_CONRADY, FISHEYE
 
-LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 """nerfstudio's names for its one perspective model, which is also what a file without `camera_model` means."""
+
+TERMS = tuple(dict.fromkeys([*BROWN_CONRADY.terms, *FISHEYE.terms, *FURTHER_TERMS]))
+
+MODELS = {**dict.fromkeys(PERSPECTIVE, BROWN_CONRADY), "OPENCV_FISHEYE": FISHEYE}
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
 
@@ -47,7 +58,7 @@ def read_nerfstudio(file: Path, cameras: Collection[str], complaints: Complaints
         with complaints.collecting():
             if not isinstance(name, str):
                 raise InputError(f"frames[{place}]: file_path: expected text, found {name!r}")
-            if (owner := owner_of(name, cameras)) is not None:
+            if (owner := resolve_owner(name, cameras)) is not None:
                 camera = _camera(f"frame {name}", content, frame, applied, scale)
         if owner is not None:
             found.append(SourceImage(owner, name, camera))
@@ -74,7 +85,7 @@ def _camera(
         turn, center = np.linalg.solve(applied[:, :3], pose[:3, :3]), pose[:3, 3] / scale - applied[:, 3]
         R = (turn @ OPENCV_FROM_OPENGL).T
         t = -R @ np.linalg.solve(applied[:, :3], center)
-        return camera_from_terms(R, t, *_lens(_merged(content, frame)))
+        return camera_from_lens(R, t, _lens(_merged(content, frame)))
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 
@@ -86,22 +97,24 @@ def _merged(content: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, A
     return {**content, **frame}
 
 
-def _lens(values: Mapping[str, Any]) -> tuple[dict[str, float], int, int]:
-    """The terms of the lens, width, height."""
-    model = "is_fisheye" if values.get("is_fisheye") else values.get("camera_model", "OPENCV")
-    if model not in LENSES:
-        mend = "undistort the images and calibrate with one of those"
-        raise InputError(f"camera_model: expected one of {', '.join(LENSES)}, found {model}; {mend}")
+def _lens(values: Mapping[str, Any]) -> SourceLens:
+    name = values.get("camera_model", "OPENCV")
+    if values.get("is_fisheye") and name != "OPENCV_FISHEYE":  # instant-ngp's key, which says nothing of the terms
+        name = "is_fisheye"
+    if name not in MODELS:
+        hint = "undistort the images and calibrate with one of those"
+        raise InputError(f"camera_model: expected one of {', '.join(MODELS)}, found {name}; {hint}")
+    model = MODELS[name]
     if "fl_x" not in values and "camera_angle_x" in values:
-        mend = "give fl_x = w / (2 tan(camera_angle_x / 2)), fl_y, cx, cy"
-        raise InputError(f"fl_x: expected a number of pixels, found none, only camera_angle_x; {mend}")
+        hint = "give fl_x = w / (2 tan(camera_angle_x / 2)), fl_y, cx, cy"
+        raise InputError(f"fl_x: expected a number of pixels, found none, only camera_angle_x; {hint}")
     terms = {name: float(_numbers(values, key, ())) for name, key in
              {"fx": "fl_x", "fy": "fl_y", "cx": "cx", "cy": "cy"}.items()}  # fmt: skip
-    terms |= {key: float(_numbers(values, key, ())) for key in TERMS + FURTHER_TERMS if key in values}
+    terms |= {key: float(_numbers(values, key, ())) for key in TERMS if key in values}
     width, height = (float(_numbers(values, key, ())) for key in "wh")
     if width % 1 or height % 1:
         raise InputError(f"w, h: expected whole numbers of pixels, found {width} and {height}")
-    return terms, int(width), int(height)
+    return SourceLens(model, terms, int(width), int(height))
 
 
 def _numbers(values: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:

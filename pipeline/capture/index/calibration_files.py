@@ -1,4 +1,4 @@
-"""Finding the calibration images of a capture and checking that there are enough of them to calibrate from.
+"""Calibration images of a capture, checked to be enough to calibrate from.
 
 Each function returns what the index says about its section, with the images still to be decoded (`ExpectedImage`):
 their digests are filled in afterwards by `with_digests`.
@@ -6,16 +6,17 @@ their digests are filled in afterwards by `with_digests`.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import digest_file
 from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_known_cameras
-from pipeline.capture.index.chart_corners import read_corners_csv
-from pipeline.capture.index.csv_tables import complain_unknown
+from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, complain_unknown, read_csv
 from pipeline.capture.index.image_checks import ExpectedImage
 from pipeline.capture.index.tables import read_patches_csv
 from pipeline.capture.paths import fill, find_files
@@ -30,7 +31,11 @@ from pipeline.capture.schema.capture_yaml import (
 
 CAMERAS = "the table of cameras"
 
-Found = tuple[dict[str, Any], list[ExpectedImage]]
+CORNER_COLUMNS: Mapping[str, Kind] = {"camera": "name", "corner": "whole", "x": "number", "y": "number"}
+
+CORNERS = 4
+
+IndexSection = tuple[dict[str, Any], list[ExpectedImage]]
 
 FEWEST_LIGHTS = 3
 """Three points fix a rigid motion: fewer measured lights cannot place the cameras in the stage."""
@@ -41,8 +46,8 @@ FEWEST_SIGHTINGS = 2
 
 def find_camera_calibration(
     root: Path, section: CharucoCameras | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
-) -> Found:
-    """`calibration_cameras.json`, and the board views, which must be at sensor resolution."""
+) -> IndexSection:
+    """`calibration_cameras.json`, and the board views, which must be of sensor size."""
     content: dict[str, Any] = section.model_dump(exclude_none=True)
     if isinstance(section, KnownCameras):
         with complaints.collecting():
@@ -65,14 +70,14 @@ def find_light_calibration(
     cameras: pd.DataFrame,
     lights: pd.DataFrame,
     complaints: Complaints,
-) -> Found:
-    """`calibration_lights.json`, and the images of the mirror ball, which must be at sensor resolution."""
+) -> IndexSection:
+    """`calibration_lights.json`, and images of the mirror ball, which must be of sensor size."""
     if isinstance(section, KnownLights):
         return {"method": "known", "images": [], "silhouettes": []}, []
-    outlines = find_files(root, section.silhouette)
-    silhouettes = [{"position": v["position"], "camera": v["camera"], "path": p} for p, v in outlines.items()]
+    dark = find_files(root, section.silhouette)
+    silhouettes = [{"position": v["position"], "camera": v["camera"], "path": p} for p, v in dark.items()]
     # The pattern of the lit images matches the silhouettes too, as a light called 'silhouette'.
-    lit = {path: values for path, values in find_files(root, section.path).items() if path not in outlines}
+    lit = {path: values for path, values in find_files(root, section.path).items() if path not in dark}
     images = [{**{key: v[key] for key in ("position", "camera", "light")}, "path": p} for p, v in lit.items()]
     for path, entries in ((section.path, images), (section.silhouette, silhouettes)):
         complain_unknown(complaints, path, "camera", [e["camera"] for e in entries], list(cameras["camera"]), CAMERAS)
@@ -87,14 +92,14 @@ def _check_sightings(
     section: MirrorBallLights, images: list[dict], silhouettes: list[dict], lights: int, complaints: Complaints
 ) -> None:
     lit = {(entry["position"], entry["camera"]) for entry in images}
-    outlined = {(entry["position"], entry["camera"]) for entry in silhouettes}
+    with_silhouette = {(entry["position"], entry["camera"]) for entry in silhouettes}
     if not images:
         complaints.add(section.path, "calibration.lights.path", expected="images of the mirror ball", found="none")
         return
-    if bare := sorted(lit - outlined):
+    if bare := sorted(lit - with_silhouette):
         found = f"none for {listed([' '.join(pair) for pair in bare])}"
         complaints.add(section.silhouette, "silhouette", expected="one per ball position and camera", found=found)
-    if idle := sorted(outlined - lit):
+    if idle := sorted(with_silhouette - lit):
         found = f"none for {listed([' '.join(pair) for pair in idle])}"
         complaints.add(section.path, "images", expected="lit images for each silhouette", found=found)
     if len(lit) < FEWEST_SIGHTINGS:
@@ -106,7 +111,7 @@ def _check_sightings(
 
 def find_color_calibration(
     root: Path, section: ChartColor | NoColor, cameras: pd.DataFrame, complaints: Complaints
-) -> Found:
+) -> IndexSection:
     """`calibration_color.json`, and one image of the chart per camera, of any size."""
     if isinstance(section, NoColor):
         nothing = {"method": "none", "transfer": None, "patches_digest": None}
@@ -123,6 +128,42 @@ def find_color_calibration(
     content = {"method": section.method, "transfer": section.transfer, "images": images, "corners": corners}
     expected = [ExpectedImage(image["path"], "color", image["camera"], None) for image in images]
     return {**content, "patches": patches, "patches_digest": digest}, expected
+
+
+def read_corners_csv(
+    root: Path, path: str, cameras: Collection[str], complaints: Complaints
+) -> dict[str, list[list[float]]]:
+    """Corners 0..3 of each camera's chart, pixels; a camera may be left out.
+
+    They are for cameras in whose images the chart is not found automatically; the first pixel's centre is at (0.5,
+    0.5). Corner 0 is the outermost corner of patch 1, corner 1 that of patch 6, corner 2 that of patch 24, corner 3
+    that of patch 19: they go around the block of patches, without the chart's frame.
+    """
+    table = read_csv(root, path, CORNER_COLUMNS, complaints)
+    if table is None:
+        return {}
+    complain_unknown(complaints, path, "camera", table["camera"], cameras, "the table of cameras")
+    if (bad := ~table["corner"].isin(range(CORNERS))).any():
+        complain_rows(complaints, path, "corner", bad, "0, 1, 2 or 3", table["corner"])
+    complain_repeats(complaints, path, table, ["camera", "corner"])
+    found = {}
+    for camera, rows in table.groupby("camera", sort=False):
+        if missing := [corner for corner in range(CORNERS) if corner not in set(rows["corner"])]:
+            complaints.add(path, f"{camera}: corner", expected="all of 0 to 3", found=f"no {listed(missing)}")
+            continue
+        corners = rows.sort_values("corner")[["x", "y"]].to_numpy()
+        if np.isfinite(corners).all() and not _is_convex(corners):
+            expected = "corners 0 to 3 that go around the chart: outside of patches 1, 6, 24 and 19"
+            complaints.add(path, f"{camera}: x and y", expected=expected, found="sides that cross or lie in one line")
+        found[camera] = corners.tolist()
+    return found
+
+
+def _is_convex(corners: np.ndarray) -> bool:
+    side = np.roll(corners, -1, 0) - corners
+    following = np.roll(side, -1, 0)
+    turn = np.sign(side[:, 0] * following[:, 1] - side[:, 1] * following[:, 0])
+    return bool(abs(turn.sum()) == CORNERS)
 
 
 def _at_sensor_size(entries: list[dict], cameras: pd.DataFrame) -> list[ExpectedImage]:

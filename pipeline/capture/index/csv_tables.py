@@ -22,8 +22,10 @@ NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 
 
 def read_csv(root: Path, path: str, columns: Mapping[str, Kind], complaints: Complaints) -> pd.DataFrame | None:
-    """The wanted columns of a csv file, other columns left out; None if a column is missing or a
-    name or whole number is something else."""
+    """Read the wanted columns of a csv file, other columns left out.
+
+    None if a column is missing, or a name or whole number is something else.
+    """
     try:
         text = pd.read_csv(
             locate(root, path), dtype=str, keep_default_na=False, skipinitialspace=True, encoding="utf-8-sig"
@@ -39,7 +41,10 @@ def read_csv(root: Path, path: str, columns: Mapping[str, Kind], complaints: Com
 
 
 def column_names(root: Path, path: str) -> list[str]:
-    """Names of a csv file's columns; none if it cannot be read, which `read_csv` complains about."""
+    """Names of a csv file's columns; none if it cannot be read.
+
+    `read_csv` complains about that.
+    """
     try:
         return list(pd.read_csv(locate(root, path), nrows=0, skipinitialspace=True, encoding="utf-8-sig").columns)
     except (InputError, ValueError):

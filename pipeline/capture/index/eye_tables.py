@@ -1,4 +1,4 @@
-"""The eyes of a capture: which vertices of the template each eye consists of, and where it looks in each frame."""
+"""Tables of a capture's eyes: their vertices in the template, and their gaze in each frame."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ OPPOSITE = 1e-6
 def read_eyes_csv(
     root: Path, path: str | None, faces: Int64[np.ndarray, "f 3"] | None, vertices: int, complaints: Complaints
 ) -> pd.DataFrame:
-    """`eye` and `vertex`: all vertices of each eye part, by eye and vertex; empty if the capture declares no eyes.
+    """Table of all vertices of each eye part, `eye` and `vertex`, sorted by both.
+
+    Empty if the capture declares no eyes.
 
     Args:
         faces: of the template; None if it could not be read, which is a complaint of its own.
@@ -49,8 +51,8 @@ def read_eyes_csv(
     if table is None:
         return empty
     if table.empty:
-        mend = "leave the key out if there are no eyes"
-        complaints.add(path, "eye", expected="at least one row", found="none", mend=mend)
+        hint = "leave the key out if there are no eyes"
+        complaints.add(path, "eye", expected="at least one row", found="none", hint=hint)
     _complain_names(complaints, path, table)
     complain_repeats(complaints, path, table, ["vertex"])
     if faces is not None:
@@ -91,11 +93,11 @@ def _complain_torn(
 def read_gaze_csv(
     root: Path, path: str | None, frames: pd.DataFrame | None, eyes: pd.DataFrame, complaints: Complaints
 ) -> pd.DataFrame:
-    """Unit direction of every eye in every frame, in the head's frame: frame, eye, x, y, z, interpolated.
+    """Table of the unit direction of every eye in every frame, in the head's frame.
 
-    The head's frame is that of the template at rest. Frames without a row get a direction on the way between their
-    neighbours' in the same segment, the nearest one before the first and after the last (`interpolated`); they are
-    counted in the log. Empty if the capture declares no gaze.
+    Columns are frame, eye, x, y, z, interpolated. The head's frame is that of the template at rest. Frames without a
+    row get a direction on the way between their neighbours' in the same segment, the nearest one before the first and
+    after the last (`interpolated`); they are counted in the log. Empty if the capture declares no gaze.
     """
     columns = {**{column: DTYPES[kind] for column, kind in GAZE_COLUMNS.items()}, "interpolated": "bool"}
     empty = pd.DataFrame({column: pd.Series(dtype=dtype) for column, dtype in columns.items()})
@@ -149,7 +151,10 @@ def _in_all_frames(table: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFrame:
 def between_directions(
     start: Float64[np.ndarray, "n 3"], end: Float64[np.ndarray, "n 3"], share: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 3"]:
-    """Unit directions at a share of the great circle from `start` to `end`; the nearer one where they are opposite."""
+    """Unit directions at a share of the great circle from `start` to `end`.
+
+    The nearer one of both where they are opposite.
+    """
     sine = np.linalg.norm(np.cross(start, end), axis=1)
     angle = np.arctan2(sine, (start * end).sum(1))
     clear, whole = sine > OPPOSITE, np.where(sine > OPPOSITE, sine, 1.0)

@@ -15,9 +15,10 @@ from pipeline.capture.schema.capture_yaml import Capture
 def find_frame_images(
     root: Path, manifest: Capture, cameras: pd.DataFrame | None, frames: pd.DataFrame | None, complaints: Complaints
 ) -> pd.DataFrame:
-    """The images that are there: camera, frame, path, mask_path (null without masks), by camera and frame.
+    """Table of the images that are there, by camera and frame.
 
-    Complains, in one line per camera, about those that are not. Empty if a table is in doubt.
+    Columns are camera, frame, path, mask_path (null without masks). Complains, in one line per camera, about those that
+    are not. Empty if a table is in doubt.
     """
     columns = {"camera": [], "frame": [], "path": [], "mask_path": []}
     if manifest.images is not None and cameras is not None and frames is not None:
@@ -59,7 +60,7 @@ def _check_distinct(pattern: str, cameras: pd.DataFrame, frames: pd.DataFrame, c
 
 
 def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None) -> list[ExpectedImage]:
-    """What the images and masks found must be like."""
+    """Expectations of the images and masks found."""
     sizes = {} if cameras is None else {row.camera: (row.width, row.height) for row in cameras.itertuples()}
     expected = []
     for row in images.itertuples():

@@ -42,7 +42,7 @@ class ExpectedImage:
 
 @dataclass(frozen=True)
 class Flaw:
-    """Why an image is not as expected; images with equal flaws share one complaint."""
+    """Difference of an image from what is expected; images with equal flaws share one complaint."""
 
     camera: str
     key: str
@@ -52,7 +52,7 @@ class Flaw:
 
 @dataclass(frozen=True)
 class Inspection:
-    """An image's content digest, its flaws, and what kept it from being decoded, if anything did."""
+    """An image's content digest and flaws, and the reason if it cannot be decoded."""
 
     digest: str
     flaws: tuple[Flaw, ...] = ()

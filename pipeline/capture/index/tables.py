@@ -1,4 +1,4 @@
-"""The tables of a capture: cameras, frames, lights, patterns, keypoints, chart patches, every row checked."""
+"""Tables of a capture, checked row by row: cameras, frames, lights, patterns, keypoints, ..."""
 
 from __future__ import annotations
 
@@ -130,13 +130,13 @@ def read_patterns_csv(
 
 
 def _pattern_columns(root: Path, path: str, complaints: Complaints) -> Mapping[str, Kind]:
-    """Which of the two spellings a file of patterns uses; complains about a file that uses both."""
+    """Columns of the spelling that a file of patterns uses; complains if it uses both."""
     names = column_names(root, path)
     colored = any(column in names for column in INTENSITIES)
     if colored and "intensity" in names:
         complaints.add(
             path, "columns", expected=f"intensity (white lights), or {', '.join(INTENSITIES)} (coloured ones)",
-            found="both", mend="keep one of the two",
+            found="both", hint="keep one of the two",
         )  # fmt: skip
     return COLORED_PATTERN_COLUMNS if colored else WHITE_PATTERN_COLUMNS
 
@@ -185,8 +185,8 @@ def read_keypoints_parquet(
         return empty
     for column in ("x", "y", "confidence"):
         if count := int((~np.isfinite(table[column])).sum()):
-            mend = "leave out rows that the detector did not find"
-            complaints.add(path, column, expected="finite numbers", found=f"{count} rows of NaN or infinity", mend=mend)
+            hint = "leave out rows that the detector did not find"
+            complaints.add(path, column, expected="finite numbers", found=f"{count} rows of NaN or infinity", hint=hint)
     if count := int((table["confidence"] < 0).sum()):
         complaints.add(path, "confidence", expected="0 or more", found=f"{count} negative rows")
     complain_repeats(complaints, path, table, ["frame", "camera", "keypoint"])

@@ -19,7 +19,12 @@ from pipeline.geometry.gltf import GltfFile
 
 @dataclass(frozen=True)
 class Shape:
-    """What other files may name of a template: `vertices` is their number, `joints` are nodes."""
+    """Parts of a template that other files may name.
+
+    Attributes:
+        vertices: their number.
+        joints: glTF nodes.
+    """
 
     vertices: int
     faces: Int64[np.ndarray, "f 3"]
@@ -27,7 +32,7 @@ class Shape:
 
 
 def check_template(root: Path, template: Template, complaints: Complaints) -> tuple[list[str] | None, pd.DataFrame]:
-    """Check that the mesh loads, and that keypoints and eyes lie on joints or vertices that it has.
+    """Check that the mesh loads, and that keypoints and eyes lie on its joints or vertices.
 
     Returns:
         the keypoints' names, None if there is no table of them or it is in doubt; and the table of eyes.
@@ -87,8 +92,8 @@ def _check_places(path: str, table: pd.DataFrame, vertices: int, joints: set[int
                 complaints, path, "vertex", bad, f"a vertex of the template, 0 to {vertices - 1}", table["vertex"]
             )
     elif not joints:
-        mend = "place keypoints by vertex"
-        complaints.add(path, "node_index", expected="a template with a skin", found="a template without one", mend=mend)
+        hint = "place keypoints by vertex"
+        complaints.add(path, "node_index", expected="a template with a skin", found="a template without one", hint=hint)
     else:
         bad = ~table["node_index"].isin(joints)
         if bad.any():

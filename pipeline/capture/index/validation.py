@@ -1,4 +1,4 @@
-"""From a capture folder to its index: every table read, every image decoded, all complaints at once."""
+"""Validation of a capture folder: tables read, images decoded, all complaints at once."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Tables = dict[str, pd.DataFrame | None]
 
 @dataclass(frozen=True)
 class CaptureIndex:
-    """What a valid capture holds: tables and JSON contents, by the names of the index's files."""
+    """Tables and JSON contents of a valid capture, by the names of the index's files."""
 
     tables: dict[str, pd.DataFrame]
     contents: Contents
@@ -122,7 +122,7 @@ def _check_stage_frame(
         complaints.add(
             MANIFEST, "calibration.lights.method",
             expected="mirror_ball for cameras in a frame of their own", found="known",
-            mend="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
+            hint="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
             "cameras in the frame of the lights",
         )  # fmt: skip
 
@@ -161,7 +161,10 @@ def _images_table(images: pd.DataFrame, digests: dict[str, str], frames: pd.Data
 
 
 def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[str, Any]:
-    """`capture.json`: no splits and no calibration, so that a change there reruns only what reads it."""
+    """Content of `capture.json`.
+
+    No splits and no calibration, so that a change there reruns only what reads it.
+    """
     template, images = manifest.template, manifest.images
     return {
         "subject": manifest.subject,

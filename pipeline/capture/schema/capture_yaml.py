@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.capture.schema.board_schema import CharucoCameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import CharucoCameras, KnownCameras
 from pipeline.capture.schema.sections import (
     BallPattern,
     ChartPattern,
@@ -40,7 +39,7 @@ class Images(Section):
 
 
 class Masks(Section):
-    """Which pixels show the subject."""
+    """Masks of the pixels that show the subject."""
 
     path: MaskPattern = Field(description="pattern with {camera} and {frame:06d}; one channel, 8 bit, 255 = subject")
 
@@ -99,7 +98,7 @@ class NoColor(Section):
 
 
 class Calibration(Section):
-    """How the stage's cameras, lights and colours are calibrated."""
+    """Methods of calibrating the stage's cameras, lights and colours."""
 
     cameras: CharucoCameras | KnownCameras = Field(discriminator="method", description="poses and lenses")
     lights: MirrorBallLights | KnownLights = Field(discriminator="method", description="positions of the LEDs")
@@ -107,7 +106,7 @@ class Calibration(Section):
 
 
 class Splits(Section):
-    """What is held out for testing; everything else trains. Lists may be empty, `test_patterns` may be left out.
+    """Images held out for testing; everything else trains. Lists may be empty, `test_patterns` may be left out.
 
     A pattern, the lit lights with their intensities, is named by the number of any frame that shows it. Holding it out
     holds out every frame that shows it.
@@ -126,11 +125,11 @@ class Capture(Section):
     subject: str = Field(pattern=NAME_PATTERN, description="name of the subject: letters, digits, _ and -")
     kind: Literal["body", "head"] = Field(description="what of the subject is captured")
     units: Literal["m"] = Field(
-        description="unit of every position", json_schema_extra={"mend": "convert lights.csv to metres and say m"}
+        description="unit of every position", json_schema_extra={"hint": "convert lights.csv to metres and say m"}
     )
     up: Literal["+y"] = Field(
         description="the world's up axis",
-        json_schema_extra={"mend": "rotate the world of lights.csv and of known cameras so that +y is up and say +y"},
+        json_schema_extra={"hint": "rotate the world of lights.csv and of known cameras so that +y is up and say +y"},
     )
     fps: float = Field(gt=0, allow_inf_nan=False, description="frames per second")
     images: Images = Field(description="images of the subject")

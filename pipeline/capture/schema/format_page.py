@@ -1,4 +1,4 @@
-"""Writes config/capture_format.md, the page about `capture.yaml`, from the models that check it.
+"""Write config/capture_format.md, the page about `capture.yaml`, from its models.
 
     python -m pipeline.capture.schema.format_page
 
@@ -27,7 +27,7 @@ complete example.
 
 - **Space**: right-handed, metres, y up. The surveyed positions in the table of lights define the stage's frame;
   they need to be good to centimetres only. Cameras follow OpenCV: x right, y down, z forward, `X_camera = R X_world
-  + t`; `dist` is k1 k2 p1 p2 k3.
+  + t`; `dist` is k1 k2 p1 p2 k3, or of a fisheye k1 k2 k3 k4.
 - **Pixels**: the top-left corner of an image is (0, 0), so the centre of the first pixel is (0.5, 0.5), for
   keypoints and corners as well. An image that is d times smaller than the sensor has the sensor's intrinsics
   divided by d.

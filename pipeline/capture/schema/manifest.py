@@ -42,7 +42,9 @@ class _UniqueKeyLoader(yaml.SafeLoader):
 
 
 def read_manifest(root: Path, complaints: Complaints) -> Capture:
-    """The capture's description; a section (`images`, `calibration.lights`, ...) with a complaint is None.
+    """Read a capture's description; a section with a complaint is None.
+
+    Sections are `images`, `calibration.lights`, ...
 
     Raises:
         InputError: if the folder or the file is missing or is not YAML: nothing more can be checked then.
@@ -90,13 +92,13 @@ def _complain(complaints: Complaints, problem: dict[str, Any]) -> None:
     kind, value, place = problem["type"], problem["input"], problem["loc"]
     model, context = _model_at(place[:-1]), problem.get("ctx", {})
     field = model.model_fields.get(place[-1])
-    key, found, mend = _key(place), _found(value), ""
+    key, found, hint = _key(place), _found(value), ""
     if kind == "missing":
         expected, found = _description(field), "no such key"
     elif kind in ("extra_forbidden", "invalid_key"):
         close = difflib.get_close_matches(str(place[-1]), model.model_fields, n=1)
         expected, found = f"one of the keys {', '.join(model.model_fields)}", "an unknown key"
-        mend = f"did you mean {close[0]}?" if close else "remove it"
+        hint = f"did you mean {close[0]}?" if close else "remove it"
     elif kind == "union_tag_not_found":
         methods = [str(get_args(choice.model_fields["method"].annotation)[0]) for choice in get_args(field.annotation)]
         key, expected, found = f"{key}.method", f"one of {', '.join(methods)}", "no such key"
@@ -110,13 +112,13 @@ def _complain(complaints: Complaints, problem: dict[str, Any]) -> None:
         expected = str(context["error"])
     else:
         expected = EXPECTED_TYPES.get(kind, problem["msg"].removeprefix("Input should be "))
-    if field is not None and not mend and kind == "literal_error":
-        mend = (field.json_schema_extra or {}).get("mend", "")
-    complaints.add(MANIFEST, key, expected=expected, found=found, mend=mend)
+    if field is not None and not hint and kind == "literal_error":
+        hint = (field.json_schema_extra or {}).get("hint", "")
+    complaints.add(MANIFEST, key, expected=expected, found=found, hint=hint)
 
 
 def _model_at(place: tuple) -> type[BaseModel]:
-    """The model whose keys stand at a place of the description; a union's tag follows its key there."""
+    """Model whose keys stand at a place of the description; a union's tag follows its key."""
     model, rest = Capture, [part for part in place if not isinstance(part, int)]  # a list's entries are alike
     while rest and (field := model.model_fields.get(rest.pop(0))) is not None:
         kinds = _with_arguments(field.annotation)

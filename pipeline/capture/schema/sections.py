@@ -1,4 +1,4 @@
-"""What the keys of `capture.yaml` are made of: strict sections, lengths, and paths with placeholders."""
+"""Types of the keys of `capture.yaml`: strict sections, lengths, paths with placeholders."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ def path_to(*suffixes: str) -> AfterValidator:
     return AfterValidator(lambda path: check_suffix(check_relative(path), suffixes))
 
 
-def pattern_of(*placeholders: str, suffixes: tuple[str, ...]) -> AfterValidator:
+def pattern_with(*placeholders: str, suffixes: tuple[str, ...]) -> AfterValidator:
     """Checks a relative path with these placeholders to files of one of these kinds."""
     return AfterValidator(lambda path: check_suffix(check_pattern(check_relative(path), placeholders), suffixes))
 
 
 CsvPath = Annotated[str, path_to(".csv")]
-ImagePattern = Annotated[str, pattern_of("camera", "frame", suffixes=EXR_OR_PNG)]
-MaskPattern = Annotated[str, pattern_of("camera", "frame", suffixes=(".png",))]
-ViewPattern = Annotated[str, pattern_of("camera", "view", suffixes=OPENCV_IMAGE)]
-BallPattern = Annotated[str, pattern_of("position", "camera", "light", suffixes=OPENCV_IMAGE)]
-SilhouettePattern = Annotated[str, pattern_of("position", "camera", suffixes=OPENCV_IMAGE)]
-ChartPattern = Annotated[str, pattern_of("camera", suffixes=EXR_OR_PNG)]
+ImagePattern = Annotated[str, pattern_with("camera", "frame", suffixes=EXR_OR_PNG)]
+MaskPattern = Annotated[str, pattern_with("camera", "frame", suffixes=(".png",))]
+ViewPattern = Annotated[str, pattern_with("camera", "view", suffixes=OPENCV_IMAGE)]
+BallPattern = Annotated[str, pattern_with("position", "camera", "light", suffixes=OPENCV_IMAGE)]
+SilhouettePattern = Annotated[str, pattern_with("position", "camera", suffixes=OPENCV_IMAGE)]
+ChartPattern = Annotated[str, pattern_with("camera", suffixes=EXR_OR_PNG)]
 
 
 class Section(BaseModel):

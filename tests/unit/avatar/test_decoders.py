@@ -20,7 +20,7 @@ from pipeline.avatar.training.training import Training
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 SMALL = {"code_size": 8, "decoder_channels": (8, 4), "pose_points": 4}
 DECODED = TrainAvatar(steps=4, parameters="decoded", shadow_width=4, **SMALL)
@@ -93,7 +93,7 @@ def test_every_network_learns_and_every_gradient_is_finite():
         if name.startswith("networks."):
             assert not torch.equal(parameter, new[name]), name
     poses = [avatar.prepare(FrameInputs(atlas, frame)) for frame in frames]
-    assert not torch.equal(poses[0]["transfer_color"], poses[1]["transfer_color"])
+    assert not torch.equal(poses[0].parameters.transfer_color, poses[1].parameters.transfer_color)
 
 
 def test_decoder_follows_a_pose_between_those_it_learned():

@@ -18,8 +18,8 @@ from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.geometry.camera_paths import look_at
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.lighting.point_lights import PointLights
-from tests.support.sheet import make_frame, make_sheet
-from tests.support.splat_by_names import splat_supersampled
+from tests.support.avatars.sheet import make_frame, make_sheet
+from tests.support.avatars.splat_by_names import splat_supersampled
 
 SOURCES = ("expected", "normalised", "median", "traced")
 SIDE = 64

@@ -15,7 +15,7 @@ from pipeline.lighting.lobes import angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import gather_reflections_reference
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light
-from tests.support.sheet import make_sheet
+from tests.support.avatars.sheet import make_sheet
 
 TRUNCATION = 0.06
 """Degree 8 of the clamped cosine is within 0.02 of it (worst near the horizon, up to 0.06)."""

@@ -12,7 +12,7 @@ from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.geometry.camera_paths import look_at
-from tests.support.sheet import make_frame, make_sheet
+from tests.support.avatars.sheet import make_frame, make_sheet
 
 CAMERA = look_at(np.array([0.0, 0.0, 1.2]), np.zeros(3), 34.0, 48, 48)
 

@@ -12,7 +12,7 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import rest_normals, texel_spacing
 from pipeline.lighting.environment_sh import spherical_harmonics
-from tests.support.sheet import SIDE_M, make_sheet
+from tests.support.avatars.sheet import SIDE_M, make_sheet
 
 SAMPLED = 0.01
 """Of a coefficient: 1024 directions on a hemisphere's half know its area to about one in a hundred."""

@@ -17,7 +17,7 @@ def test_no_complaint_raises_nothing() -> None:
 def test_every_complaint_is_named_with_its_subject_and_count() -> None:
     complaints = Complaints("captures/demo")
     complaints.add("a.csv", "x", expected="1", found="2")
-    complaints.add("b.csv", "y", expected="3", found="4", mend="write 3")
+    complaints.add("b.csv", "y", expected="3", found="4", hint="write 3")
     with pytest.raises(InputError) as caught:
         complaints.raise_if_any()
     assert str(caught.value).splitlines() == [

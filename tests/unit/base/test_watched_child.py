@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 import time
 
 import psutil
 import pytest
 
+from pipeline.base import watchdog
 from pipeline.base.watched_child import ChildFailed, processor_seconds, run_watched
 
 
@@ -64,11 +66,30 @@ def test_processor_time_counts_what_children_use() -> None:
     assert processor_seconds(2**22 + 1) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("work", "said"), [("time.sleep(4)", True), ("\nwhile time.monotonic() < end: pass", False)], ids=["still", "busy"]
-)
-def test_process_that_stands_still_prints_its_stack(work: str, said: bool) -> None:
-    code = "import sys, time\nfrom pipeline.base.watchdog import watched\nend = time.monotonic() + 4\n"
-    code += f"def waits_for_ever():\n    {work.strip()}\nwith watched(sys.stderr, 1.0): waits_for_ever()"
+def test_process_that_stands_still_prints_its_stack() -> None:
+    code = (
+        "import sys, time\nfrom pipeline.base.watchdog import watched\n"
+        "def waits_for_ever():\n    time.sleep(4)\nwith watched(sys.stderr, 1.0): waits_for_ever()"
+    )
     printed = subprocess.run(child(code), capture_output=True, text=True, check=True).stderr
-    assert ("waits_for_ever" in printed) is said
+    assert "in waits_for_ever" in printed
+
+
+def test_timer_is_set_anew_by_work_and_by_nothing_else(monkeypatch) -> None:
+    """Looks see 0, 10, 10.01 and 20 s of processor time: the third saw no work."""
+    looks, timers, ended = iter([0.0, 10.0, 10.01, 20.0]), [], threading.Event()
+
+    def look(pid: int) -> float:
+        return next(looks)
+
+    def set_timer(seconds: float, **_: object) -> None:
+        timers.append(seconds)
+        if len(timers) == 3:
+            ended.set()
+
+    monkeypatch.setattr(watchdog, "processor_seconds", look)
+    monkeypatch.setattr(watchdog.time, "thread_time", lambda: 0.0)
+    monkeypatch.setattr(watchdog.faulthandler, "dump_traceback_later", set_timer)
+    watchdog._postpone(sys.stderr, 0.2, ended)
+    assert timers == [0.2, 0.2, 0.2]
+    assert next(looks, None) is None

@@ -13,10 +13,10 @@ from pipeline.base.errors import InputError
 from pipeline.budget.allocation import within_budget
 from pipeline.budget.capture_size import CaptureSize, capture_size
 from pipeline.budget.curves import read_curves, read_measured
-from pipeline.budget.resolved_project import with_budgets
+from pipeline.budget.resolved_project import resolve_budgets
 from pipeline.config.loading import load_project, merge
 from pipeline.config.project import ProjectSettings, SubjectSettings
-from tests.support.curve_files import CURVES, write_curves
+from tests.support.results.curve_files import CURVES, write_curves
 
 SAME_SIZE = CaptureSize(4, 10, 1000, 1)
 
@@ -29,51 +29,51 @@ def choose(tmp_path, minutes, said=None, size=SAME_SIZE, curves=CURVES, subject=
 
 
 def test_plenty_of_time_buys_the_smallest_error(tmp_path) -> None:
-    settings, promise = choose(tmp_path, 1000)
+    settings, estimate = choose(tmp_path, 1000)
     assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (400, 2)
     assert settings.trace_irradiance.samples == "full"
     # 2 s of imports each; 20 s of work of training at 200 steps are 40 at 400.
     expected = {"track_mesh": 30.0, "trace_irradiance": 6.0, "train_avatar": 42.0, "evaluate_avatar": 8.0}
-    assert dict(promise.seconds) == pytest.approx(expected)
-    assert promise.total == pytest.approx(86)
+    assert dict(estimate.seconds) == pytest.approx(expected)
+    assert estimate.total == pytest.approx(86)
 
 
 def test_little_time_is_spent_where_it_saves_most(tmp_path) -> None:
     # 66 s: 20 less. 200 steps lose 2.9 tolerances for 20 s; one sample per texel would lose 50 for 3 s.
-    settings, promise = choose(tmp_path, 66.001 / 60)
+    settings, estimate = choose(tmp_path, 66.001 / 60)
     assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (200, 2)
     assert settings.trace_irradiance.samples == "full"
-    assert promise.total == pytest.approx(66)
-    assert promise.total <= promise.budget_s
+    assert estimate.total == pytest.approx(66)
+    assert estimate.total <= estimate.budget_s
 
 
 def test_what_takes_no_part_in_metrics_is_not_chosen(tmp_path) -> None:
-    settings, promise = choose(tmp_path, 2)
+    settings, estimate = choose(tmp_path, 2)
     assert settings.relight_avatar == SubjectSettings().relight_avatar
-    assert "environment_shadows" not in {choice.dial for choice in promise.choices}
+    assert "environment_shadows" not in {choice.dial for choice in estimate.choices}
 
 
 def test_what_the_user_says_stays_and_is_counted(tmp_path) -> None:
-    settings, promise = choose(tmp_path, 1000, {"train_avatar": {"steps": 300, "supersample": 1}})
+    settings, estimate = choose(tmp_path, 1000, {"train_avatar": {"steps": 300, "supersample": 1}})
     assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (300, 1)
-    by = {choice.dial: (choice.by, choice.setting) for choice in promise.choices}
+    by = {choice.dial: (choice.by, choice.setting) for choice in estimate.choices}
     assert by == {
         "training_steps": ("user", "300"),
         "supersampling": ("user", "1"),
         "irradiance_power": ("budget", "full"),
     }
     # 300 steps lie between 200 and 400, and supersampling of 1 takes half the work: 2 + 20 * 1.5 / 2.
-    assert promise.seconds["train_avatar"] == pytest.approx(17)
-    error = {choice.dial: choice.error for choice in promise.choices}
+    assert estimate.seconds["train_avatar"] == pytest.approx(17)
+    error = {choice.dial: choice.error for choice in estimate.choices}
     assert error["training_steps"] == pytest.approx((0.3 + 0.01) / 2)
 
 
 def test_setting_far_from_what_was_measured_has_a_time_and_no_error(tmp_path) -> None:
-    _, promise = choose(tmp_path, 1000, {"train_avatar": {"steps": 4000}})
-    assert promise.seconds["train_avatar"] == pytest.approx(2 + 400)
-    (error,) = [choice.error for choice in promise.choices if choice.dial == "training_steps"]
+    _, estimate = choose(tmp_path, 1000, {"train_avatar": {"steps": 4000}})
+    assert estimate.seconds["train_avatar"] == pytest.approx(2 + 400)
+    (error,) = [choice.error for choice in estimate.choices if choice.dial == "training_steps"]
     assert math.isnan(error)
-    assert "unknown" in "\n".join(promise.lines())
+    assert "unknown" in "\n".join(estimate.lines())
 
 
 def test_a_larger_capture_takes_longer(tmp_path) -> None:
@@ -103,12 +103,12 @@ def test_budget_that_is_no_time_is_refused(minutes) -> None:
 
 def test_dial_without_a_curve_stays_as_it_is(tmp_path) -> None:
     some = {key: value for key, value in CURVES.items() if key[0] == "irradiance_power"}
-    settings, promise = choose(tmp_path, 2, curves=some)
+    settings, estimate = choose(tmp_path, 2, curves=some)
     assert settings.train_avatar == SubjectSettings().train_avatar
-    assert [choice.dial for choice in promise.choices] == ["irradiance_power"]
+    assert [choice.dial for choice in estimate.choices] == ["irradiance_power"]
 
 
-def test_quality_of_pictures_is_promised_of_the_measured_subject_alone(tmp_path) -> None:
+def test_quality_of_pictures_is_estimated_for_the_measured_subject_alone(tmp_path) -> None:
     assert math.isnan(choose(tmp_path, 1000)[1].psnr_db)
     # 200 steps lost 0.3 dB, 400 lose 0.01.
     assert choose(tmp_path, 1000, subject="measured")[1].psnr_db == pytest.approx(30.29)
@@ -150,14 +150,14 @@ class TestProject:
 
         def load(command_line):
             defaults = merge(ProjectSettings().model_dump(mode="json"), command_line)
-            return with_budgets(load_project(defaults, command_line, tmp_path / "subjects"), said.append)
+            return resolve_budgets(load_project(defaults, command_line, tmp_path / "subjects"), said.append)
 
         load.said = said
         return load
 
     def test_without_a_budget_nothing_changes(self, project) -> None:
         assert project({}).subject("other").train_avatar == SubjectSettings().train_avatar
-        assert project({}).promise("other") is None
+        assert project({}).estimate("other") is None
 
     def test_defaults_give_way_and_files_and_command_line_do_not(self, project) -> None:
         loaded = project({"budget_minutes": 1000, "trace_irradiance": {"samples": "2"}})
@@ -165,7 +165,7 @@ class TestProject:
         assert loaded.subject("someone").trace_irradiance.samples == "2"
         assert loaded.subject("other").train_avatar.steps == 400
         assert sum("budget 1e+03 minutes" in line for line in project.said) == 2  # once for each subject
-        assert {choice.dial for choice in loaded.promise("other").choices if choice.by == "user"} == {
+        assert {choice.dial for choice in loaded.estimate("other").choices if choice.by == "user"} == {
             "irradiance_power"
         }
 

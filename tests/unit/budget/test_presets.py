@@ -8,7 +8,7 @@ import yaml
 from pipeline.base.code_digest import ROOT
 from pipeline.budget.curves import FOLDER, read_curves, read_measured
 from pipeline.budget.presets import DRAFT_TIMES, RULES, preset_yaml
-from tests.support.curve_files import write_curves
+from tests.support.results.curve_files import write_curves
 
 COMMITTED = ROOT / FOLDER
 
@@ -45,7 +45,7 @@ def test_committed_presets_are_what_the_rule_makes_of_the_committed_curves(prese
     assert (ROOT / f"config/presets/{preset}.yaml").read_text() == preset_yaml(preset, curves, measured)
 
 
-def test_committed_presets_keep_what_they_promise() -> None:
+def test_committed_presets_follow_their_rule() -> None:
     """Checked from the table itself, without the code that chooses."""
     curves = {(curve.stage, curve.option): curve for curve in read_curves(COMMITTED / "accuracy_cost.csv")}
     loaded = {name: yaml.safe_load((ROOT / f"config/presets/{name}.yaml").read_text()) for name in RULES}

@@ -9,6 +9,7 @@ import pytest
 
 from pipeline.capture.crops import cut_crop, foreground_box, mesh_silhouette
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lenses import BROWN_CONRADY, FISHEYE
 
 WIDTH, HEIGHT = 96, 80
 COLOR = np.array([[0.9, 0.1, 0.0], [0.05, 1.1, -0.1], [0.0, 0.2, 0.8]])
@@ -24,10 +25,19 @@ def blob_at(pixel: np.ndarray, radius: float) -> np.ndarray:
     return np.exp(-((x - pixel[0]) ** 2 + (y - pixel[1]) ** 2) / (2 * radius**2)).astype(np.float32)
 
 
-def test_a_point_of_the_world_is_where_the_crops_own_camera_puts_it():
-    camera = distorting_camera()
+def fisheye_camera() -> Camera:
+    K = np.array([[110.0, 0.0, 46.0], [0.0, 112.0, 41.5], [0.0, 0.0, 1.0]])
+    terms = np.array([-0.03, 0.012, -0.005, 0.0007])
+    return Camera(np.eye(3), np.array([0.0, 0.0, 3.0]), K, terms, WIDTH, HEIGHT, FISHEYE)
+
+
+# A fisheye stretches by 4 tan(theta) per radian: at 18 degrees, blobs of r px lean by 4 * 0.33 r^2 / 110 = 0.01 r^2 px.
+@pytest.mark.parametrize(
+    ("camera", "radius"), [(distorting_camera(), 2.0), (fisheye_camera(), 1.2)], ids=["perspective", "fisheye"]
+)
+def test_a_point_of_the_world_is_where_the_crops_own_camera_puts_it(camera, radius):
     for point in (np.array([0.8, 0.5, 0.1]), np.array([-0.9, -0.6, 0.0]), np.array([0.0, 0.1, 0.2])):
-        blob = blob_at(camera.project(point)[0], 2.0)
+        blob = blob_at(camera.project(point)[0], radius)
         crop = cut_crop(np.repeat(blob[..., None], 3, 2), (blob > 0.3).astype(np.float32), camera, margin_px=6)
         weight = crop.image[..., 0] * (crop.image[..., 0] > 0.05)
         y, x = np.mgrid[0 : crop.box.height, 0 : crop.box.width] + 0.5
@@ -35,6 +45,7 @@ def test_a_point_of_the_world_is_where_the_crops_own_camera_puts_it():
         # The lens's curvature over a blob of 2 px moves its centroid by hundredths of a pixel; half a pixel would show.
         np.testing.assert_allclose(found, crop.camera.project(point)[0], atol=0.05)
         assert not crop.camera.dist.any()
+        assert crop.camera.lens is BROWN_CONRADY
         assert (crop.camera.width, crop.camera.height) == (
             crop.box.width,
             crop.box.height,

@@ -20,7 +20,7 @@ from pipeline.capture.images import (
     write_exr,
     write_png,
 )
-from tests.support.capture_builder import save_exr, truncate
+from tests.support.captures.builder import save_exr, truncate
 
 RGB = np.random.default_rng(0).uniform(-0.1, 3, (5, 7, 3))
 

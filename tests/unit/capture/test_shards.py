@@ -56,7 +56,7 @@ def frame_record(frame: int, lights: int = 4) -> FrameRecord:
         fully_lit=False,
         vertices=rng.normal(size=(6, 3)).astype(np.float32),
         irradiance=rng.uniform(0, 3, 9).astype(np.float32),
-        falling=rng.uniform(0, 1, 9).astype(np.float32),
+        cosine_visibility=rng.uniform(0, 1, 9).astype(np.float32),
         light_positions=rng.normal(size=(lights, 3)).astype(np.float32),
         light_intensities=rng.uniform(size=(lights, 3)).astype(np.float32),
     )
@@ -102,7 +102,7 @@ def test_frames_round_trip(tmp_path):
     assert 3 in frames
     assert 4 not in frames
     for record in records:
-        assert_same(frames[record.frame], record, ("irradiance", "falling"))
+        assert_same(frames[record.frame], record, ("irradiance", "cosine_visibility"))
     with pytest.raises(KeyError):
         frames[4]
 
@@ -114,7 +114,7 @@ def test_a_head_keeps_what_only_heads_have(tmp_path):
     head = replace(frame_record(8), head_from_world=motion, gaze=gaze, texture=texture)
     write_frame_shard(tmp_path / "0000.arrow", [head, frame_record(3)])
     frames = read_frame_shards([tmp_path])
-    assert_same(frames[8], head, ("irradiance", "falling", "texture"))
+    assert_same(frames[8], head, ("irradiance", "cosine_visibility", "texture"))
     assert (frames[3].head_from_world, frames[3].gaze, frames[3].texture) == (None, None, None)
 
 

@@ -15,6 +15,7 @@ from pipeline.capture.undistortion import (
     undistort_mask,
 )
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lenses import FISHEYE
 
 WIDTH, HEIGHT = 120, 90
 LENSES = {
@@ -78,6 +79,39 @@ def test_an_analytic_scene(lens, box):
     # The tolerance is no net with holes: half a pixel of shift would be 0.4 * 2 pi / 16 / 2 = 0.08.
     left = np.abs(photograph(camera)[box.slices] - ideal(camera, box))[inside]
     assert left.max() > 20 * TOLERANCE
+
+
+FISHEYE_TERMS = np.array([-0.03, 0.012, -0.005, 0.0007])
+
+
+def fisheye_camera(focal: float) -> Camera:
+    K = np.array([[focal, 0.0, 57.3], [0.0, focal, 46.1], [0.0, 0.0, 1.0]])
+    return Camera(np.eye(3), np.zeros(3), K, FISHEYE_TERMS, WIDTH, HEIGHT, FISHEYE)
+
+
+def test_an_analytic_scene_through_a_fisheye():
+    """Waves as long in the image as those of the perspective lenses; theta is looked up in a table of theta_d."""
+    camera = fisheye_camera(130.0)
+    table = np.linspace(0, 1.2, 100_001)
+    theta_d = table * (1 + sum(k * table ** (2 * n) for n, k in enumerate(FISHEYE_TERMS, 1)))
+    v, u = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
+    xd, yd = (u - 57.3) / 130, (v - 46.1) / 130
+    tangent = np.tan(np.interp(np.hypot(xd, yd), theta_d, table)) / np.hypot(xd, yd)
+    image = scene(tangent * xd, tangent * yd).astype(np.float32)
+    box = Box(0, 0, WIDTH, HEIGHT)
+    inside = well_inside(camera, box)
+    assert inside.mean() > 0.6
+    error = np.abs(undistort_image(image, camera, box) - ideal(camera, box))
+    assert error[inside].max() < TOLERANCE
+
+
+def test_keypoints_of_a_fisheye_lie_where_its_undistorted_image_shows_them():
+    camera = fisheye_camera(60.0)
+    rows, columns = np.mgrid[5:85:10, 5:115:10]
+    straight = np.stack([columns.ravel(), rows.ravel()], 1) + 0.5
+    pixels = distorted_positions(camera, Box(0, 0, WIDTH, HEIGHT))[rows.ravel(), columns.ravel()]
+    found = camera.undistort(pixels) @ camera.K[:2, :2].T + camera.K[:2, 2]
+    np.testing.assert_allclose(found, straight, atol=1e-9)
 
 
 def test_a_crop_is_a_part_of_the_whole():

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pipeline.base.errors import InputError
-from pipeline.config.loading import has_own_light, load_project, merge, section_of
+from pipeline.config.loading import has_own_light, load_project, merge, section_for
 from pipeline.config.project import ProjectSettings
 
 DEFAULTS = ProjectSettings().model_dump(mode="json")
@@ -54,9 +54,9 @@ def test_variants_of_a_subject_replace_those_of_the_project(tmp_path):
     project = load(tmp_path, {"demo": {"variants": {"quick": {"steps": 5}, "plain": {"specular": False}}}})
     settings = project.subject("demo")
     assert list(settings.variants) == ["quick", "plain"]
-    assert section_of(settings, "train_avatar", "quick").steps == 5
-    assert section_of(settings, "train_avatar", "plain").steps == settings.train_avatar.steps
-    assert section_of(settings, "train_avatar", "plain").specular == "off"
+    assert section_for(settings, "train_avatar", "quick").steps == 5
+    assert section_for(settings, "train_avatar", "plain").steps == settings.train_avatar.steps
+    assert section_for(settings, "train_avatar", "plain").specular == "off"
 
 
 @pytest.mark.parametrize(("text", "mode"), [("on", "on"), ("off", "off"), ("auto", "auto"), ("'on'", "on")])
@@ -105,9 +105,9 @@ def test_variants_may_ask_for_other_irradiance_maps(tmp_path):
     variants = {"full": {}, "few": {"steps": 7, "trace_irradiance": {"samples": "1"}}, "same": {"trace_irradiance": {}}}
     settings = load(tmp_path, {"demo": {"variants": variants}}).subject("demo")
     assert [name for name in variants if has_own_light(settings, name)] == ["few"]
-    traced, trained = (section_of(settings, stage, "few") for stage in ("trace_irradiance", "train_avatar"))
+    traced, trained = (section_for(settings, stage, "few") for stage in ("trace_irradiance", "train_avatar"))
     assert (traced.samples, trained.steps) == ("1", 7)
-    assert section_of(settings, "relight_avatar", "few") == settings.relight_avatar
+    assert section_for(settings, "relight_avatar", "few") == settings.relight_avatar
 
 
 def test_wrong_irradiance_of_a_variant_names_the_variant(tmp_path):

@@ -15,10 +15,10 @@ from pipeline.config.schema import config_schema, config_yaml
 
 
 def test_generated_files_are_in_step_with_the_models(repo_root):
-    mend = "run `make schema`"
-    assert (repo_root / "config/config.yaml").read_text() == config_yaml(), mend
-    assert (repo_root / "workflow/schemas/config.schema.json").read_text() == config_schema(), mend
-    assert (repo_root / "config/capture_format.md").read_text() == format_page(), mend
+    hint = "run `make schema`"
+    assert (repo_root / "config/config.yaml").read_text() == config_yaml(), hint
+    assert (repo_root / "workflow/schemas/config.schema.json").read_text() == config_schema(), hint
+    assert (repo_root / "config/capture_format.md").read_text() == format_page(), hint
 
 
 def test_defaults_file_reads_back_to_the_defaults():

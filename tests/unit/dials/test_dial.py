@@ -23,11 +23,11 @@ from pipeline.dials.tolerances import small_focal_percent, small_length_mm, smal
 from pipeline.dials.tracking import TRACKING
 from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
 from pipeline.geometry.cameras import write_cameras
-from tests.support.walking_figure import ring_of_cameras
+from tests.support.figures.walking import ring_of_cameras
 
 STAGE = CostedStage(
     name="track_mesh",
-    arguments="--index {results}/index --out {out} --size {chunk_size} --subject {subject}",
+    files={"trackings": "{out}"},
     inputs=("index/frames.parquet",),
     outputs={"tracking": ("0000.safetensors", "tracking.safetensors"), "table": ("0000.parquet", None)},
     metrics=(Metric("wrongness", lambda subject, output, expected: 0.0, lambda subject: 1.0),),
@@ -51,7 +51,8 @@ def test_command_has_the_subjects_settings_and_the_one_that_changes(subject, tmp
     given = dict(zip(words[3::2], words[4::2], strict=False))
     assert given["--index"] == f"{subject.results}/index"
     assert given["--out"] == str(tmp_path / "out")
-    assert (given["--size"], given["--subject"]) == ("64", "someone")
+    assert given["--cameras"] == f"{subject.results}/calibration/cameras.json"
+    assert (given["--chunk"], given["--chunk-size"]) == ("0000", "64")
     assert (given["--inlier-px"], given["--outline-rounds"]) == ("4.5", "2")
 
 
@@ -109,24 +110,26 @@ def test_names_of_dials_differ() -> None:
 
 
 def test_stages_that_follow_are_run_like_any_other(subject) -> None:
-    stage = replace(STAGE, afterwards={"pack_shards": "--irradiance {out}/0000 --chunk-size {chunk_size}"})
+    stage = replace(STAGE, files={"irradiance": "{out}/0000"}, afterwards=("pack_shards",))
     command = stage.later_commands(subject, Path("/tmp/out"))["pack_shards"]
-    assert command[1:6] == ["-m", "pipeline.stages.pack_shards", "--irradiance", "/tmp/out/0000", "--chunk-size"]
+    assert command[1:3] == ["-m", "pipeline.stages.pack_shards"]
+    assert command[command.index("--irradiance") + 1] == "/tmp/out/0000"
+    assert command[command.index("--atlas") + 1] == f"{subject.results}/atlas.safetensors"
     assert STAGE.later_commands(subject, Path("/tmp/out")) == {}
 
 
 def test_what_only_heads_have_is_asked_for_where_it_is(subject) -> None:
-    later = {"bake_textures": "--out {out}", "pack_shards": "--out {out} head:--textures head:{out}/a eyes:--eyes"}
-    stage = replace(STAGE, afterwards=later)
+    stage = replace(STAGE, files={"textures": "{out}/a"}, afterwards=("bake_textures", "pack_shards", "train_avatar"))
     command = stage.later_commands(subject, Path("/tmp/out"))
-    assert list(command) == ["pack_shards"]
-    assert command["pack_shards"][3:5] == ["--out", "/tmp/out"]
-    assert not {"--textures", "--eyes"} & set(command["pack_shards"])
+    assert list(command) == ["pack_shards", "train_avatar"]
+    assert "--textures" not in command["pack_shards"] and "--fitted-eyes" not in command["train_avatar"]
     (subject.results / "textures").mkdir()
     command = stage.later_commands(subject, Path("/tmp/out"))
-    assert list(command) == ["bake_textures", "pack_shards"]
-    assert command["pack_shards"][5:7] == ["--textures", "/tmp/out/a"]
-    assert "--eyes" not in command["pack_shards"]
+    assert list(command) == ["bake_textures", "pack_shards", "train_avatar"]
+    assert command["pack_shards"][command["pack_shards"].index("--textures") + 1] == "/tmp/out/a"
+    assert "--fitted-eyes" not in command["train_avatar"]
+    (subject.results / "eyes.json").touch()
+    assert "--fitted-eyes" in stage.later_commands(subject, Path("/tmp/out"))["train_avatar"]
 
 
 def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:

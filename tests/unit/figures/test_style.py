@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.figures.style import add_panels, grid_size, picture, round_factor, show_gray, shown_of, worst
+from pipeline.figures.style import add_panels, grid_size, picture, round_factor, show_gray, shown_count, worst
 
 
 @pytest.mark.parametrize(
@@ -21,8 +21,8 @@ def test_worst_grade_comes_before_score():
     assert worst(scores, {"e": "failed", "b": "weak"}, 4) == ["a", "b", "d", "e"]
     assert worst(scores, {"e": "failed", "b": "weak"}, 2) == ["b", "e"]
     assert worst(scores, {}, 99) == list("abcde")
-    assert shown_of(24, 160, "cameras") == "the 24 worst of 160 cameras"
-    assert shown_of(12, 12, "cameras") == "all 12 cameras"
+    assert shown_count(24, 160, "cameras") == "the 24 worst of 160 cameras"
+    assert shown_count(12, 12, "cameras") == "all 12 cameras"
 
 
 @pytest.mark.parametrize("count", [1, 5, 24])

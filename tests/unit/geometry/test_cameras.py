@@ -116,6 +116,11 @@ def test_files_keep_every_bit(tmp_path: Path) -> None:
         (lambda entry: entry["t"].__setitem__(0, float("inf")), "camera a: t"),
         (lambda entry: entry.pop("width"), "camera a: width: expected a positive number of pixels, found None"),
         (lambda entry: entry.update(height=0), "camera a: height"),
+        (
+            lambda entry: entry.update(lens="fish"),
+            "lens: expected one of brown_conrady, fisheye, found 'fish'",
+        ),
+        (lambda entry: entry.update(lens="fisheye"), r"camera a: dist: expected \(4,\)"),
     ],
 )
 def test_a_wrong_entry_is_named(change, words: str, tmp_path: Path) -> None:

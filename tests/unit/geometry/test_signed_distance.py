@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lenses import FISHEYE
 from pipeline.geometry.signed_distance import (
     draw_silhouette,
     signed_distance,
@@ -13,8 +15,8 @@ from pipeline.geometry.signed_distance import (
     view_from_masks,
 )
 from pipeline.geometry.surface_points import spread_vertices
-from pipeline.tracking.silhouette_cue import outline_term
-from tests.support.walking_figure import draw_mask, mesh, ring_of_cameras
+from pipeline.tracking.silhouette_cue import silhouette_term
+from tests.support.figures.walking import draw_mask, mesh, ring_of_cameras
 
 
 @pytest.fixture
@@ -103,13 +105,22 @@ def test_overlap_counts_pixels(camera: Camera) -> None:
     assert np.isnan(overlap[1])
 
 
-def test_outline_term_pulls_a_shifted_mesh_back_and_knows_its_slope() -> None:
+def fisheyes_aside(count: int) -> list[Camera]:
+    """Fisheyes that see the figure 35 degrees from their axis, where a pinhole's slope is a third too steep."""
+    aside = cv2.Rodrigues(np.radians([0.0, 35.0, 0.0]))[0]
+    K, terms = np.array([[130.0, 0, 100], [0, 130, 80], [0, 0, 1]]), np.array([-0.03, 0.01, 0.0, 0.0])
+    ring = ring_of_cameras(count).values()
+    return [Camera(aside @ c.R, aside @ c.t, K, terms, 200, 160, FISHEYE) for c in ring]
+
+
+@pytest.mark.parametrize("lens", ["perspective", "fisheye"])
+def test_silhouette_term_pulls_back_and_knows_its_slope(lens: str) -> None:
     vertices, faces, _ = mesh()
-    cameras = [c.downsampled(4.0) for c in ring_of_cameras(4).values()]
+    cameras = [c.downsampled(4.0) for c in ring_of_cameras(4).values()] if lens == "perspective" else fisheyes_aside(4)
     views = [view_from_masks(c, [draw_mask(c, vertices, faces)]) for c in cameras]
     chosen, shift = spread_vertices(vertices, 200), np.array([0.012, -0.008, 0.01])
     moved = (vertices + shift)[None]
-    term = outline_term(views, moved, faces, chosen, 1.0)
+    term = silhouette_term(views, moved, faces, chosen, 1.0)
     quadratic = term(moved[:, chosen])
     step = np.linalg.solve(quadratic.normal.sum((0, 1)), -quadratic.gradient.sum((0, 1)))
     assert np.linalg.norm(step + shift) < 0.3 * np.linalg.norm(shift)

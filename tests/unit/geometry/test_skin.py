@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.skin import posed, read_template, skinned
-from tests.support.glb_files import GlbFile
+from tests.support.meshes.glb_files import GlbFile
 
 FLOAT32 = 1e-6
 """What float32 numbers of about one in the file are good to, after a few products."""

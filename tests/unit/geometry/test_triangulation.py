@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.geometry.triangulation import MAX_PAIRS, camera_pairs, reprojection, triangulate
-from tests.support.walking_figure import ring_of_cameras
+from tests.support.figures.walking import ring_of_cameras
 
 INLIER_PX = 4.0
 

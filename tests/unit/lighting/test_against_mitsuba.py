@@ -12,7 +12,7 @@ from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.lighting.visibility import Occluders
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.stage_rig import build_stage_rig
-from tests.unit.lighting.test_visibility import random_points
+from tests.support.meshes.lit_meshes import random_points
 
 POINTS = 2000
 AGREEMENT = 0.995

@@ -9,7 +9,7 @@ import torch
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.bounces import bounced_irradiance, cosine_directions, nearest_texels, trace_bounces
 from pipeline.lighting.visibility import Occluders
-from tests.support.sheet import make_sheet
+from tests.support.avatars.sheet import make_sheet
 
 SIDE, HEIGHT, SIZE, RAYS = 1.0, 0.5, 32, 1024
 UP, DOWN = np.array([0.0, 0, 1]), np.array([0.0, 0, -1])

@@ -14,8 +14,8 @@ from pipeline.lighting.distant import FAR_M, LIGHTS_THAT_PAY, far_lights, gather
 from pipeline.lighting.environment_sh import gather_environment
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import gather_light
-from tests.support.sheet import make_frame, make_sheet
-from tests.unit.lighting.test_zonal import FLOAT32_SUM, random_scene
+from tests.support.avatars.sheet import make_frame, make_sheet
+from tests.support.rigs.random_lights import FLOAT32_SUM, random_scene
 
 
 @pytest.mark.parametrize("channels", [1, 3])

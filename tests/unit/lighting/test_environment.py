@@ -15,7 +15,7 @@ from pipeline.lighting.environment import Environment, read_environment
 from pipeline.lighting.irradiance import LUMINANCE, Lights, Samples, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
-from tests.unit.lighting.test_visibility import plate, sphere, together
+from tests.support.meshes.lit_meshes import plate, sphere, together
 
 UP = np.array([[0, 1.0, 0]])
 

@@ -10,8 +10,7 @@ from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
-from tests.unit.lighting.test_standard_error import TEXEL, floor_map, ring_of_lights
-from tests.unit.lighting.test_visibility import plate, sphere, together
+from tests.support.meshes.lit_meshes import TEXEL, floor_map, plate, ring_of_lights, sphere, together
 
 SIDE = 32
 UP = np.tile([0, 1.0, 0], (SIDE**2, 1))

@@ -10,20 +10,11 @@ from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, draw_lights, light_scene, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
+from tests.support.meshes.lit_meshes import LIGHTS, floor_under_a_ball
 
 UP = np.array([0, 1.0, 0])
 
 
-def floor_under_a_ball(scale: float = 1.0) -> tuple[Occluders, np.ndarray, np.ndarray]:
-    """Occluders, points on the floor and their normals; the ball of radius 0.7 hangs at height 2."""
-    ball, floor = trimesh.creation.icosphere(3), np.array([[-9, 0, -9], [-9, 0, 9], [9, 0, 9], [9, 0, -9]])
-    vertices = np.concatenate([np.array(ball.vertices) * 0.7 + [0, 2, 0], floor])
-    faces = np.concatenate([np.array(ball.faces), len(ball.vertices) + np.array([[0, 1, 2], [0, 2, 3]])])
-    points = np.random.default_rng(0).uniform(-3, 3, (300, 3)) * [1, 0, 1]
-    return Occluders(vertices * scale, faces), points * scale, np.tile(UP, (300, 1))
-
-
-LIGHTS = np.array([[0, 5.0, 0], [3, 4, 1], [-2, 3.5, 2], [0, 6, -4], [4, 5, -3]])
 LUMINANCES = np.array([1.0, 0.2, 3.0, 0.5, 1.5])
 ALL = Lights(LIGHTS, LUMINANCES)
 

@@ -5,26 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.lighting.irradiance import Lights, Samples, trace_irradiance
+from pipeline.lighting.irradiance import Samples, trace_irradiance
 from pipeline.lighting.standard_error import BLOCK, BlockVariance, TexelBlocks
-from pipeline.lighting.visibility import Occluders
-from tests.unit.lighting.test_visibility import plate, sphere, together
-
-SIDE = 32
-TEXEL = np.stack(np.divmod(np.arange(SIDE**2), SIDE), 1)
-
-
-def floor_map() -> tuple[Occluders, np.ndarray, np.ndarray]:
-    """A ball over a floor whose points are the texels of a map."""
-    across = (TEXEL + 0.5) / SIDE * 6 - 3
-    points = np.stack([across[:, 1], np.zeros(len(across)), across[:, 0]], 1)
-    return Occluders(*together(plate(9, 0.0), sphere(0.7, (0, 2, 0), 3))), points, np.tile([0, 1.0, 0], (SIDE**2, 1))
-
-
-def ring_of_lights() -> Lights:
-    around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    places = np.stack([3 * np.cos(around), np.full(12, 4.0), 3 * np.sin(around)], 1)
-    return Lights(places, np.linspace(0.5, 2, 12))
+from tests.support.meshes.lit_meshes import SIDE, TEXEL, floor_map, ring_of_lights
 
 
 @pytest.mark.parametrize("count", [1, 4])

@@ -4,44 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import trimesh
 
-from pipeline.geometry.mesh import area_vectors, unit_or
+from pipeline.geometry.mesh import unit_or
 from pipeline.lighting.visibility import ORIGIN_OFFSET, Occluders
+from tests.support.meshes.lit_meshes import plate, random_points, sphere, together
 
 UP = np.array([0, 1.0, 0])
-
-
-def plate(half: float, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """A square around the y axis at a height, looking up."""
-    corners = np.array([[-half, height, -half], [-half, height, half], [half, height, half], [half, height, -half]])
-    return corners, np.array([[0, 1, 2], [0, 2, 3]])
-
-
-def together(*meshes: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in meshes])
-    faces = [faces + start for (_, faces), start in zip(meshes, starts[:-1], strict=True)]
-    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
-
-
-def sphere(radius: float, center: tuple[float, float, float], subdivisions: int = 5) -> tuple[np.ndarray, np.ndarray]:
-    mesh = trimesh.creation.icosphere(subdivisions)
-    return np.array(mesh.vertices) * radius + center, np.array(mesh.faces)
 
 
 def crumpled_sphere() -> tuple[np.ndarray, np.ndarray]:
     """A closed surface with folds: many concave corners, 320 faces."""
     vertices, faces = sphere(1.0, (0, 0, 0), 2)
     return vertices * np.random.default_rng(4).uniform(0.5, 1.5, (len(vertices), 1)), faces
-
-
-def random_points(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points inside random faces and the faces' unit normals."""
-    rng = np.random.default_rng(8)
-    face = rng.integers(len(faces), size=count)
-    corners = vertices[faces[face]]
-    points = (corners * rng.dirichlet([1, 1, 1], count)[..., None]).sum(1)
-    return points, unit_or(area_vectors(vertices, faces), 0.0)[face]
 
 
 def first_hit_by_hand(origins: np.ndarray, ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:

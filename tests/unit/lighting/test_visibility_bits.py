@@ -16,7 +16,7 @@ from pipeline.lighting.visibility_bits import (
     trace_bits,
     visibility_key,
 )
-from tests.unit.lighting.test_irradiance import LIGHTS, floor_under_a_ball
+from tests.support.meshes.lit_meshes import LIGHTS, floor_under_a_ball
 
 
 @pytest.mark.parametrize("distant", [False, True])

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from pipeline.metrics.significance import (
     BLOCKS,
     Estimate,
-    blocks_of,
+    frame_blocks,
     holm,
     mean_over_images,
     over_new_subjects,
@@ -122,12 +122,12 @@ def test_error_of_equal_blocks_is_that_of_their_means():
 
 def test_blocks_are_runs_of_frames_with_about_equally_many_images():
     frame = held_out_frames(96)
-    block = blocks_of(frame)
+    block = frame_blocks(frame)
     assert (np.diff(block) >= 0).all()
     assert all(len(set(block[frame == f])) == 1 for f in range(96))
     images = np.bincount(block)
     assert len(images) == BLOCKS and images.max() - images.min() <= 8  # a frame has 2 or 8 images
-    assert len(set(blocks_of(np.array([7, 7, 9, 9, 9])))) == 2
+    assert len(set(frame_blocks(np.array([7, 7, 9, 9, 9])))) == 2
 
 
 def test_estimates_without_anything_to_go_by_say_so():

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.kernel_cache import sources_digest
 from pipeline.rendering.splat_conventions import MIN_ALPHA, check_splat_inputs
-from tests.support.splat_by_names import compare_with_reference, splat, splat_reference
+from tests.support.avatars.splat_by_names import compare_with_reference, splat, splat_reference
 
 FLOAT32_IMAGE = 1e-5
 """Absolute, for values near 1: float32 exp and some tens of blended layers, 6e-8 each and amplified by q <= 11."""

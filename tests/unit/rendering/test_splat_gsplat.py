@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
 from pipeline.rendering.splat_conventions import MIN_ALPHA
-from tests.support.splat_by_names import splat, splat_gsplat, splat_reference
+from tests.support.avatars.splat_by_names import splat, splat_gsplat, splat_reference
 
 VALUE_TOLERANCE = 1e-4
 GRADIENT_TOLERANCE = 1e-3

@@ -10,7 +10,7 @@ from pipeline.geometry.camera_paths import look_at
 from pipeline.rendering.splat import splat
 from pipeline.rendering.splat_ply import Splats, write_splats
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
-from tests.support.splat_viewer import VIEWERS_DILATION_PX2, view
+from tests.support.avatars.splat_viewer import VIEWERS_DILATION_PX2, view
 
 CAMERA = look_at(np.array([0.4, 0.3, 2.0]), np.array([0.05, 0.0, 0.0]), 40.0, 48, 40)
 BYTE = 1 / 255

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.support.splat_by_names import splat, splat_supersampled
+from tests.support.avatars.splat_by_names import splat, splat_supersampled
 
 ROUNDING = 1e-5
 """float32 images near 1."""

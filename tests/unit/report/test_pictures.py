@@ -25,16 +25,16 @@ FLAT = np.full((120, 200, 3), 90, np.uint8)
 
 @pytest.mark.parametrize("limit", [100_000, 20_000, 4_000, 500])
 def test_pictures_keep_to_the_limit(limit):
-    kind, content, _ = decoded(Pictures(limit).of_image(NOISE))
+    kind, content, _ = decoded(Pictures(limit).image_uri(NOISE))
     assert kind == "data:image/webp" and len(content) <= limit
 
 
 def test_what_fits_is_not_changed(tmp_path):
-    np.testing.assert_array_equal(decoded(Pictures(10**6).of_image(NOISE))[2], NOISE)
-    np.testing.assert_array_equal(decoded(Pictures(500).of_image(FLAT))[2], FLAT)
+    np.testing.assert_array_equal(decoded(Pictures(10**6).image_uri(NOISE))[2], NOISE)
+    np.testing.assert_array_equal(decoded(Pictures(500).image_uri(FLAT))[2], FLAT)
     Image.fromarray(NOISE).save(tmp_path / "noise.png")
-    assert decoded(Pictures(10**6).of_file(tmp_path / "noise.png"))[1] == (tmp_path / "noise.png").read_bytes()
-    assert len(decoded(Pictures(9_000).of_file(tmp_path / "noise.png"))[1]) <= 9_000
+    assert decoded(Pictures(10**6).file_uri(tmp_path / "noise.png"))[1] == (tmp_path / "noise.png").read_bytes()
+    assert len(decoded(Pictures(9_000).file_uri(tmp_path / "noise.png"))[1]) <= 9_000
 
 
 def test_captions_are_escaped(tmp_path):
@@ -45,4 +45,4 @@ def test_captions_are_escaped(tmp_path):
 
 def test_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"gone\.png: expected a PNG picture"):
-        Pictures(1000).of_file(tmp_path / "gone.png")
+        Pictures(1000).file_uri(tmp_path / "gone.png")

@@ -22,3 +22,12 @@ def test_splits_that_hold_images_have_a_table_with_the_time_of_a_picture():
     assert tables.count("<table>") == 1 and "New light, known cameras and segments, 7 images" in tables
     cells = re.findall(r"<td[^>]*>([^<]*)</td>", tables)
     assert cells == ["rgca", "31.23", "0.941", "–", "0.071", "41.3", "linear", "29.88", "0.941", "–", "0.071", "12.0"]
+
+
+def test_further_metric_has_a_column_where_it_was_scored():
+    row = {"variant": "full", "split": "held_out_lights", "lit": "all", "images": 7, "psnr_db": 30.0, "ssim": 0.9}
+    table = pd.DataFrame([row | {"lpips": 0.1, "flip": 0.1, "ms_ssim": 0.98765}])
+    costs = pd.DataFrame({"variant": ["full"], "render_milliseconds": [1.0]})
+    with_it, without = held_out_tables(table, costs), held_out_tables(table.drop(columns="ms_ssim"), costs)
+    assert "MS-SSIM" in with_it and "0.988" in with_it
+    assert "MS-SSIM" not in without and without.count("<th") == with_it.count("<th") - 1

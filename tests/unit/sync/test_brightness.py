@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from pipeline.sync.brightness import DEGREES, log_likelihood, observed_table, read_log
-from tests.support.planted_stage import build_stage, model_of, photograph, random_groups, white
+from tests.support.rigs.light_stage import brightness_model, build_stage, photograph, random_groups, white
 
 
 def test_a_log_is_a_matrix_in_which_unlisted_lights_are_off():
@@ -17,7 +17,7 @@ def test_a_log_is_a_matrix_in_which_unlisted_lights_are_off():
     log = read_log(table, pd.Series([3, 5]), ["A", "B", "C"])
     assert log.numbers.tolist() == [3, 5, 7]
     assert log.levels[:, :, 1].tolist() == [[4, 0, 0], [0, 0, 0], [0, 2, 0]]
-    assert log.rows_of(np.array([[5, 6], [7, 99]])).tolist() == [[1, -1], [2, -1]]
+    assert log.rows_for(np.array([[5, 6], [7, 99]])).tolist() == [[1, -1], [2, -1]]
 
 
 def test_a_missing_image_is_filled_as_bright_as_the_frame_was_for_the_others():
@@ -36,9 +36,9 @@ def test_coloured_lights_count_by_what_the_subject_reflects():
     stage = build_stage(0, frames=9, cameras=4, lights=8)
     rng = np.random.default_rng(0)
     log = random_groups(stage, rng) * rng.uniform(0, 1, (9, 8, 3))
-    model = model_of(stage, log, photograph(stage, log, rng))
+    model = brightness_model(stage, log, photograph(stage, log, rng))
     np.testing.assert_allclose(model.channel_weights, stage.albedo / stage.albedo.mean(), rtol=0.02)
-    gray = model_of(stage, white(log[..., 0]), photograph(stage, white(log[..., 0]), rng))
+    gray = brightness_model(stage, white(log[..., 0]), photograph(stage, white(log[..., 0]), rng))
     np.testing.assert_allclose(gray.levels, log[..., 0])
 
 

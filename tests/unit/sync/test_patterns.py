@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.sync.patterns import book_frames, book_patterns_rgb, find_leaks, mend_patterns, name_patterns
+from pipeline.sync.patterns import find_leaks, mend_patterns, name_patterns, synced_frames, synced_patterns
 
 FRAMES = pd.DataFrame({"frame": [3, 1, 2, 0], "timestamp_s": [0.3, 0.1, 0.2, 0.0], "segment": ["b", "a", "a", "a"]})
 
@@ -40,12 +40,12 @@ def frames(count: int) -> pd.DataFrame:
 
 
 def test_frames_are_booked_in_order():
-    booked = book_frames(FRAMES, IMAGES, PATTERNS, ["A", "B"])
-    assert booked.frame.tolist() == [0, 1, 2, 3]
-    assert booked.lights_on.tolist() == [2, 1, 1, 0]
-    assert booked.fully_lit.tolist() == [True, False, False, False]
-    assert booked.split.tolist() == ["train", "test_frames", "train", "test_segments"]
-    table = book_patterns_rgb(PATTERNS, booked)
+    synced = synced_frames(FRAMES, IMAGES, PATTERNS, ["A", "B"])
+    assert synced.frame.tolist() == [0, 1, 2, 3]
+    assert synced.lights_on.tolist() == [2, 1, 1, 0]
+    assert synced.fully_lit.tolist() == [True, False, False, False]
+    assert synced.split.tolist() == ["train", "test_frames", "train", "test_segments"]
+    table = synced_patterns(PATTERNS, synced)
     assert table[["frame", "light"]].to_numpy().tolist() == [[0, "A"], [0, "B"], [1, "A"], [2, "B"]]
     assert (table.intensity_r == [4, 2, 8, 2]).all()
     assert table.fully_lit.tolist() == [True, True, False, False]
@@ -60,28 +60,28 @@ def test_a_pattern_is_named_by_the_first_frame_that_shows_it():
 
 def test_a_held_out_pattern_holds_out_every_frame_that_shows_it():
     patterns = white([(0, "A", 1), (1, "B", 1), (2, "A", 1), (3, "B", 1), (4, "C", 1)])
-    booked = book_frames(frames(5), images(5, test_patterns=(3,)), patterns, ["A", "B", "C"])
-    assert booked.split.tolist() == ["train", "test_patterns", "train", "test_patterns", "train"]
-    assert find_leaks(booked, patterns) == []
+    synced = synced_frames(frames(5), images(5, test_patterns=(3,)), patterns, ["A", "B", "C"])
+    assert synced.split.tolist() == ["train", "test_patterns", "train", "test_patterns", "train"]
+    assert find_leaks(synced, patterns) == []
 
 
 def test_the_same_light_at_another_strength_is_a_leak():
     patterns = white([(0, "A", 1), (0, "B", 2), (1, "A", 3), (1, "B", 6), (2, "A", 3), (2, "B", 5), (3, "A", 1)])
-    booked = book_frames(frames(4), images(4, test_patterns=(0,)), patterns, ["A", "B", "C"])
-    assert find_leaks(booked, patterns) == [(0, 1)]
+    synced = synced_frames(frames(4), images(4, test_patterns=(0,)), patterns, ["A", "B", "C"])
+    assert find_leaks(synced, patterns) == [(0, 1)]
 
 
 def test_a_partially_lit_test_frame_leaks_into_a_training_frame_of_its_pattern():
     patterns = white([(0, "A", 1), (1, "A", 1), (2, "A", 1), (2, "B", 1), (3, "A", 1), (3, "B", 1)])
-    booked = book_frames(frames(6), images(6, test_frames=(0, 2, 4)), patterns, ["A", "B"])
+    synced = synced_frames(frames(6), images(6, test_frames=(0, 2, 4)), patterns, ["A", "B"])
     # Frames 2 and 3 are fully lit, 4 and 5 dark: that such frames repeat is what they are for.
-    assert find_leaks(booked, patterns) == [(0, 1)]
+    assert find_leaks(synced, patterns) == [(0, 1)]
 
 
 def test_a_fully_lit_pattern_leaks_if_it_is_itself_held_out():
     patterns = white([(0, "A", 1), (0, "B", 1), (1, "A", 2), (1, "B", 2)])
-    booked = book_frames(frames(2), images(2, test_patterns=(0,)), patterns, ["A", "B"])
-    assert find_leaks(booked, patterns) == [(0, 1)]
+    synced = synced_frames(frames(2), images(2, test_patterns=(0,)), patterns, ["A", "B"])
+    assert find_leaks(synced, patterns) == [(0, 1)]
 
 
 def found(offsets: list[int], suspicious: tuple = ()) -> pd.DataFrame:

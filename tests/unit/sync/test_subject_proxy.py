@@ -8,7 +8,7 @@ import trimesh
 
 from pipeline.geometry.cameras import Camera
 from pipeline.sync.subject_proxy import BOUNCED, Ellipsoid, fit_ellipsoid, shading_response, subject_center
-from tests.support.planted_stage import traced_transport
+from tests.support.rigs.light_stage import traced_transport
 
 
 def look_at(center: np.ndarray, target: np.ndarray, focal: float) -> Camera:

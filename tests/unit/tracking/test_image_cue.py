@@ -10,8 +10,8 @@ from pipeline.geometry.surface_points import spread_points
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.tracking.color_views import ColorView
 from pipeline.tracking.image_cue import ImageCue
-from tests.support.painted_figure import light_positions, paint
-from tests.support.walking_figure import ring_of_cameras, walk
+from tests.support.figures.painted import light_positions, paint
+from tests.support.figures.walking import ring_of_cameras, walk
 
 SHIFT = np.array([0.006, -0.004, 0.005])
 

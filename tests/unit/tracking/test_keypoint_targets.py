@@ -10,7 +10,7 @@ import pytest
 from pipeline.base.errors import InputError
 from pipeline.geometry.skin import Template, read_template
 from pipeline.tracking.keypoint_targets import KeypointTargets, read_keypoint_targets, size_ratio
-from tests.support.walking_figure import BONES, rest_joints, write_template
+from tests.support.figures.walking import BONES, rest_joints, write_template
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.geometry.triangulation import triangulate
-from pipeline.tracking.left_right_swaps import exchanged, find_swaps
-from tests.support.walking_figure import ring_of_cameras, walk
+from pipeline.tracking.left_right_swaps import exchanged, find_left_right_swaps
+from tests.support.figures.walking import ring_of_cameras, walk
 
 INLIER_PX = 12.0
 """At sensor resolution, where the noise below is 1.4 px."""
@@ -33,7 +33,7 @@ def test_planted_swaps_are_found_and_only_these(cameras: list) -> None:
     planted = np.array([(2, 0, 3, 5), (2, 0, 4, 6), (2, 3, 7, 9), (4, 5, 4, 6)])
     observed = exchanged(clean, planted)
     found = triangulate(cameras, observed.reshape(6, -1, 2), np.ones((6, 88)), INLIER_PX)
-    swaps = find_swaps(cameras, observed, found.points.reshape(points.shape), INLIER_PX)
+    swaps = find_left_right_swaps(cameras, observed, found.points.reshape(points.shape), INLIER_PX)
     assert swaps.tolist() == planted.tolist()
     assert np.array_equal(exchanged(observed, swaps), clean)
 
@@ -45,4 +45,4 @@ def test_missing_and_wild_observations_are_no_swaps(cameras: list) -> None:
     observed[3, :, 5] += 0.2
     missing = points.copy()
     missing[1, 7] = np.nan
-    assert find_swaps(cameras, observed, missing, INLIER_PX).shape == (0, 4)
+    assert find_left_right_swaps(cameras, observed, missing, INLIER_PX).shape == (0, 4)

@@ -21,7 +21,7 @@ from pipeline.geometry.skin import Template, posed, read_template
 from pipeline.tracking.mesh_tracker import fill_between
 from pipeline.tracking.motion_prior import MotionPrior, inverse_right_jacobian, prior_cost, prior_system
 from pipeline.tracking.pose_solver import _solve, align_rigidly, position_term, reprojection_term, solve_poses
-from tests.support.walking_figure import BONES, rest_joints, ring_of_cameras, walk, write_template
+from tests.support.figures.walking import BONES, rest_joints, ring_of_cameras, walk, write_template
 
 STEP = 1e-6
 """Of central differences: their error is about 1e-12 of truncation and 1e-10 of rounding."""

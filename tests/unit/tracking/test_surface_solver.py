@@ -13,7 +13,7 @@ from pipeline.geometry.surface_points import at_vertices
 from pipeline.tracking.deformation_basis import deformation_basis
 from pipeline.tracking.motion_prior import MotionPrior
 from pipeline.tracking.pose_solver import PointQuadratic, position_term
-from pipeline.tracking.surface_model import SurfaceModel, SurfaceMotion, carried_system, positions
+from pipeline.tracking.surface_model import SurfaceModel, SurfaceMotion, normal_equations, positions
 from pipeline.tracking.surface_solver import SurfaceProblem, shape_prior, solve_surface
 
 FPS = 15.0
@@ -76,7 +76,7 @@ def test_system_is_the_derivative_by_every_unknown(model):
     shape = positions(points, motion).shape
     gradient, root = random.normal(size=shape), random.normal(size=(*shape, 3))
     normal = root @ root.swapaxes(-1, -2)
-    matrix, found = carried_system(model, points, motion, PointQuadratic(0.0, gradient, normal))
+    matrix, found = normal_equations(model, points, motion, PointQuadratic(0.0, gradient, normal))
     step, columns = 1e-6, []
     for unknown in range(found.shape[1]):
         change = np.zeros_like(found)

@@ -10,9 +10,9 @@ import pytest
 from pipeline.geometry.kinematics import Pose, TrackedPoints, point_positions, tracked_points
 from pipeline.geometry.signed_distance import View, view_from_masks
 from pipeline.geometry.skin import Template, posed, read_template
-from pipeline.tracking.silhouette_cue import OutlineCue
-from pipeline.tracking.vertex_offsets import carrying_matrices, fit_offsets, membrane
-from tests.support.walking_figure import draw_mask, mesh, ring_of_cameras, write_template
+from pipeline.tracking.silhouette_cue import SilhouetteCue
+from pipeline.tracking.vertex_offsets import fit_offsets, membrane, skinning_jacobians
+from tests.support.figures.walking import draw_mask, mesh, ring_of_cameras, write_template
 
 SPINE = 1
 
@@ -41,10 +41,10 @@ def test_a_bulge_in_the_masks_is_found(template: Template, pose: Pose) -> None:
     height = np.exp(-0.5 * ((rest[:, 1] - 1.25) / 0.12) ** 2) * (owner == SPINE)
     outwards = np.stack([rest[:, 0], np.zeros(len(rest)), rest[:, 2]], 1)
     planted = 0.010 * height[:, None] * outwards / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
-    carrying = carrying_matrices(template, pose)
-    truth = before + np.einsum("fvab,vb->fva", carrying, planted)
-    cue = OutlineCue(views_of(truth, template.faces), template.faces, np.arange(len(rest)), 0.5)
-    found = fit_offsets(template, before, carrying, [cue], 0.01)
+    jacobians = skinning_jacobians(template, pose)
+    truth = before + np.einsum("fvab,vb->fva", jacobians, planted)
+    cue = SilhouetteCue(views_of(truth, template.faces), template.faces, np.arange(len(rest)), 0.5)
+    found = fit_offsets(template, before, jacobians, [cue], 0.01)
     bulge = height > 0.5
     error = np.linalg.norm(found - planted, axis=-1)
     # 10 mm are less than a pixel of these binary masks, and seen along outlines only: about half of it is found.
@@ -54,8 +54,8 @@ def test_a_bulge_in_the_masks_is_found(template: Template, pose: Pose) -> None:
 
 def test_masks_that_agree_call_for_no_offsets(template: Template, pose: Pose) -> None:
     before = posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
-    cue = OutlineCue(views_of(before, template.faces), template.faces, np.arange(before.shape[1]), 0.5)
-    found = fit_offsets(template, before, carrying_matrices(template, pose), [cue], 0.01)
+    cue = SilhouetteCue(views_of(before, template.faces), template.faces, np.arange(before.shape[1]), 0.5)
+    found = fit_offsets(template, before, skinning_jacobians(template, pose), [cue], 0.01)
     assert np.linalg.norm(found, axis=-1).mean() < 0.001
 
 
@@ -75,5 +75,5 @@ def test_offsets_move_vertices_as_skinning_does(template: Template, pose: Pose) 
     moved[:5] += offset / template.scale_to_m
     changed = Template(**{**vars(template), "vertices_bind": moved})
     there = point_positions(tracked_points(changed, np.full(5, -1), np.arange(5)), pose)
-    expected = np.einsum("fvab,vb->fva", carrying_matrices(template, pose)[:, :5], offset)
+    expected = np.einsum("fvab,vb->fva", skinning_jacobians(template, pose)[:, :5], offset)
     assert np.allclose(there - point_positions(points, pose), expected, atol=1e-12)

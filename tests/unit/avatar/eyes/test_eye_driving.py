@@ -16,7 +16,7 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.cameras import Camera
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import FrameLights
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     ATLAS,
     CAMERA,
     CENTERS,

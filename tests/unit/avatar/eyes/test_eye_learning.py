@@ -12,7 +12,7 @@ from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.avatar.training.losses import regularization
 from pipeline.avatar.training.training import Training
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     AHEAD,
     ATLAS,
     CAMERA,

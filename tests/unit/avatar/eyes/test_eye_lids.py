@@ -11,7 +11,7 @@ from pipeline.avatar.build import START_ALBEDO
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.texels.posed_texels import texel_spacing
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     AHEAD,
     CENTERS,
     EYES,
@@ -135,4 +135,4 @@ def test_where_all_texels_have_one_light_eyes_start_like_the_rest():
         assert torch.equal(getattr(avatar, name), getattr(eyeless, name))
     frames = [one.prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, LIGHTS[:1]))) for one in (avatar, eyeless)]
     shown, bare = (frame.shading.diffuse.detach()[avatar.eyes.chosen] for frame in frames)
-    assert torch.allclose(shown, frames[0]["lids"].opening[:, None] * bare, atol=1e-6) and bare.max() > 0.01
+    assert torch.allclose(shown, frames[0].eyes.lids.opening[:, None] * bare, atol=1e-6) and bare.max() > 0.01

@@ -14,7 +14,7 @@ from pipeline.eyes.eye_shape import EyeShape, usual_shape
 from pipeline.lighting.lobes import LOBE_CONSTANT
 from pipeline.synthesis.eyeball import CORNEA_OFFSET_M, CORNEA_RADIUS_M, EYE_RADIUS_M
 from pipeline.synthesis.mitsuba_scenes import mitsuba
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     ATLAS,
     CAMERA,
     CENTERS,

@@ -9,7 +9,7 @@ from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_
 from pipeline.base.errors import InputError
 from pipeline.eyes.eye_shape import usual_shape
 from pipeline.geometry.texels import write_atlas
-from tests.support.eyeballs import (
+from tests.support.avatars.eyeballs import (
     AHEAD,
     ATLAS,
     CAMERA,

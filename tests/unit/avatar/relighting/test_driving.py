@@ -16,8 +16,8 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.cameras import Camera
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import FrameLights
-from tests.support.sheet import make_sheet
-from tests.unit.avatar.test_head import folds, make_head, trained
+from tests.support.avatars.heads import folds, make_head, trained
+from tests.support.avatars.sheet import make_sheet
 
 LAMP = FrameLights(np.array([[0.4, 0.2, 1.5]]), np.full((1, 3), 4.0))
 FLOAT32_ROUNDING = 1e-5
@@ -32,7 +32,7 @@ def head():
 
 
 def means(relighter, driver):
-    return relighter.under_lights(driver, LAMP)["means"]
+    return relighter.under_lights(driver, LAMP).gaussians.means
 
 
 def test_a_frames_own_code_drives_as_the_frame_does(head):
@@ -43,8 +43,11 @@ def test_a_frames_own_code_drives_as_the_frame_does(head):
         relighter.under_lights(driver, LAMP)
         for driver in (from_record(record), from_code(relighter.avatar, code, record.head_from_world))
     )
-    for name in ("means", "scales", "transfer_color"):
-        assert (by_record[name] - by_code[name]).abs().max() < FLOAT32_ROUNDING, name
+    for of in (
+        lambda frame: frame.gaussians.means, lambda frame: frame.gaussians.scales,
+        lambda frame: frame.parameters.transfer_color,
+    ):  # fmt: skip
+        assert (of(by_record) - of(by_code)).abs().max() < FLOAT32_ROUNDING
 
 
 def test_codes_between_two_frames_give_shapes_between_them(head):

@@ -21,7 +21,7 @@ from pipeline.lighting.frame_lights import FrameLights
 from pipeline.rendering.splat_ply import Splats, read_splats, write_splats
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, Supersampling
 from pipeline.rendering.supersample import splat_supersampled
-from tests.support.sheet import make_sheet
+from tests.support.avatars.sheet import make_sheet
 
 SHEET = make_sheet(12)
 CAMERA = look_at(np.array([0.1, 0.05, 0.9]), np.zeros(3), 30.0, 40, 30)

@@ -30,8 +30,8 @@ from pipeline.lighting.environment import Environment
 from pipeline.lighting.environment_lobes import prefilter
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.rendering.splat_conventions import Splatted
-from tests.support.sheet import make_frame, make_image, make_sheet
-from tests.unit.avatar.training.test_training import VARIANTS
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.variants import VARIANTS
 
 PLANNED = {"shadow", "near_field", "articulation", "specular", "deferred"}
 

@@ -12,7 +12,7 @@ from pipeline.avatar.training.distributed import FlatGradients, Processes, choos
 from pipeline.avatar.training.training import Training, compute_loss
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 PARTS_RTOL = 100 * 2**-24
 """Of the largest gradient of a parameter. One process adds the gradients of its pictures before they go back through

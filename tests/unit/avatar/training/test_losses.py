@@ -17,7 +17,7 @@ from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.metrics.lpips import Lpips, build_features, linear_weights
 from pipeline.rendering.splat_types import CameraView
-from tests.support.sheet import make_frame, make_sheet
+from tests.support.avatars.sheet import make_frame, make_sheet
 
 K = torch.tensor([[10.0, 0, 4], [0, 10.0, 4], [0, 0, 1]])
 VIEW = CameraView(torch.eye(3), torch.zeros(3), K, 4, 4)

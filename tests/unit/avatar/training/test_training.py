@@ -19,7 +19,8 @@ from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule
 from pipeline.base.files import read_arrays
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
+from tests.support.avatars.variants import VARIANTS
 
 ALBEDO = np.array([0.7, 0.4, 0.2])
 PLANNED = {"shadow", "near_field", "articulation", "specular", "deferred", "learned_transport"}
@@ -63,19 +64,6 @@ def test_learns_a_lambertian_sheet_and_relights_it(scene):
     rgb, alpha = LoadedAvatar(avatar, scene[0]).render(frame, image)
     assert np.median(relative_errors(rgb, image)) < 0.03
     assert alpha.numpy()[8:16, 8:16].min() > 0.9
-
-
-VARIANTS = {
-    "pbr": {"shading": "microfacet", "visibility": "traced", "indirect": "bounce"},
-    "traced": {"visibility": "traced", "indirect": "bounce"},
-    "ambient": {"indirect": "ambient"},
-    "sh": {"shading": "harmonics"},
-    "no_shadow": {"shadow": False},
-    "mesh_normals": {"normals": "mesh"},
-    "no_deferred": {"deferred": False},
-    "degree_1": {"transfer_degree": 1},
-    "sh_degree_2": {"shading": "harmonics", "transfer_degree": 2},
-}
 
 
 @pytest.mark.parametrize("name", VARIANTS)

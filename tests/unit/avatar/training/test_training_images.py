@@ -7,7 +7,7 @@ import pytest
 from pipeline.avatar.training.training_images import chosen_images
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
-from tests.support.sheet import make_frame, make_sheet
+from tests.support.avatars.sheet import make_frame, make_sheet
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 import scipy.spatial.transform
 
-from pipeline.calibration.cameras.projection import project_with_jacobian
+from pipeline.calibration.cameras.rig_join import BoardImage
 from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.calibration.cameras.rig_start import connected_groups, start_camera, usable_views, view_rows
-from pipeline.geometry.cameras import Camera
+from pipeline.geometry.cameras import Camera, project_with_jacobian
+from pipeline.geometry.lenses import BROWN_CONRADY
 from pipeline.geometry.rotations import left_jacobian
-from tests.support.planted_rig import BOARD, SIZE, boards_in_stage, center_errors, observe, planted_cameras, solve
+from tests.support.rigs.cameras import BOARD, SIZE, boards_in_stage, center_errors, observe, planted_cameras, solve
 
 
 def distances(rig, cameras):
@@ -94,7 +95,7 @@ def test_projection_and_its_derivatives():
     rng = np.random.default_rng(0)
     intrinsics = np.tile([700.0, 1.01, 310, 250, -0.2, 0.1, 1e-2, -1e-2, 0.05], (20, 1))
     points = rng.uniform([-0.5, -0.5, 1.5], [0.5, 0.5, 3], (20, 3))
-    pixel, by_intrinsics, by_point = project_with_jacobian(intrinsics, points)
+    pixel, by_intrinsics, by_point = project_with_jacobian(BROWN_CONRADY, intrinsics, points)
     K = np.array([[700.0, 0, 309.5], [0, 707, 249.5], [0, 0, 1]])
     expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, intrinsics[0, 4:])[0].reshape(-1, 2) + 0.5
     assert pixel == pytest.approx(expected, abs=1e-9)
@@ -105,7 +106,8 @@ def test_projection_and_its_derivatives():
             high[:, k] += step
             low[:, k] -= step
             pair = [(a, points) if which == 0 else (intrinsics, a) for a in (high, low)]
-            numeric = (project_with_jacobian(*pair[0])[0] - project_with_jacobian(*pair[1])[0]) / (2 * step)
+            pixels = [project_with_jacobian(BROWN_CONRADY, *each)[0] for each in pair]
+            numeric = (pixels[0] - pixels[1]) / (2 * step)
             assert jacobian[..., k] == pytest.approx(numeric, rel=1e-5, abs=1e-4)
 
 
@@ -126,7 +128,7 @@ def test_start_of_a_camera_has_the_same_bits_at_any_number_of_threads(rig_of_six
     cameras, boards = rig_of_six
     seen = observe(cameras, boards, 0.1, np.random.default_rng(8))
     mine = [np.flatnonzero((seen.camera == 0) & (seen.view == v)) for v in range(25)]
-    views = [(BOARD.corners_m()[seen.corner[rows]], seen.pixel[rows]) for rows in mine if len(rows) >= 6]
+    views = [BoardImage(BOARD.corners_m()[seen.corner[rows]], seen.pixel[rows]) for rows in mine if len(rows) >= 6]
     threads = cv2.getNumThreads()
     try:
         found = []

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
-from pipeline.calibration.cameras.rig_model import PRIOR_SIGMA
 from pipeline.calibration.cameras.rig_quality import wanted_distortion
 from pipeline.geometry.cameras import Camera
-from tests.support.planted_rig import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
+from pipeline.geometry.lenses import BROWN_CONRADY
+from tests.support.rigs.cameras import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
 
 LENSES = {
     0: [0, 0, 0, 0, 0],
@@ -70,6 +70,6 @@ def test_the_odds_of_one_coefficient_by_hand():
     assert odds[5] == 0
     assert odds[1] > 0 > odds[0]  # the terms beyond k1 are not supported, k1 is
     sigma = np.sqrt(calibrated.rig.intrinsics_covariance[0, 4, 4])
-    at_zero = -0.5 * (calibrated.rig.cameras[0].dist[0] / sigma) ** 2 + np.log(PRIOR_SIGMA["k1"] / sigma)
+    at_zero = -0.5 * (calibrated.rig.cameras[0].dist[0] / sigma) ** 2 + np.log(BROWN_CONRADY.prior_sigma[0] / sigma)
     # The ratio of the ratios is that of k1 alone, up to what the excluded terms change in k1's posterior.
     assert odds[0] - odds[1] == pytest.approx(at_zero, rel=0.15)

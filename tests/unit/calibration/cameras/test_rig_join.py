@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
 from pipeline.calibration.cameras.rig_start import possible_starts, start_rig
-from tests.support.planted_rig import (
+from tests.support.rigs.cameras import (
     BOARD,
     SIZE,
     boards_in_stage,

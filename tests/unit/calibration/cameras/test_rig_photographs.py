@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -12,11 +10,10 @@ from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.calibration.cameras.moved_cameras import find_moved
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
 from pipeline.calibration.cameras.rig_model import Observations
+from tests.support.shared_data import shared_data
 
-PHOTOGRAPHS = Path(__file__).parents[5] / "shared/data/calib_opencv_chessboard"
+PHOTOGRAPHS, pytestmark = shared_data("data/calib_opencv_chessboard")
 GRID, SQUARE_M = (9, 6), 0.025
-
-pytestmark = pytest.mark.skipif(not PHOTOGRAPHS.is_dir(), reason="the photographs are not beside the repository")
 
 
 def find_corners(path):

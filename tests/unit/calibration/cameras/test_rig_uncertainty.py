@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from pipeline.calibration.cameras.projection import INTRINSICS
 from pipeline.calibration.cameras.rig import adjust_rig, robust_inflation
 from pipeline.geometry.cameras import Camera
-from tests.support.planted_rig import (
+from tests.support.rigs.cameras import (
     BOARD,
     boards_in_stage,
     center_errors,
@@ -46,7 +45,7 @@ def normalized_errors():
         boards = boards[numbers]
         start = [in_first_view(camera, boards[0]) for camera in cameras]
         rig = adjust_rig(observations, BOARD.corners_m(), start, np.linalg.inv(boards[0]) @ boards, 2)
-        at = np.searchsorted(rig.model.free, np.arange(CAMERAS) * len(INTRINSICS))
+        at = np.searchsorted(rig.model.free, np.arange(CAMERAS) * rig.model.intrinsics_count)
         joint = rig.normal_inverse[np.ix_(at, at)]
         correlation = joint / np.sqrt(np.outer(np.diag(joint), np.diag(joint)))
         error = np.array([found.K[0, 0] / true.K[0, 0] - 1 for found, true in zip(rig.cameras, cameras, strict=True)])

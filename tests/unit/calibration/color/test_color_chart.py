@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.calibration.color.color_chart import find_chart, measure_patches, place_chart
-from tests.support.drawn_chart import RESPONSE, VALUES, corners_of_chart, draw_chart, pixels_of
+from tests.support.drawings.chart import RESPONSE, VALUES, chart_pixels, corners_of_chart, draw_chart
 
-MIDDLES = pixels_of(*[(column + 0.5, row + 0.5) for row in range(4) for column in range(6)])
+MIDDLES = chart_pixels(*[(column + 0.5, row + 0.5) for row in range(4) for column in range(6)])
 NOTHING_SATURATED = np.zeros((400, 560), bool)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.calibration.color.color_chart import Patches
 from pipeline.calibration.color.color_response import corrections, fit_response
-from tests.support.drawn_chart import RESPONSE, VALUES
+from tests.support.drawings.chart import RESPONSE, VALUES
 
 CORNERS = np.zeros((24, 4, 2))
 

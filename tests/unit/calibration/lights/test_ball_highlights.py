@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from pipeline.calibration.lights.ball_highlights import measure_spots
 from pipeline.calibration.lights.ball_photos import read_ball_photo
+from tests.support.shared_data import shared_data
 
 SIZE = 320
-PSBOX = Path(__file__).parents[5] / "shared/data/mirrorball_psbox/LightProbe-1"
+PSBOX, needs_psbox = shared_data("data/mirrorball_psbox/LightProbe-1")
 
 # PSBox (Ying Xiong, MIT licence), data/LightProbe-1/light_directions.txt: a column per image, x right, y up, z to us.
 PUBLISHED = """
@@ -91,7 +90,7 @@ def test_clipped_pixels_are_told():
     assert spot.saturated
 
 
-@pytest.mark.skipif(not PSBOX.is_dir(), reason="data/mirrorball_psbox is not beside the repository")
+@needs_psbox
 def test_published_directions_of_psbox():
     """Twelve photographs of one ball: JPEG, sRGB, clipped highlights with streaks. Orthographic, as PSBox has it.
 

@@ -14,7 +14,7 @@ import pytest
 import scipy.spatial.transform
 import scipy.stats
 
-from pipeline.calibration.lights.highlight_matching import choose_highlights, constant_spots
+from pipeline.calibration.lights.highlight_matching import constant_spots, match_highlights
 from pipeline.calibration.lights.light_intensity import compare_lights, relative_colors
 from pipeline.calibration.lights.mirror_ball import locate_ball
 from pipeline.calibration.lights.mirror_lights import Highlights, locate_lights
@@ -90,12 +90,12 @@ def test_exact_highlights_give_exact_lights():
     rig = make_rig(rng, lights=20)
     balls, highlights = observe(rig, rng, 0.0, 0.0)
     centers = np.stack([ball.center for ball in balls])
-    choice = choose_highlights(highlights, centers, rig[0], RADIUS, 20)
-    assert np.array_equal(choice.rows, np.arange(len(highlights.light)))
-    located = locate_lights(highlights, balls, rig[0], RADIUS, choice.start)
+    matches = match_highlights(highlights, centers, rig[0], RADIUS, 20)
+    assert np.array_equal(matches.rows, np.arange(len(highlights.light)))
+    located = locate_lights(highlights, balls, rig[0], RADIUS, matches.start)
     # cv2.undistortPoints stops at 1e-12, outlines are exact to 1e-9 px.
     assert np.abs(located.position - rig[2]).max() < 1e-4
-    assert not choice.rival.any()
+    assert not matches.rival.any()
 
 
 def whitened_errors(rigs, outline_px=1.0, ball_trust=1.0):
@@ -134,8 +134,8 @@ def test_one_wrong_highlight_per_light_is_ignored():
     balls, highlights = observe(rig, rng, 0.1, 0.02)
     wrong = [rng.choice(np.flatnonzero(highlights.light == light)) for light in range(0, 20, 2)]
     highlights.pixel[wrong] += rng.choice([-1, 1], (10, 2)) * rng.uniform(4, 10, (10, 2))
-    choice = choose_highlights(highlights, np.stack([b.center for b in balls]), rig[0], RADIUS, 20)
-    located = locate_lights(highlights, balls, rig[0], RADIUS, choice.start)
+    matches = match_highlights(highlights, np.stack([b.center for b in balls]), rig[0], RADIUS, 20)
+    located = locate_lights(highlights, balls, rig[0], RADIUS, matches.start)
     assert np.linalg.norm(located.position - rig[2], axis=1).max() < 0.03
     assert located.weight[wrong].max() < 0.01
 
@@ -159,9 +159,9 @@ def test_reflections_here_and_there_lose_to_the_light():
         for b, c in zip(some.ball, some.camera, strict=True)
     ]
     spots = with_spots(highlights, some.light, some.ball, some.camera, np.array(disc))
-    choice = choose_highlights(spots, centers, rig[0], RADIUS, 10)
-    assert np.array_equal(choice.rows, np.arange(real))
-    assert not choice.rival.any()
+    matches = match_highlights(spots, centers, rig[0], RADIUS, 10)
+    assert np.array_equal(matches.rows, np.arange(real))
+    assert not matches.rival.any()
 
 
 def test_a_second_light_in_every_image_is_no_choice_to_make():
@@ -170,9 +170,9 @@ def test_a_second_light_in_every_image_is_no_choice_to_make():
     balls, highlights = observe(rig, rng, 0.1, 0.03)
     other = highlights.select(highlights.light == 5)
     spots = with_spots(highlights, np.full(len(other.light), 2), other.ball, other.camera, other.pixel)
-    choice = choose_highlights(spots, np.stack([ball.center for ball in balls]), rig[0], RADIUS, 6)
-    assert choice.rival[2] >= 5
-    assert not np.delete(choice.rival, 2).any()
+    matches = match_highlights(spots, np.stack([ball.center for ball in balls]), rig[0], RADIUS, 6)
+    assert matches.rival[2] >= 5
+    assert not np.delete(matches.rival, 2).any()
 
 
 def test_a_lamp_in_all_images_is_told_from_the_lights():

@@ -8,9 +8,12 @@ import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.capture.cameras.colmap_cameras import write_colmap
 from pipeline.capture.cameras.known_cameras import digest_known_cameras
-from pipeline.capture.schema.known_schema import KnownCameras
-from tests.support.given_cameras import (
+from pipeline.capture.schema.camera_schema import KnownCameras
+from pipeline.geometry.cameras import Camera
+from pipeline.geometry.lenses import FISHEYE
+from tests.support.rigs.camera_files import (
     CENTERS,
     LENSES,
     POINTS,
@@ -34,6 +37,30 @@ class TestColmap:
         cameras, complaints = read(tmp_path, format="colmap", path="sparse/0")
         assert not complaints
         same_projections(cameras, made)
+
+    @pytest.mark.parametrize("kind", ["text", "binary"])
+    @pytest.mark.parametrize("lens", ["PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE"])
+    def test_written_model_projects_as_the_cameras_and_is_read_back(self, tmp_path, lens, kind):
+        write_model(tmp_path / "given", model(lens))
+        cameras, _ = read(tmp_path, format="colmap", path="given")
+        write_colmap(tmp_path / "sparse/0", cameras, kind)
+        same_projections(cameras, pycolmap.Reconstruction(tmp_path / "sparse/0"))
+        again, complaints = read(tmp_path, format="colmap", path="sparse/0")
+        assert not complaints
+        for name, camera in cameras.items():
+            assert again[name].lens is camera.lens
+            np.testing.assert_allclose(again[name].R, camera.R, atol=1e-14)
+            for key in ("t", "K", "dist"):
+                np.testing.assert_allclose(getattr(again[name], key), getattr(camera, key), rtol=1e-14)
+
+    def test_written_fisheye_projects_as_colmaps_up_to_89_degrees(self, tmp_path):
+        K = np.array([[200.0, 0, 310], [0, 205, 250], [0, 0, 1]])
+        camera = Camera(np.eye(3), np.zeros(3), K, np.array([-0.03, 0.012, -0.005, 0.0007]), *SIZE, FISHEYE)
+        write_colmap(tmp_path, {"cam00": camera})
+        theta, phi = np.meshgrid(np.radians(np.linspace(0, 89, 90)), np.linspace(0, 2 * np.pi, 17))
+        points = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
+        (theirs,) = pycolmap.Reconstruction(tmp_path).cameras.values()
+        assert np.abs(camera.project(points)[0] - theirs.img_from_cam(points)).max() < SAME_PX
 
     def test_projections_are_opencvs(self, tmp_path):
         """Text as COLMAP's documentation has it, without the rigs and frames of newer versions."""
@@ -117,7 +144,7 @@ class TestColmap:
     @pytest.mark.parametrize(
         ("lens", "params", "words"),
         [
-            ("OPENCV_FISHEYE", [500.0, 510, 310, 250, 0, 0, 0, 0], "SIMPLE_PINHOLE, PINHOLE"),
+            ("FOV", [500.0, 510, 310, 250, 0.9], "SIMPLE_PINHOLE, PINHOLE"),
             ("THIN_PRISM_FISHEYE", [500.0, 510, 310, 250, 0, 0, 0, 0, 0, 0, 0, 0], "found THIN_PRISM_FISHEYE; "),
             ("FULL_OPENCV", [500.0, 510, 310, 250, 0, 0, 0, 0, 0, 0.1, 0, 0], "found k4 of 0.1"),
             ("PINHOLE", [-500.0, 510, 310, 250], "positive focal lengths"),
@@ -131,9 +158,9 @@ class TestColmap:
         assert complaints.count("COLMAP camera 2") == 1
 
     def test_an_unsupported_lens_of_an_unneeded_image_does_not_matter(self, tmp_path):
-        write_model(tmp_path / "sparse", model(lens="OPENCV_FISHEYE", params=[500.0, 510, 310, 250, 0, 0, 0, 0]))
+        write_model(tmp_path / "sparse", model(lens="FOV", params=[500.0, 510, 310, 250, 0.9]))
         _, complaints = read(tmp_path, {"cam07": SIZE}, format="colmap", path="sparse")
-        assert "FISHEYE" not in complaints
+        assert "FOV" not in complaints
         assert "cam07" in complaints
 
     @pytest.mark.parametrize("table", ["cameras", "images", "rigs", "frames"])

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pipeline.capture.cameras.known_cameras import digest_known_cameras
-from pipeline.capture.schema.known_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.geometry.cameras import Camera, write_cameras
-from tests.support.given_cameras import (
+from tests.support.rigs.camera_files import (
     CENTERS,
     POINTS,
     SAME_PX,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.support.given_cameras import (
+from tests.support.rigs.camera_files import (
     CENTERS,
     POINTS,
     SAME_PX,
@@ -52,7 +52,11 @@ def projected(center, points=POINTS):
 
 
 NERFSTUDIO_BREAKS = {
-    "fisheye": (lambda c: c.update(camera_model="OPENCV_FISHEYE"), ["found OPENCV_FISHEYE; undistort"]),
+    "panorama": (lambda c: c.update(camera_model="EQUIRECTANGULAR"), ["found EQUIRECTANGULAR; undistort"]),
+    "fisheye with tangential terms": (
+        lambda c: c.update(camera_model="OPENCV_FISHEYE", p1=0.1),
+        ["expected k1, k2, k3 and k4 only, found p1 of 0.1"],
+    ),
     "another fisheye": (lambda c: c.update(is_fisheye=True), ["camera_model: expected one of SIMPLE_PINHOLE"]),
     "k4": (lambda c: c.update(k4=0.1), ["expected k1, k2, p1, p2 and k3 only, found k4 of 0.1"]),
     "no focal length": (lambda c: c.pop("fl_y"), ["fl_y: expected a finite number, found none"]),
@@ -106,6 +110,19 @@ class TestNerfstudio:
             K = np.array([[500.0, 0, 309.5], [0, 510, 249.5], [0, 0, 1]])
             points = np.concatenate([ideal, np.ones((50, 1))], 1)
             expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, np.array([*terms.values()]))
+            assert np.abs(cameras[name].project(POINTS)[0] - expected[:, 0] - 0.5).max() < SAME_PX
+
+    def test_fisheye_is_opencvs(self, tmp_path):
+        terms = {"k1": -0.03, "k2": 0.012, "k3": -0.005, "k4": 0.0007}
+        cameras, complaints = read_transforms(tmp_path, transforms(camera_model="OPENCV_FISHEYE", **terms))
+        assert not complaints
+        for name, center in CENTERS.items():
+            pose = opengl_pose(center)
+            in_camera = (POINTS - pose[:3, 3]) @ pose[:3, :3] * [1, -1, -1]
+            K = np.array([[500.0, 0, 309.5], [0, 510, 249.5], [0, 0, 1]])
+            expected, _ = cv2.fisheye.projectPoints(
+                in_camera[:, None], np.zeros(3), np.zeros(3), K, np.array([*terms.values()])
+            )
             assert np.abs(cameras[name].project(POINTS)[0] - expected[:, 0] - 0.5).max() < SAME_PX
 
     def test_intrinsics_of_each_frame(self, tmp_path):

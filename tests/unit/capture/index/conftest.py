@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.capture_builder import build_capture
+from tests.support.captures.builder import build_capture
 
 
 @pytest.fixture(scope="session")

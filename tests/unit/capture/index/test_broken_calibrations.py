@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.broken_captures import Break, check_break, manifest
-from tests.support.capture_builder import (
+from tests.support.captures.broken import Break, check_break, manifest
+from tests.support.captures.builder import (
     save,
     truncate,
     write_lines,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.broken_captures import Break, check_break, manifest
-from tests.support.capture_builder import (
+from tests.support.captures.broken import Break, check_break, manifest
+from tests.support.captures.builder import (
     edit_manifest,
     write_lines,
     write_template,

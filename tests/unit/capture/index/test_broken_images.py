@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.broken_captures import Break, check_break
-from tests.support.capture_builder import (
+from tests.support.captures.broken import Break, check_break
+from tests.support.captures.builder import (
     HEIGHT,
     WIDTH,
     save,

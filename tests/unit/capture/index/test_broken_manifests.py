@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.broken_captures import Break, check_break, complaints_of, manifest
+from tests.support.captures.broken import Break, check_break, manifest, read_complaints
 
 MANIFEST_BREAKS: dict[str, tuple[Break, list[str]]] = {
     "unknown test pattern": (
@@ -110,12 +110,12 @@ def test_manifest_complaint(name: str, known: Path, tmp_path: Path) -> None:
 
 
 def test_no_capture_folder(tmp_path: Path) -> None:
-    assert "expected a capture folder, found none" in complaints_of(tmp_path / "nowhere")
+    assert "expected a capture folder, found none" in read_complaints(tmp_path / "nowhere")
 
 
 def test_no_manifest(tmp_path: Path) -> None:
     (tmp_path / "capture").mkdir()
-    assert "capture.yaml: expected the capture's description" in complaints_of(tmp_path / "capture")
+    assert "capture.yaml: expected the capture's description" in read_complaints(tmp_path / "capture")
 
 
 @pytest.mark.parametrize(
@@ -131,4 +131,4 @@ def test_no_manifest(tmp_path: Path) -> None:
 def test_manifest_is_no_mapping(content: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "capture").mkdir()
     (tmp_path / "capture/capture.yaml").write_text(content)
-    assert words in complaints_of(tmp_path / "capture")
+    assert words in read_complaints(tmp_path / "capture")

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.support.broken_captures import Break, check_break, manifest, rewritten, text
-from tests.support.capture_builder import (
+from tests.support.captures.broken import Break, check_break, manifest, rewritten, text
+from tests.support.captures.builder import (
     write_lines,
     write_template,
 )

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.capture.index.validation import index_folder
-from tests.support.capture_builder import build_capture, edit_manifest, write_lines
+from tests.support.captures.builder import build_capture, edit_manifest, write_lines
 
 PATH = "calibration/chart/corners.csv"
 WHOLE = ["left,0,1.5,1.5", "left,1,9,2", "left,2,10,8", "left,3,1,7"]

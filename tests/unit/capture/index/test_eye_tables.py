@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.capture.index.eye_tables import between_directions
 from pipeline.capture.index.validation import index_folder
-from tests.support.capture_builder import build_capture, edit_manifest, write_lines, write_template
+from tests.support.captures.builder import build_capture, edit_manifest, write_lines, write_template
 
 ROUNDING = 1e-12
 """A few roundings of numbers of size one."""

@@ -13,7 +13,7 @@ import yaml
 from pipeline.base.errors import Complaints
 from pipeline.capture.schema.capture_yaml import Capture
 from pipeline.capture.schema.manifest import read_manifest
-from tests.support.capture_builder import MANIFEST, MEASURED
+from tests.support.captures.builder import MANIFEST, MEASURED
 
 JUNK = (
     None,

@@ -1,0 +1,204 @@
+"""What is made larger, stage by stage, how its cost should grow, and why.
+
+A prediction is of the exponent of the part that grows, beside a fixed cost; 0 says that nothing grows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from benchmarks.bench_splatting import make_scene as make_gaussians
+from benchmarks.bench_splatting import step as splatting_step
+from benchmarks.scaling_inputs import CAMERAS, packed, photographed, stage_of_size, walked
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.model import Avatar
+from pipeline.avatar.spec.planned import read_plan, resolve_spec
+from pipeline.avatar.texels.posed_texels import texel_spacing
+from pipeline.avatar.training.training import Training
+from pipeline.capture.shards import read_frame_shards, read_image_shards
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.config.track_mesh import TrackMesh
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.texels import read_atlas
+from pipeline.rendering.projection_kernels import TILE
+from pipeline.rendering.splat import splat
+from pipeline.stages import pack_shards, trace_irradiance, track_mesh
+
+Job = tuple[dict[str, int], Callable[[], object]]
+"""How large a job is, by what was counted, and the job."""
+
+COUNTED = ("frames", "images", "lights", "texels", "Gaussians", "pixels")
+"""What sizes are given in. Pixels are those of an image, or of all images of a training step."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One stage, one size that is varied.
+
+    Attributes:
+        varied: of `COUNTED`; the job's other sizes stay.
+        sizes: what `prepare` is asked for, ascending.
+        prepare: of (folder, size): the job that is measured; making its inputs is not.
+        seconds, memory: predicted exponents with the reason.
+    """
+
+    stage: str
+    varied: str
+    sizes: tuple[int, ...]
+    prepare: Callable[[Path, int], Job]
+    seconds: tuple[float, str]
+    memory: tuple[float, str]
+
+
+def doubled(first: int, steps: int = 6) -> tuple[int, ...]:
+    """first, 2 first, 4 first, ..."""
+    return tuple(first * 2**k for k in range(steps))
+
+
+def sides(first: int, steps: int = 6) -> tuple[int, ...]:
+    """Sides of squares of doubling area, even numbers."""
+    return tuple(2 * round(first * 2 ** (k / 2) / 2) for k in range(steps))
+
+
+PER_RAY = "a ray per texel and light above the horizon; reading, and the frame's tree, are what is fixed"
+PER_FRAME = "every frame has its own tree and rays"
+PER_TEXEL = (1.0, "a few numbers per texel, light by light; the mesh and its tree are what is fixed")
+PER_POSE = (1.0, "the posed vertices of all frames are read at once; what is traced, a frame at a time, is fixed")
+
+
+def traced(samples: str, varied: str, held: dict[str, int], sizes: tuple[int, ...], seconds: str, memory) -> Case:
+    """A case of trace_irradiance; `varied` is one of side, lights, frames, and `held` has the others."""
+    settings = TraceIrradiance(samples=samples, visibility="traced")
+    runs = itertools.count()
+
+    def prepare(folder: Path, size: int) -> Job:
+        own, given = folder / f"traced_{samples}_{varied}_{size}", {**held, varied: size}
+        files = stage_of_size(own, **given)
+
+        def run() -> None:
+            trace_irradiance.run(**files, out=own / f"{next(runs)}", settings=settings)
+
+        return {"texels": given["side"] ** 2, "lights": given["lights"], "frames": given["frames"]}, run
+
+    stage = f"trace_irradiance, {'all lights' if samples == 'full' else '1 sample'}"
+    return Case(stage, "texels" if varied == "side" else varied, sizes, prepare, (1.0, seconds), memory)
+
+
+TRACED = [
+    traced("full", "side", {"lights": 16, "frames": 1}, sides(90, 7), PER_RAY, PER_TEXEL),
+    traced("full", "lights", {"side": 64, "frames": 1}, doubled(64, 7), PER_RAY,
+           (0.0, "lights are taken a block at a time, of a size that does not depend on their number")),
+    traced("full", "frames", {"side": 64, "lights": 16}, doubled(1, 7), PER_FRAME, PER_POSE),
+    traced("1", "side", {"lights": 16, "frames": 1}, sides(180, 7), "one ray per texel", PER_TEXEL),
+    traced("1", "lights", {"side": 256, "frames": 1}, doubled(128, 7),
+           "what is divided by is a sum over all lights; one ray per texel, whatever the lights, is fixed",
+           (0.0, "one ray per texel, whatever the lights")),
+    traced("1", "frames", {"side": 128, "lights": 16}, doubled(1, 7), PER_FRAME, PER_POSE),
+]  # fmt: skip
+
+
+def packed_images(folder: Path, frames: int) -> Job:
+    files = photographed(folder, 96, 64, 24)
+    sizes = {"images": frames * CAMERAS, "pixels": 96**2}
+    return sizes, lambda: pack_shards.run(**files, out=folder / "packed", chunk_size=frames)
+
+
+def packed_pixels(folder: Path, side: int) -> Job:
+    files = photographed(folder, side, 2, 24)
+    return {"images": 2 * CAMERAS, "pixels": side**2}, lambda: pack_shards.run(**files, out=folder / "packed")
+
+
+PACKED = [
+    Case("pack_shards", "images", doubled(1, 7), packed_images,
+         (1.0, "each image is read, corrected, cut and written once"), (0.0, "images are written as they are read")),
+    Case("pack_shards", "pixels", sides(96), packed_pixels,
+         (1.0, "each pixel is decoded, corrected and resampled once"), (1.0, "one image at a time is in memory")),
+]  # fmt: skip
+
+
+def splatting(count: int, side: int) -> Job:
+    """Splatting of so many Gaussians to a square image, forward and backward."""
+    run = splatting_step(splat, *make_gaussians(count, side), backward=True, threads=1)
+    return {"Gaussians": count, "pixels": side**2}, run
+
+
+WIDE, SPLAT_SIDES = 8192, sides(128)
+"""Gaussians of the images that grow, and the images' sides."""
+
+
+def strips_exponent() -> float:
+    """Slope of what blending costs against pixels, from the first to the last of `SPLAT_SIDES`.
+
+    The scene's Gaussians are some 4,096 of 35 pixels at 128 x 128, so sqrt(35 x 4096 / WIDE) x side / 128 wide. One of
+    w pixels is blended in w rows of w / 16 + 1 strips of 16 pixels, as wide as a tile.
+    """
+    first, last = (math.sqrt(35 * 4096 / WIDE) * side / 128 for side in (SPLAT_SIDES[0], SPLAT_SIDES[-1]))
+    strips = [w * (w / TILE + 1) for w in (first, last)]
+    return math.log(strips[1] / strips[0]) / math.log(SPLAT_SIDES[-1] ** 2 / SPLAT_SIDES[0] ** 2)
+
+
+SPLATTED = [
+    Case("splatting, both ways", "Gaussians", doubled(4096, 7), lambda folder, count: splatting(count, 128),
+         (1.0, "projection, sorting and tile lists per Gaussian; that they share the image's pixels is what is fixed"),
+         (1.0, "footprints and gradients per Gaussian and tile; the image is what is fixed")),
+    Case("splatting, both ways", "pixels", SPLAT_SIDES, lambda folder, side: splatting(WIDE, side),
+         (round(strips_exponent(), 2),
+          "a Gaussian w pixels wide is blended in w rows of w / 16 + 1 strips; projection is what is fixed"),
+         (1.0, "channels of the image, and tile lists; Gaussians are what is fixed")),
+]  # fmt: skip
+
+STEPS = 2
+"""Training steps in one run: neither a tick of the clock nor minutes."""
+
+
+def training_steps(folder: Path, side: int, atlas_size: int) -> Job:
+    """`STEPS` steps of training with the default settings."""
+    files, settings = packed(folder, side, atlas_size), TrainAvatar()
+    atlas, images = read_atlas(files["atlas"]), read_image_shards([files["shards"] / "train"])
+    records = read_frame_shards([files["shards"] / "frames"])
+    inputs = FrameInputs(atlas, records[int(images.table.frame[0])])
+    own = [image for image in images if image.frame == inputs.record.frame][: settings.cameras_per_step]
+    torch.manual_seed(0)
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, read_plan(files["effects"])))
+    training = Training(avatar, settings)
+
+    def run() -> None:
+        for step in range(STEPS):
+            training.take_step(step, inputs, own)
+
+    return {"texels": atlas.texel_count, "pixels": sum(image.width * image.height for image in own)}, run
+
+
+TRAINED = [
+    Case("train_avatar, 2 steps", "texels", sides(64, 7), lambda folder, size: training_steps(folder, 64, size),
+         (1.0, "transfer, lobe, projection and Adam per texel; blending is what is fixed"),
+         (1.0, "parameters, gradients and moments per texel; images are what is fixed")),
+    Case("train_avatar, 2 steps", "pixels", sides(96), lambda folder, side: training_steps(folder, side, 64),
+         (1.0, "lobe and losses per pixel, and blending; what is done per texel is fixed"),
+         (1.0, "channels of the image, kept for the gradient; texels are what is fixed")),
+]  # fmt: skip
+
+
+def tracked_frames(folder: Path, frames: int) -> Job:
+    files, settings = walked(folder), TrackMesh(context_frames=0, image_rounds=0)
+
+    def run() -> None:
+        track_mesh.run(**files, chunk=0, chunk_size=frames, out=folder / "tracked", settings=settings)
+
+    return {"frames": frames}, run
+
+
+TRACKED = [
+    Case("track_mesh, 5 cameras", "frames", (4, 6, 9, 13, 19, 28, 40), tracked_frames,
+         (1.0, "frames are coupled to their neighbours only: a banded system"),
+         (1.0, "all masks and points of the chunk are held at once")),
+]  # fmt: skip
+
+CASES = [*TRACED, *PACKED, *SPLATTED, *TRAINED, *TRACKED]
+"""All."""

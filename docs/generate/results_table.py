@@ -1,0 +1,66 @@
+"""Write the README's table of results from finished runs; rows of other subjects stay as they are.
+
+    python -m docs.generate.results_table --results results/subjectA results/subjectB
+
+Minutes are of the wall clock, summed over all jobs of the subject (Snakemake's benchmarks), as if none had run beside
+another.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import tyro
+
+from pipeline.base.code_digest import ROOT
+from pipeline.base.files import read_json, read_table
+
+BEGIN, END = "<!-- results: begin -->", "<!-- results: end -->"
+"""What stands around the table in the README; this module rewrites all between."""
+
+COLUMNS = ("subject", "capture", "images scored", "PSNR, dB", "fully lit", "partially lit", "SSIM", "FLIP", "minutes")
+
+
+def run(*, results: tuple[Path, ...], variant: str = "full", page: Path = ROOT / "README.md") -> None:
+    """Put a row per subject into the page's table.
+
+    Args:
+        results: folders results/SUBJECT of finished runs.
+        variant: the avatar whose scores are shown.
+        page: the page with the table.
+    """
+    text = page.read_text()
+    head, rest = text.split(BEGIN)
+    table, tail = rest.split(END)
+    rows = {line.split("|")[1].strip(): line for line in table.strip().splitlines()[2:]}
+    for folder in results:
+        cells = row(folder, variant)
+        rows[cells[0]] = f"| {' | '.join(cells)} |"
+    lines = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * len(COLUMNS)}", *(rows[name] for name in sorted(rows))]
+    page.write_text(head + "\n".join([BEGIN, *lines, END]) + tail)
+
+
+def row(results: Path, variant: str) -> list[str]:
+    """The cells of a subject."""
+    scores = pd.read_csv(results / "metrics.csv")
+    scores = scores[(scores.variant == variant) & (scores.split == "test")].set_index("lit")
+    best = scores.loc["all"]
+    psnr = [f"{scores.psnr_db[lit]:.2f}" for lit in ("all", "full", "partial")]
+    counts = {name: len(read_table(results / f"index/{name}.parquet")) for name in ("cameras", "lights", "frames")}
+    kind = read_json(results / "index/capture.json")["kind"]
+    capture = f"{kind}: {', '.join(f'{count} {name}' for name, count in counts.items())}"
+    return [f"`{best.subject}`", capture, f"{best.images}", *psnr, f"{best.ssim:.3f}", f"{best.flip:.3f}",
+            f"{minutes(results / 'benchmarks', variant):.0f}"]  # fmt: skip
+
+
+def minutes(benchmarks: Path, variant: str) -> float:
+    """Wall time of all jobs but the training of other variants, and what nothing of metrics.csv needs."""
+    aside = ("measure_cost", "review_", "relight_", "write_report", "check_budget")
+    jobs = [path for path in benchmarks.glob("*.tsv") if not path.name.startswith(aside)]
+    others = {path for path in benchmarks.glob("train_avatar.*.tsv") if path.name != f"train_avatar.{variant}.tsv"}
+    return sum(float(pd.read_csv(path, sep="\t").s.iloc[-1]) for path in jobs if path not in others) / 60
+
+
+if __name__ == "__main__":
+    tyro.cli(run)

@@ -1,0 +1,1 @@
+"""A jointed figure made of tubes: its motion and masks (`walking`), its images (`painted`)."""
