@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float
-from torch import Tensor
 
-Colors = TypeVar("Colors", Float[np.ndarray, "..."], Float[Tensor, "..."])
+from pipeline.base.array_module import is_tensor
+
+Colors = TypeVar("Colors")
+"""A NumPy array or a torch tensor of floats."""
 
 BREAK_LINEAR = 0.0031308
 BREAK_SRGB = 0.04045
@@ -34,4 +35,4 @@ def linear_from_srgb(rgb_srgb: Colors) -> Colors:
 
 
 def _choose(condition, below, above):
-    return below.where(condition, above) if isinstance(below, Tensor) else np.where(condition, below, above)
+    return below.where(condition, above) if is_tensor(below) else np.where(condition, below, above)

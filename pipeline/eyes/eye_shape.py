@@ -10,11 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
-from pipeline.geometry.mesh import array_module, unit_or
+from pipeline.base.array_module import Array, array_module
+from pipeline.geometry.mesh import unit_or
 from pipeline.geometry.rotations import matrix_from_quaternion
 
 CORNEA_PER_EYE = 0.65
@@ -90,17 +89,17 @@ class EyeSurface:
         on_cornea: which of them belong to the cornea's sphere.
     """
 
-    points: Float[np.ndarray, "*n 3"] | Float[Tensor, "*n 3"]
-    normals: Float[np.ndarray, "*n 3"] | Float[Tensor, "*n 3"]
-    on_cornea: Bool[np.ndarray, "*n"] | Bool[Tensor, "*n"]
+    points: Float[Array, "*n 3"]
+    normals: Float[Array, "*n 3"]
+    on_cornea: Bool[Array, "*n"]
 
 
 def eye_surface(
-    directions: Float[np.ndarray, "*n 3"] | Float[Tensor, "*n 3"],
-    axes: Float[np.ndarray, "*#n 3"] | Float[Tensor, "*#n 3"],
-    radius: Float[np.ndarray, "*#n"] | Float[Tensor, "*#n"] | float,
-    cornea_radius: Float[np.ndarray, "*#n"] | Float[Tensor, "*#n"] | float,
-    cornea_offset: Float[np.ndarray, "*#n"] | Float[Tensor, "*#n"] | float,
+    directions: Float[Array, "*n 3"],
+    axes: Float[Array, "*#n 3"],
+    radius: Float[Array, "*#n"] | float,
+    cornea_radius: Float[Array, "*#n"] | float,
+    cornea_offset: Float[Array, "*#n"] | float,
 ) -> EyeSurface:
     """Surface of eyes in unit directions w from c_e.
 
@@ -125,13 +124,11 @@ def eye_surface(
     )
 
 
-def _column(values: np.ndarray | Tensor | float) -> np.ndarray | Tensor | float:
+def _column(values: Array | float) -> Array | float:
     return values if isinstance(values, float) else values[..., None]
 
 
-def turn_to(
-    axis: Float[np.ndarray, "*n 3"] | Float[Tensor, "*n 3"], gaze: Float[np.ndarray, "*n 3"] | Float[Tensor, "*n 3"]
-) -> Float[np.ndarray, "*n 3 3"] | Float[Tensor, "*n 3 3"]:
+def turn_to(axis: Float[Array, "*n 3"], gaze: Float[Array, "*n 3"]) -> Float[Array, "*n 3 3"]:
     """Shortest rotation from the unit vectors `axis` to `gaze`, of any length.
 
     An eye that turns from where it rests does not roll about its axis (Listing's law).

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from types import ModuleType
-from typing import overload
-
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from torch import Tensor
+
+from pipeline.base.array_module import Array, array_module, is_tensor
 
 WELD_TOLERANCE = 1e-6
 """Distance, relative to the mesh's extent, below which two vertices are one. float32 coordinates are good to 6e-8 of
@@ -22,15 +19,7 @@ BACK_TO_BACK = -0.9
 modelled twice (hair, cloth) point away from each other, and their average would be no normal at all."""
 
 
-def array_module(array: np.ndarray | Tensor) -> ModuleType:
-    """`torch` for tensors, else `numpy`.
-
-    The functions used here have the same names and positions in both.
-    """
-    return torch if isinstance(array, Tensor) else np
-
-
-def unit_or(vectors: np.ndarray | Tensor, fallback: np.ndarray | Tensor | float) -> np.ndarray | Tensor:
+def unit_or(vectors: Array, fallback: Array | float) -> Array:
     """Vectors [..., 3] at unit length; those of exactly zero length become `fallback`.
 
     The largest component is divided out first, so that squares neither overflow nor underflow at any scene scale.
@@ -44,15 +33,7 @@ def unit_or(vectors: np.ndarray | Tensor, fallback: np.ndarray | Tensor | float)
     return xp.where(empty, fallback, scaled / xp.sqrt(squared))
 
 
-@overload
-def area_vectors(
-    vertices: Float[np.ndarray, "*b v 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "*b f 3"]: ...
-@overload
-def area_vectors(vertices: Float[Tensor, "*b v 3"], faces: Int[Tensor, "f 3"]) -> Float[Tensor, "*b f 3"]: ...
-def area_vectors(
-    vertices: Float[np.ndarray, "*b v 3"] | Float[Tensor, "*b v 3"], faces: Int[np.ndarray, "f 3"] | Int[Tensor, "f 3"]
-) -> Float[np.ndarray, "*b f 3"] | Float[Tensor, "*b f 3"]:
+def area_vectors(vertices: Float[Array, "*b v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "*b f 3"]:
     """Outward normal of each face times its area.
 
     Corners are counter-clockwise; zero for a degenerate face.
@@ -61,19 +42,11 @@ def area_vectors(
     return array_module(vertices).linalg.cross(b - a, c - a) / 2
 
 
-@overload
 def vertex_normals(
-    vertices: Float[np.ndarray, "*b v 3"], faces: Int[np.ndarray, "f 3"], weld: Int[np.ndarray, " v"]
-) -> Float[np.ndarray, "*b v 3"]: ...
-@overload
-def vertex_normals(
-    vertices: Float[Tensor, "*b v 3"], faces: Int[Tensor, "f 3"], weld: Int[Tensor, " v"]
-) -> Float[Tensor, "*b v 3"]: ...
-def vertex_normals(
-    vertices: Float[np.ndarray, "*b v 3"] | Float[Tensor, "*b v 3"],
-    faces: Int[np.ndarray, "f 3"] | Int[Tensor, "f 3"],
-    weld: Int[np.ndarray, " v"] | Int[Tensor, " v"],
-) -> Float[np.ndarray, "*b v 3"] | Float[Tensor, "*b v 3"]:
+    vertices: Float[Array, "*b v 3"],
+    faces: Int[Array, "f 3"],
+    weld: Int[Array, " v"],
+) -> Float[Array, "*b v 3"]:
     """Smooth unit normals of vertices.
 
     The area-weighted mean over the faces around a vertex and around all vertices welded to it.
@@ -93,9 +66,9 @@ def vertex_normals(
     return unit_or(sums[..., weld, :], 0.0)
 
 
-def _add_rows(sums: np.ndarray | Tensor, rows: np.ndarray | Tensor, values: np.ndarray | Tensor) -> np.ndarray | Tensor:
+def _add_rows(sums: Array, rows: Array, values: Array) -> Array:
     """`sums` [..., v, 3] with `values` [..., f, 3] added to rows `rows` [f]; a row may occur many times."""
-    if isinstance(sums, Tensor):
+    if is_tensor(sums):
         return sums.index_add(-2, rows, values)
     flat = values.reshape(-1, *values.shape[-2:])
     count = sums.shape[-2]

@@ -8,12 +8,10 @@ All functions are batched over leading dimensions. Those for calibration and tra
 
 from __future__ import annotations
 
-from typing import overload
-
 import numpy as np
-import torch
 from jaxtyping import Float, Float64
-from torch import Tensor
+
+from pipeline.base.array_module import Array, array_module, is_tensor
 
 SMALLEST_NORM2 = 1e-12
 """Squared norm below which a quaternion counts as zero in `matrix_from_quaternion`: slopes there stay below ~4e6."""
@@ -22,27 +20,23 @@ SERIES_BELOW_RAD = 1e-4
 """Angle below which sin(x)/x is taken from its series 1 - x^2/6: the dropped x^4/120 is below 1e-18."""
 
 
-@overload
-def matrix_from_quaternion(quaternion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3 3"]: ...
-@overload
-def matrix_from_quaternion(quaternion: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch 3 3"]: ...
 def matrix_from_quaternion(
-    quaternion: Float[Tensor, "*batch 4"] | Float64[np.ndarray, "*batch 4"],
-) -> Float[Tensor, "*batch 3 3"] | Float64[np.ndarray, "*batch 3 3"]:
+    quaternion: Float[Array, "*batch 4"],
+) -> Float[Array, "*batch 3 3"]:
     """Rotation matrices of quaternions of any length; the zero quaternion gives the identity.
 
     R = I + (2 / |q|^2) (...), so nothing is normalised first: value and gradient are finite everywhere.
     """
     w, x, y, z = _components(quaternion)
     norm2 = w * w + x * x + y * y + z * z
-    is_torch = isinstance(quaternion, Tensor)
+    is_torch = is_tensor(quaternion)
     s = 2.0 / (norm2.clamp_min(SMALLEST_NORM2) if is_torch else np.maximum(norm2, SMALLEST_NORM2))
     entries = [
         1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
         s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x),
         s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y),
     ]  # fmt: skip
-    stacked = torch.stack(entries, -1) if is_torch else np.stack(entries, -1)
+    stacked = array_module(quaternion).stack(entries, -1)
     return stacked.reshape(*quaternion.shape[:-1], 3, 3)
 
 
@@ -104,9 +98,9 @@ def rotation_vector_from_matrix(matrix: Float64[np.ndarray, "*batch 3 3"]) -> Fl
 
 
 def multiply_quaternions(
-    a: Float[Tensor, "*batch 4"] | Float64[np.ndarray, "*#batch 4"],
-    b: Float[Tensor, "*batch 4"] | Float64[np.ndarray, "*#batch 4"],
-) -> Float[Tensor, "*out 4"] | Float64[np.ndarray, "*out 4"]:
+    a: Float[Array, "*batch 4"],
+    b: Float[Array, "*batch 4"],
+) -> Float[Array, "*out 4"]:
     """The rotation b followed by the rotation a: matrix(a b) = matrix(a) @ matrix(b)."""
     aw, ax, ay, az = _components(a)
     bw, bx, by, bz = _components(b)
@@ -116,7 +110,7 @@ def multiply_quaternions(
         aw * by - ax * bz + ay * bw + az * bx,
         aw * bz + ax * by - ay * bx + az * bw,
     ]
-    return torch.stack(product, -1) if isinstance(a, Tensor) else np.stack(product, -1)
+    return array_module(a).stack(product, -1)
 
 
 def conjugate_quaternion(quaternion: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch 4"]:
@@ -160,4 +154,4 @@ def left_jacobian(vector: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray
 
 def _components(quaternion: Tensor | np.ndarray) -> tuple:
     """w, x, y, z. For tensors by one unbind, whose gradient is one stack; indexing would make four full zeros."""
-    return quaternion.unbind(-1) if isinstance(quaternion, Tensor) else tuple(np.moveaxis(quaternion, -1, 0))
+    return quaternion.unbind(-1) if is_tensor(quaternion) else tuple(np.moveaxis(quaternion, -1, 0))

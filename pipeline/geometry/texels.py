@@ -10,15 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
-from torch import Tensor
 
+from pipeline.base.array_module import Array, array_module, is_tensor
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
-from pipeline.geometry.mesh import area_vectors, array_module, unit_or, vertex_normals
+from pipeline.geometry.mesh import area_vectors, unit_or, vertex_normals
 
 MIN_TANGENT_SINE = 1e-4
 """Sine between a texel's tangent and its normal below which the tangent says nothing: its part across the normal then
@@ -50,15 +50,15 @@ class Atlas:
     """
 
     size: int
-    faces: Int[np.ndarray, "f 3"] | Int[Tensor, "f 3"]
-    uv: Float[np.ndarray, "f 3 2"] | Float[Tensor, "f 3 2"]
-    weld: Int[np.ndarray, " v"] | Int[Tensor, " v"]
-    rest_vertices: Float[np.ndarray, "v 3"] | Float[Tensor, "v 3"]
-    texel: Int[np.ndarray, "t 2"] | Int[Tensor, "t 2"]
-    face: Int[np.ndarray, " t"] | Int[Tensor, " t"]
-    barycentric: Float[np.ndarray, "t 3"] | Float[Tensor, "t 3"]
-    chart: Int[np.ndarray, " t"] | Int[Tensor, " t"]
-    tangent_weights: Float[np.ndarray, "t 3"] | Float[Tensor, "t 3"]
+    faces: Int[Array, "f 3"]
+    uv: Float[Array, "f 3 2"]
+    weld: Int[Array, " v"]
+    rest_vertices: Float[Array, "v 3"]
+    texel: Int[Array, "t 2"]
+    face: Int[Array, " t"]
+    barycentric: Float[Array, "t 3"]
+    chart: Int[Array, " t"]
+    tangent_weights: Float[Array, "t 3"]
 
     @property
     def texel_count(self) -> int:
@@ -66,29 +66,31 @@ class Atlas:
         return len(self.face)
 
     @cached_property
-    def corners(self) -> Int[np.ndarray, "t 3"] | Int[Tensor, "t 3"]:
+    def corners(self) -> Int[Array, "t 3"]:
         """Vertex indices of each texel's face."""
         return self.faces[self.face]
 
-    def to_torch(self, device: torch.device | str = "cpu") -> Atlas:
+    def to_torch(self, device: Any = "cpu") -> Atlas:
         """The same atlas as tensors: int64 indices, float32 numbers."""
+        import torch
+
         arrays = {name: torch.as_tensor(getattr(self, name)) for name in FIELD_SHAPES}
         tensors = {
             name: a.to(device, torch.float32 if a.is_floating_point() else torch.int64) for name, a in arrays.items()
         }
         return Atlas(self.size, **tensors)
 
-    def to_map(self, values: np.ndarray | Tensor, outside: float = 0.0) -> np.ndarray | Tensor:
+    def to_map(self, values: Array, outside: float = 0.0) -> Array:
         """Spread values per texel [..., T] over the map [..., size, size].
 
         `outside` where there is no texel.
         """
         shape = (*values.shape[:-1], self.size, self.size)
-        full = values.new_full(shape, outside) if isinstance(values, Tensor) else np.full(shape, outside, values.dtype)
+        full = values.new_full(shape, outside) if is_tensor(values) else np.full(shape, outside, values.dtype)
         full[..., self.texel[:, 0], self.texel[:, 1]] = values
         return full
 
-    def from_map(self, image: np.ndarray | Tensor) -> np.ndarray | Tensor:
+    def from_map(self, image: Array) -> Array:
         """Values per texel [..., T] out of a map [..., size, size]."""
         return image[..., self.texel[:, 0], self.texel[:, 1]]
 
@@ -125,10 +127,8 @@ def read_atlas(path: Path) -> Atlas:
 
 
 def texel_frames(
-    atlas: Atlas, vertices: Float[np.ndarray, "*b v 3"] | Float[Tensor, "*b v 3"]
-) -> tuple[
-    Float[np.ndarray, "*b t 3"] | Float[Tensor, "*b t 3"], Float[np.ndarray, "*b t 3 3"] | Float[Tensor, "*b t 3 3"]
-]:
+    atlas: Atlas, vertices: Float[Array, "*b v 3"]
+) -> tuple[Float[Array, "*b t 3"], Float[Array, "*b t 3 3"]]:
     """Posed point v_k and tangent frame TBN_k of each texel.
 
     Interpolated from the posed mesh (RFGCA, above 5 and 6).
@@ -163,13 +163,13 @@ def texel_frames(
     return (corners * weights).sum(-2), xp.stack([t, xp.linalg.cross(n, t), n], -1)
 
 
-def _across(vectors: np.ndarray | Tensor, n: np.ndarray | Tensor) -> np.ndarray | Tensor:
+def _across(vectors: Array, n: Array) -> Array:
     return vectors - (vectors * n).sum(-1)[..., None] * n
 
 
 def any_tangent(
-    n: Float[np.ndarray, "*b 3"] | Float[Tensor, "*b 3"],
-) -> Float[np.ndarray, "*b 3"] | Float[Tensor, "*b 3"]:
+    n: Float[Array, "*b 3"],
+) -> Float[Array, "*b 3"]:
     """A unit vector across each unit vector n.
 
     Duff et al. 2017, Building an Orthonormal Basis, Revisited.
@@ -181,5 +181,5 @@ def any_tangent(
     return xp.stack([1 + sign * x * x * a, sign * x * y * a, -sign * x], -1)
 
 
-def _as_type_of(like: np.ndarray | Tensor, values: np.ndarray | Tensor) -> np.ndarray | Tensor:
-    return values.to(like) if isinstance(like, Tensor) else np.asarray(values, like.dtype)
+def _as_type_of(like: Array, values: Array) -> Array:
+    return values.to(like) if is_tensor(like) else np.asarray(values, like.dtype)

@@ -21,14 +21,13 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
-import torch
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation
 
+from pipeline.base.array_module import is_tensor
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.progress import progress
 from pipeline.metrics.image_metrics import DEFAULT_METRICS, ImageMetric, ImagePair, boxes_in_words, metrics_in
-from pipeline.metrics.lpips import Lpips
 
 FOREGROUND_MASK = 0.5
 """A pixel counts as subject if at least half of it is."""
@@ -96,8 +95,8 @@ Render = Callable[[Any, Any], tuple[Any, Any]]
 
 
 def evaluate(
-    render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any], lpips: Lpips | None = None,
-    metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
+    render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any],
+    lpips: Callable[[Any, Any], Any] | None = None, metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
 ) -> pd.DataFrame:  # fmt: skip
     """Render and score every image that a split holds out: one row each, in their order.
 
@@ -130,9 +129,8 @@ def scored_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndar
 
     Both are sRGB in [0, 1], float32 [h, w, 3], over black and black beside the subject.
     """
-    with torch.no_grad():
-        rgb, _ = render(frame, image)
-    rgb = np.asarray(rgb.detach().cpu() if isinstance(rgb, torch.Tensor) else rgb, dtype=np.float32)
+    rgb, _ = render(frame, image)
+    rgb = np.asarray(rgb.detach().cpu() if is_tensor(rgb) else rgb, dtype=np.float32)
     name = f"rendering of camera {image.camera}, frame {image.frame}"
     if rgb.shape != image.image.shape:
         raise ValueError(f"{name}: expected shape {image.image.shape}, found {rgb.shape}")

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 
 from pipeline.metrics.images import (
+    LPIPS_SMALLEST_SIDE,
     MS_SSIM_SMALLEST_SIDE,
     SSIM_WINDOW,
     flip,
@@ -22,7 +23,6 @@ from pipeline.metrics.images import (
     psnr_db,
     ssim,
 )
-from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class ImagePair:
     Attributes:
         rendered, captured: sRGB in [0, 1] over black.
         foreground: the pixels of the subject.
-        lpips: the network, if its weights are there.
+        lpips: `pipeline.metrics.lpips.Lpips`, if its weights are there.
     """
 
     rendered: Float[np.ndarray, "h w 3"]
     captured: Float[np.ndarray, "h w 3"]
     foreground: Bool[np.ndarray, "h w"]
-    lpips: Lpips | None = None
+    lpips: Callable[[Any, Any], Any] | None = None
 
     def around_subject(self, smallest_side: int) -> ImagePair:
         """The box around the foreground, grown to that many pixels a side where the image allows."""
@@ -88,6 +88,8 @@ class ImageMetric:
 def _lpips(pair: ImagePair) -> float:
     if pair.lpips is None:
         return float("nan")
+    import torch
+
     images = (pair.rendered, pair.captured)
     x, y = (torch.from_numpy(image.transpose(2, 0, 1).copy())[None].float() for image in images)
     return float(pair.lpips(x, y))
@@ -98,7 +100,7 @@ IMAGE_METRICS = (
                 score=lambda pair: psnr_db(pair.rendered, pair.captured, pair.foreground)),
     ImageMetric("ssim", "SSIM", digits=3, higher_is_better=True, smallest_side=SSIM_WINDOW,
                 score=lambda pair: ssim(pair.rendered, pair.captured)),
-    ImageMetric("lpips", "LPIPS", digits=3, higher_is_better=False, smallest_side=SMALLEST_SIDE, score=_lpips),
+    ImageMetric("lpips", "LPIPS", digits=3, higher_is_better=False, smallest_side=LPIPS_SMALLEST_SIDE, score=_lpips),
     ImageMetric("flip", "FLIP", digits=3, higher_is_better=False, smallest_side=SSIM_WINDOW,
                 score=lambda pair: flip(pair.rendered, pair.captured)),
     ImageMetric("ms_ssim", "MS-SSIM", digits=3, higher_is_better=True, smallest_side=MS_SSIM_SMALLEST_SIDE,

@@ -11,6 +11,9 @@ from skimage.metrics import structural_similarity
 SSIM_SIGMA = 1.5
 """Gaussian window of Wang et al. 2004, pixels; scikit-image cuts it at 3.5 sigma: 11 x 11 pixels."""
 
+LPIPS_SMALLEST_SIDE = 32
+"""Pixels; below 31 AlexNet's pooling leaves nothing of an image."""
+
 SSIM_WINDOW = 11
 """Smallest image side for which SSIM exists, pixels."""
 

@@ -27,9 +27,6 @@ NORM_EPSILON = 1e-10
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
 """ImageNet mean and deviation moved to inputs in [-1, 1]: the published scaling layer."""
 
-SMALLEST_SIDE = 32
-"""Pixels; below 31 AlexNet's pooling leaves nothing of an image."""
-
 
 @dataclass(frozen=True)
 class Backbone:
@@ -103,7 +100,7 @@ class Lpips(nn.Module):
         self.eval().requires_grad_(False)
 
     def forward(self, x: Float[Tensor, "n 3 h w"], y: Float[Tensor, "n 3 h w"]) -> Float[Tensor, " n"]:
-        """Distance per image pair; 0 for equal images. Sides must be at least `SMALLEST_SIDE`."""
+        """Distance per image pair; 0 for equal images. Sides must be at least `LPIPS_SMALLEST_SIDE`."""
         distance = x.new_zeros(len(x))
         for i, (fx, fy) in enumerate(zip(self._activations(x), self._activations(y), strict=True)):
             distance = distance + (getattr(self, f"lin{i}") * (fx - fy) ** 2).sum(1).mean((1, 2))

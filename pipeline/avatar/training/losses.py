@@ -18,7 +18,8 @@ from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import Edges, TrainAvatar
 from pipeline.lighting.lobes import unit
-from pipeline.metrics.lpips import SMALLEST_SIDE, Lpips, open_lpips
+from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
+from pipeline.metrics.lpips import Lpips, open_lpips
 from pipeline.rendering.splat_types import CameraView
 
 SCALE_BOUNDS_M = (1e-4, 1e-2)
@@ -88,7 +89,7 @@ def lpips_loss(
 ) -> Float[Tensor, ""]:
     """LPIPS in sRGB between the picture and the capture over black (RFGCA 17). Small ones are padded with black."""
     height, width = mask.shape
-    pad = (0, 0, 0, max(0, SMALLEST_SIDE - width), 0, max(0, SMALLEST_SIDE - height))
+    pad = (0, 0, 0, max(0, LPIPS_SMALLEST_SIDE - width), 0, max(0, LPIPS_SMALLEST_SIDE - height))
     pictures = [
         torch.nn.functional.pad(srgb_from_linear(linear.clamp(0, 1)), pad).permute(2, 0, 1)[None]
         for linear in (rgb, captured * mask[..., None])

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from pipeline.base.errors import InputError
-from pipeline.metrics import lpips as module
+from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
 from pipeline.metrics.lpips import BACKBONES, Lpips, build_features, linear_weights, open_lpips
 
 # torchvision's published layouts: positions and shapes of the convolutions in `features`.
@@ -77,7 +77,7 @@ def test_zero_symmetric_and_differentiable():
 
 
 def test_the_smallest_side_is_enough():
-    x, y = image_pair(module.SMALLEST_SIDE)
+    x, y = image_pair(LPIPS_SMALLEST_SIDE)
     assert torch.isfinite(random_lpips("alex")(x, y)).all()
 
 
