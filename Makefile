@@ -35,8 +35,9 @@ help:
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
+# Files of tests side by side; each on one thread, or they wait for each other's.
 test: $(READY)
-	$(QUIET) $(BIN)/python -m pytest -q
+	$(QUIET) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(CORES) --dist loadfile
 
 hard-cases: $(READY)
 	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv
