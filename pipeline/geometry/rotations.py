@@ -98,8 +98,8 @@ def rotation_vector_from_matrix(matrix: Float64[np.ndarray, "*batch 3 3"]) -> Fl
 
 
 def multiply_quaternions(
-    a: Float[Array, "*batch 4"],
-    b: Float[Array, "*batch 4"],
+    a: Float[Array, "*#batch 4"],
+    b: Float[Array, "*#batch 4"],
 ) -> Float[Array, "*out 4"]:
     """The rotation b followed by the rotation a: matrix(a b) = matrix(a) @ matrix(b)."""
     aw, ax, ay, az = _components(a)

@@ -46,8 +46,11 @@ def job(wildcards):
 
 
 def code_for(stage):
-    """Digest of all code that a stage can run: an edit to it reruns the stage."""
-    return code_digest(f"pipeline.stages.{stage}")
+    """A function of wildcards: the digest of all code that a stage can run; an edit to it reruns the stage.
+
+    A function, so that only the code of planned jobs is read: a cluster's job plans itself alone.
+    """
+    return lambda wildcards: code_digest(f"pipeline.stages.{stage}")
 
 
 def settings_for(stage):

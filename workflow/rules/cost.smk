@@ -47,7 +47,7 @@ rule measure_cost:
     resources:
         mem_mb=4000,
     params:
-        code=[code_for(stage) for stage in ("measure_cost", *COSTED_STAGES)],
+        code=lambda wildcards: [code_for(stage)(wildcards) for stage in ("measure_cost", *COSTED_STAGES)],
         arguments=arguments_for(
             "measure_cost",
             variant=lambda wildcards: job(wildcards).variants[0],

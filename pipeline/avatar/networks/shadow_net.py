@@ -36,7 +36,9 @@ class ShadowNet(nn.Module):
         if self.atlas.texel.device != cosine_visibility.device:
             self.atlas = self.atlas.to_torch(cosine_visibility.device)
         start = torch.logit(cosine_visibility.clamp(SHARE_FLOOR, SHARE_CEILING))
-        features = self.atlas.to_map(torch.stack([start, irradiance, torch.ones_like(start)]))[None]
+        maps = self.atlas.to_map(torch.stack([start, irradiance, torch.ones_like(start)]))[None]
+        # Channels last: convolutions of few channels take two thirds of the time.
+        features = maps.contiguous(memory_format=torch.channels_last)
         for layer in self.hidden:
             features = torch.nn.functional.leaky_relu(layer(features), 0.2)
         return torch.sigmoid(start + self.atlas.from_map(self.last(features)[0, 0]))
