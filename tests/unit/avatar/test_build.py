@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from tests.support.sheet import make_frame, make_image, make_sheet
 
 from pipeline.avatar import build
 from pipeline.avatar.appearance.models import DiffuseModel
@@ -16,6 +15,7 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.avatar.training.losses import regularization
 from pipeline.config.train_avatar import TrainAvatar
+from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 PLAIN = {"specular": False, "shadow": False, "shadow_width": 4, "supersample": 1, "dilation_px2": 0.1}
 SHEET = make_sheet(12)
