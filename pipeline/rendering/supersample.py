@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
+from pipeline.rendering.filter_kernels import filter_backward, filter_forward
 from pipeline.rendering.splat import splat
 from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, Supersampling
@@ -48,8 +50,8 @@ def splat_supersampled(
     scaled[:2, 2] += margin
     width, height = view.width * factor + 2 * margin, view.height * factor + 2 * margin
     large = splat(gaussians, features, CameraView(view.R, view.t, scaled, width, height), options)
-    stacked = torch.cat([large.features, large.alpha[..., None], large.depth[..., None]], dim=2).permute(2, 0, 1)
-    small = _filter_down(stacked, weights, factor).permute(1, 2, 0)
+    stacked = torch.cat([large.features, large.alpha[..., None], large.depth[..., None]], dim=2)
+    small = filter_down(stacked, weights, factor)
     return Splatted(small[..., :-2], small[..., -2], small[..., -1])
 
 
@@ -65,11 +67,37 @@ def _gaussian(factor: int, std_px: float) -> Float[Tensor, " taps"]:
     return weights / weights.sum()
 
 
-def _filter_down(
-    images: Float[Tensor, "c large_h large_w"], weights: Float[Tensor, " taps"], factor: int
-) -> Float[Tensor, "c h w"]:
-    """Separable filter, one output every `factor` samples."""
-    if len(weights) == factor:
-        return functional.avg_pool2d(images[None], factor)[0]
-    column = functional.conv2d(images[:, None], weights[None, None, :, None], stride=(factor, 1))
-    return functional.conv2d(column, weights[None, None, None, :], stride=(1, factor))[:, 0]
+def filter_down(
+    images: Float[Tensor, "large_h large_w c"], weights: Float[Tensor, " taps"], factor: int
+) -> Float[Tensor, "h w c"]:
+    """Separable filter, one output every `factor` samples; differentiable in the images, by a kernel on the CPU."""
+    if images.device.type != "cpu":
+        return filter_down_reference(images, weights, factor)
+    return _FilterDown.apply(images, weights, factor)
+
+
+def filter_down_reference(images: Tensor, weights: Tensor, factor: int) -> Tensor:
+    """Slow twin of `filter_down`, on any device and in any float type: its oracle, forward and backward."""
+    channels_first = images.permute(2, 0, 1)[:, None]
+    column = functional.conv2d(channels_first, weights[None, None, :, None], stride=(factor, 1))
+    return functional.conv2d(column, weights[None, None, None, :], stride=(1, factor))[:, 0].permute(1, 2, 0)
+
+
+class _FilterDown(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, images, weights, factor):
+        large_height, large_width, channels = images.shape
+        ctx.size, ctx.weights, ctx.factor = tuple(images.shape), weights.numpy(), factor
+        height, width = ((side - len(weights)) // factor + 1 for side in (large_height, large_width))
+        out = torch.empty(height, width, channels)
+        rows = images.detach().contiguous().view(large_height, -1).numpy()
+        filter_forward(rows, ctx.weights, factor, out.numpy())
+        return out
+
+    @staticmethod
+    def backward(ctx, grad_out):
+        large_height, large_width, channels = ctx.size
+        grad_images = torch.empty(large_height, large_width * channels)
+        scratch = np.empty((grad_out.shape[0], large_width * channels), np.float32)
+        filter_backward(grad_out.contiguous().numpy(), ctx.weights, ctx.factor, scratch, grad_images.numpy())
+        return grad_images.view(ctx.size), None, None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.rendering import supersample
 from tests.support.avatars.splat_by_names import splat, splat_supersampled
 
 ROUNDING = 1e-5
@@ -70,3 +71,20 @@ def test_gradients_pass_through_the_filter():
 def test_unknown_filters_are_refused():
     with pytest.raises(Exception, match="tent"):
         splat_supersampled(**scene(), **CAMERA, filter="tent")
+
+
+@pytest.mark.parametrize(("factor", "std_px"), [(1, 0.5), (2, 0.5), (3, 0.4), (2, 2.0)])
+def test_filter_kernel_equals_its_float64_twin(factor, std_px):
+    """Forward to float32's rounding of a few dozen terms near 1, and its gradient likewise."""
+    weights = supersample._gaussian(factor, std_px)
+    size = [factor * side + len(weights) - factor for side in (7, 9)]
+    images = torch.rand(*size, 5, generator=torch.Generator().manual_seed(0), requires_grad=True)
+    twin = images.detach().double().requires_grad_()
+    found = supersample.filter_down(images, weights, factor)
+    expected = supersample.filter_down_reference(twin, weights.double(), factor)
+    assert found.shape == (7, 9, 5)
+    np.testing.assert_allclose(found.detach(), expected.detach(), atol=ROUNDING)
+    cotangent = torch.randn(found.shape, generator=torch.Generator().manual_seed(1))
+    found.backward(cotangent)
+    expected.backward(cotangent.double())
+    np.testing.assert_allclose(images.grad, twin.grad, atol=ROUNDING)
