@@ -1,8 +1,8 @@
 """Seconds per training step of a finished subject, and how many of them its largest parts take.
 
 `python -m benchmarks.bench_training_step --results results/walker` trains anew from the subject's shards, in a folder
-of its own, and measures the steps after the first 40. Then the slow twin of the pixel filter takes the kernel's place in
-the same run. Prints one JSON line.
+of its own, and measures the steps after the first 40. Then the slow twin of the pixel filter takes the kernel's place,
+in the same run. Prints one JSON line.
 """
 
 from __future__ import annotations
