@@ -77,7 +77,10 @@ def filter_down(
 
 
 def filter_down_reference(images: Tensor, weights: Tensor, factor: int) -> Tensor:
-    """Slow twin of `filter_down`, on any device and in any float type: its oracle, forward and backward."""
+    """Slow twin of `filter_down`, its oracle forward and backward.
+
+    On any device and in any float type.
+    """
     channels_first = images.permute(2, 0, 1)[:, None]
     column = functional.conv2d(channels_first, weights[None, None, :, None], stride=(factor, 1))
     return functional.conv2d(column, weights[None, None, None, :], stride=(1, factor))[:, 0].permute(1, 2, 0)
