@@ -21,7 +21,10 @@ def add_row(total, row, weight):
 
 @kernel(parallel=True)
 def filter_forward(images, weights, factor, out):
-    """out[y, x, c] = sum_ij w_i w_j images[factor y + i, factor x + j, c]; images and out are [rows, width * c]."""
+    """Filter: out[y, x, c] = sum_ij w_i w_j images[factor y + i, factor x + j, c].
+
+    `images` are [rows, width * channels].
+    """
     taps, channels = weights.shape[0], out.shape[2]
     for y in prange(out.shape[0]):
         row = np.zeros(images.shape[1], np.float32)

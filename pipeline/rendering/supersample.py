@@ -70,7 +70,10 @@ def _gaussian(factor: int, std_px: float) -> Float[Tensor, " taps"]:
 def filter_down(
     images: Float[Tensor, "large_h large_w c"], weights: Float[Tensor, " taps"], factor: int
 ) -> Float[Tensor, "h w c"]:
-    """Separable filter, one output every `factor` samples; differentiable in the images, by a kernel on the CPU."""
+    """Separable filter, one output every `factor` samples.
+
+    Differentiable in the images; by a kernel on the CPU.
+    """
     if images.device.type != "cpu":
         return filter_down_reference(images, weights, factor)
     return _FilterDown.apply(images, weights, factor)
