@@ -1,4 +1,4 @@
-"""Functions of NumPy arrays and torch tensors alike, for modules that do not import torch themselves.
+"""Functions of NumPy arrays and torch tensors alike, for modules without torch.
 
 torch takes two seconds to import, and most stages start without it: whoever has a tensor has imported it.
 """

@@ -1,4 +1,6 @@
-"""Kernels of `pipeline.lighting.zonal`: light by Legendre degree, sixteen points at a time, forward and backward.
+"""Kernels that gather light by Legendre degree, sixteen points at a time.
+
+Forward and backward of `pipeline.lighting.zonal`.
 
 A block of sixteen points is turned round, so that a coordinate of all of them is one vector. Points past the end of the
 last block, and points that do not see a light, are lanes that this light leaves dark.
@@ -55,7 +57,10 @@ def turned_round(points, axes, start, size):
 @kernel_part()
 @no_type_check
 def mark_seen(seen, light, start, size, clear):
-    """Set `clear` to 1 for the points of a block that see a light and to 0 for others; whether any does."""
+    """Set `clear` to 1 for the points of a block that see a light, to 0 for others.
+
+    Returns whether any does.
+    """
     any_sees = False
     for i in range(size):
         p = start + i

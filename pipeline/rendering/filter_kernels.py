@@ -1,4 +1,6 @@
-"""Kernels of `pipeline.rendering.supersample`: a separable filter that keeps one of every `factor` samples.
+"""Kernels of a separable filter that keeps one of every `factor` samples.
+
+Used by `pipeline.rendering.supersample`.
 
 Images lie as [row, column, channel]. A row of output is a sum of rows of input, then a sum of its columns: both run
 over memory in order. One thread owns a row, so the result does not depend on the number of threads.
