@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import tyro
 
@@ -13,17 +14,25 @@ from pipeline.base.stopping import Stopped
 from pipeline.base.watchdog import watched
 
 
-def run_as_command(run: Callable[..., None]) -> None:
+def run_as_command(run: Callable[..., None], renamed: Mapping[str, str] = MappingProxyType({})) -> None:
     """Turn a stage's `run` into its command line.
 
     Flags, help and defaults come from its signature and docstring. Prints an `InputError` as it stands and exits with
     1, likewise `Stopped` with 128 + the signal; anything else is a defect and keeps its traceback. A stage that stands
     still says where, after ten minutes (`pipeline.base.watchdog`).
+
+    Args:
+        run: the stage.
+        renamed: flags that were renamed, old -> new, as in `--promise` -> `--estimate`: both are understood.
     """
+    words = []
+    for word in sys.argv[1:]:
+        flag, sign, value = word.partition("=")
+        words.append(renamed.get(flag, flag) + sign + value)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:
         with watched(sys.__stderr__):
-            tyro.cli(run, config=(tyro.conf.OmitArgPrefixes,))
+            tyro.cli(run, args=words, config=(tyro.conf.OmitArgPrefixes,))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

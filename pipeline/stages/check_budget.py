@@ -141,7 +141,7 @@ def verdict(one: Any, tolerance: float) -> str:
 
 def main() -> None:
     """Command line of this stage."""
-    run_as_command(run)
+    run_as_command(run, renamed={"--promise": "--estimate"})
 
 
 if __name__ == "__main__":

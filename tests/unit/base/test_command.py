@@ -27,3 +27,20 @@ def test_says_why_and_exits_with_a_code(monkeypatch, capsys, raised, code, print
         run_as_command(run)
     assert ended.value.code == code
     assert capsys.readouterr().err == printed
+
+
+@pytest.mark.parametrize("words", [["--promise", "a=b"], ["--promise=a=b"], ["--estimate", "a=b"]])
+def test_flag_under_its_old_name_is_understood(monkeypatch, words):
+    seen = []
+
+    def run(*, estimate: str) -> None:
+        """Note it.
+
+        Args:
+            estimate: any text.
+        """
+        seen.append(estimate)
+
+    monkeypatch.setattr(sys, "argv", ["stage", *words])
+    run_as_command(run, renamed={"--promise": "--estimate"})
+    assert seen == ["a=b"]
