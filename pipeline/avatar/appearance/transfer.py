@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -101,9 +103,9 @@ class LearnedTransfer(DiffuseModel):
             repeats = (len(store.spacing), *[1] * values.ndim) if self.starts_alike else [1] * values.ndim
             store.add(name, values.repeat(repeats))
 
+    @abstractmethod
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
         """Coloured and monochrome coefficients of a new avatar, of all texels or of each."""
-        raise NotImplementedError
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Tensor]:
         """Mean squared distance of the coefficients from their start."""
