@@ -64,7 +64,7 @@ def run_watched(
             return
         if stuck is None:
             raise ChildFailed(f"{' '.join(command)}: expected exit code 0, found {child.returncode}:\n{said}")
-        log.warning("%s: %s (attempt %d of %d)", command[0], stuck, attempt, attempts)
+        log.warning("%s: %s (attempt %d of %d)", " ".join(command), stuck, attempt, attempts)
     raise ChildFailed(f"{' '.join(command)}: {stuck}, {attempts} times")
 
 
