@@ -101,6 +101,7 @@ $(READY): pyproject.toml $(LOCKS)
 	$(foreach lock,$(LOCKS),$(INSTALL) --require-hashes -r $(lock) ||) \
 	    { echo 'pip can install none of $(LOCKS)' >&2; false; }
 	$(INSTALL) --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pipeline.avatar.training.compile_kernels
 	touch '$@'
 
 # Everything else is Snakemake's to make, and to decide whether it is up to date.

@@ -94,9 +94,10 @@ class ProjectSettings(SubjectSettings):
         description="captures of at most so many files are watched file by file, larger ones by their tables",
     )
     training_processes: int = Field(
-        1,
-        ge=1,
-        description="processes that train one avatar together, each with a share of a step's images; as many as GPUs",
+        0,
+        ge=0,
+        description="processes that train one avatar together, as many as GPUs; 0: on a CPU one per core, at most "
+        "train_avatar.steps_together, on a GPU one",
     )
     compare_subjects: CompareSubjects = CompareSubjects()
 

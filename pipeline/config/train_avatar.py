@@ -27,6 +27,12 @@ class TrainAvatar(Settings):
 
     steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
     cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
+    steps_together: int = Field(
+        2,
+        ge=1,
+        description="Steps whose gradients are taken at the same parameters, then applied one after the other; so many "
+        "processes can work side by side [steps]",
+    )
     checkpoint_every: int = Field(250, ge=1, description="Steps between two checkpoints [steps]")
     log_every: int = Field(50, ge=1, description="Steps between two rows of the log [steps]")
     preview_every: int = Field(

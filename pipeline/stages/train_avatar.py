@@ -3,7 +3,8 @@
 Adam on the per-texel parameters and the shadow network of `pipeline.avatar.model`, against the training images of the
 shards (losses: RFGCA 17, 18, Appendix B). A checkpoint is written as it goes, and when a signal asks to stop; a run
 that was stopped continues from it to the same result, provided that settings, shards, atlas and plan are what they
-were. `torchrun --nproc_per_node N -m pipeline.stages.train_avatar ...` spreads the images of a step over N processes.
+were. Several processes work side by side, on one machine by themselves; on several, `torchrun ... -m
+pipeline.stages.train_avatar ...` starts them.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from pipeline.avatar.spec.planned import read_plan, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
-from pipeline.avatar.training.training import BrokenStep, Position, Training
+from pipeline.avatar.training.local_processes import partners, suggested_processes
+from pipeline.avatar.training.training import BrokenStep, Portion, Position, Training
 from pipeline.avatar.training.training_images import Schedule, chosen_images
 from pipeline.avatar.training.training_log import TrainingLog
 from pipeline.base.command import run_as_command
@@ -57,6 +59,7 @@ def run(
     out: Path,
     frames: Path | None = None,
     fitted_eyes: Path | None = None,
+    processes: int = 0,
     settings: TrainAvatar = TrainAvatar(),
 ) -> None:
     """Train an avatar on the shards of a subject.
@@ -70,9 +73,13 @@ def run(
             checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
         frames: folder of frame shards with other irradiance maps than SHARDS/frames.
         fitted_eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
+        processes: that train together; 0: on a CPU one per thread, at most `steps_together`; on a GPU one.
         settings: see the flags below.
     """
-    with joined_processes(settings.device) as processes:
+    paths = {"atlas": atlas, "shards": shards, "effects": effects, "out": out}
+    arguments = {"subject": subject, "frames": frames, "fitted_eyes": fitted_eyes, "settings": settings, **paths}
+    together = partners(processes or suggested_processes(settings), run, arguments)
+    with together, joined_processes(settings.device) as processes:
         images = read_image_shards([shards / "train"])
         if not len(images):
             raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
@@ -134,26 +141,42 @@ def train(
     if (out / CHECKPOINT).exists():
         log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
     schedule = Schedule(subject, images.table.frame.iloc[chosen].tolist(), settings.cameras_per_step)
-    steps, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
+    left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
     with StopRequests() as stop, open_log(out, images, chosen, frames, training, at) as training_log:
-        for step in progress(steps, "train_avatar") if processes.is_main else steps:
-            batch = [chosen[i] for i in schedule[step]]
-            mine, frame = [images[i] for i in processes.share(batch)], frames[int(images.table.frame[batch[0]])]
+        for first in progress(left, "train_avatar") if processes.is_main else left:
+            if first < at.step:
+                continue  # was done in the round of those before it
+            steps = range(first, min(first + settings.steps_together, settings.steps))
+            batches = [[chosen[i] for i in schedule[step]] for step in steps]
+            portions = [portion(images, frames, processes, batches, place) for place in range(len(batches))]
             try:
-                values, stopping = training.take_step(step, frame, mine, len(batch), bool(stop.received))
+                values, stopping = training.take_round(first, portions, bool(stop.received))
             except BrokenStep as error:
                 write_state(training, out / BROKEN, at, fingerprint)
-                names = ", ".join(f"{row.camera}/{row.frame}" for row in images.table.iloc[batch].itertuples())
-                raise InputError(f"step {step}, {names}: {error}; before it: {out / BROKEN}") from error
-            at.step, at.seconds = step + 1, before + time.monotonic() - started
+                batch = images.table.iloc[batches[error.row]]
+                names = ", ".join(f"{row.camera}/{row.frame}" for row in batch.itertuples())
+                raise InputError(f"step {steps[error.row]}, {names}: {error}; before it: {out / BROKEN}") from error
+            at.step, at.seconds = steps[-1] + 1, before + time.monotonic() - started
             if training_log:
-                at.rows += training_log.record(step, at.seconds, values, training.avatar)
-            if at.step < settings.steps and (stopping or at.step % settings.checkpoint_every == 0):
+                for step, terms in zip(steps, values, strict=True):
+                    at.rows += training_log.record(step, at.seconds, terms, training.avatar)
+            due = at.step // settings.checkpoint_every > first // settings.checkpoint_every
+            if at.step < settings.steps and (stopping or due):
                 write_state(training, out / CHECKPOINT, at, fingerprint)
                 if stopping:
                     done = f"stopped after {at.step} of {settings.steps} steps; the same command goes on from there"
                     raise Stopped(done, stop.received or signal.SIGTERM)
     return at
+
+
+def portion(
+    images: ImageShards, frames: dict[int, FrameInputs], processes: Processes, batches: list[list[int]], place: int
+) -> Portion:
+    """This process' part of a round's step at `place`, whose images are in `batches[place]`."""
+    batch, sharers = batches[place], processes.sharers(place, len(batches))
+    mine = [images[i] for i in processes.share(batch, sharers)]
+    frame = frames[int(images.table.frame[batch[0]])]
+    return Portion(frame, mine, len(batch), len(sharers), processes.rank in sharers)
 
 
 def require_same_start(step: int, processes: Processes) -> None:

@@ -66,8 +66,3 @@ def light_file(name: str) -> str:
             f"{LIGHTS}: expected one file named {name} with the suffix {', '.join(LIGHT_KINDS)}; found {len(found)}"
         )
     return str(found[0])
-
-
-def launcher(processes: int) -> str:
-    """Words that start a module in so many processes."""
-    return "python" if processes == 1 else f"torchrun --standalone --nproc_per_node {processes}"

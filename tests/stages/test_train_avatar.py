@@ -28,7 +28,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
 
-SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1)
+SETTINGS = TrainAvatar(steps=6, steps_together=1, checkpoint_every=2, log_every=1)
 
 
 @pytest.fixture
@@ -80,17 +80,17 @@ class Death(Exception):
 
 
 def step_and(monkeypatch, number, action):
-    """Do `action` once when the step `number` is over; returns the list of steps taken."""
-    taken, take_step = [], Training.take_step
+    """Do `action` once when the round `number` is over; returns the list of their first steps."""
+    taken, take_round = [], Training.take_round
 
-    def step(self, step, *rest):
-        done = take_step(self, step, *rest)
-        taken.append(step)
+    def step(self, first, *rest):
+        done = take_round(self, first, *rest)
+        taken.append(first)
         if len(taken) == number + 1:
             action()
         return done
 
-    monkeypatch.setattr(Training, "take_step", step)
+    monkeypatch.setattr(Training, "take_round", step)
     return taken
 
 
@@ -136,6 +136,22 @@ def test_a_signal_ends_the_run_after_its_step(inputs, tmp_path, monkeypatch, num
     same_avatars(tmp_path / "whole", tmp_path / "stopped")
     tables = [pd.read_parquet(tmp_path / name / "log.parquet").drop(columns="seconds") for name in ("whole", "stopped")]
     pd.testing.assert_frame_equal(*tables)
+
+
+def test_a_run_killed_between_rounds_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):
+    """Rounds of 2 with a checkpoint every 3 steps: one is written after the round in which it falls due."""
+    rounds = {
+        **inputs,
+        "settings": SETTINGS.model_copy(update={"steps": 7, "steps_together": 2, "checkpoint_every": 3}),
+    }
+    stage.run(**rounds, out=tmp_path / "whole")
+    taken = step_and(monkeypatch, 2, die)
+    with pytest.raises(Death):
+        stage.run(**rounds, out=tmp_path / "stopped")
+    stage.run(**rounds, out=tmp_path / "stopped")
+    assert taken == [0, 2, 4, 4, 6]
+    same_avatars(tmp_path / "whole", tmp_path / "stopped")
+    assert pd.read_parquet(tmp_path / "stopped/log.parquet").step.tolist() == list(range(7))
 
 
 def test_seconds_add_up_over_runs(inputs, tmp_path, monkeypatch):

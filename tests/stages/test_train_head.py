@@ -59,17 +59,17 @@ def test_a_stopped_run_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):
         pass
 
     stage.run(**inputs, out=tmp_path / "whole")
-    take_step = Training.take_step
+    take_round = Training.take_round
 
-    def dies(self, step, *rest):
-        if step == 4:
+    def dies(self, first, *rest):
+        if first == 4:
             raise Death
-        return take_step(self, step, *rest)
+        return take_round(self, first, *rest)
 
-    monkeypatch.setattr(Training, "take_step", dies)
+    monkeypatch.setattr(Training, "take_round", dies)
     with pytest.raises(Death):
         stage.run(**inputs, out=tmp_path / "stopped")
-    monkeypatch.setattr(Training, "take_step", take_step)
+    monkeypatch.setattr(Training, "take_round", take_round)
     stage.run(**inputs, out=tmp_path / "stopped")
     whole, stopped = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("whole", "stopped"))
     for name in whole:
@@ -77,13 +77,13 @@ def test_a_stopped_run_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):
 
 
 def test_fewer_cameras_are_what_it_learns_from(inputs, tmp_path, monkeypatch):
-    seen, take_step = set(), Training.take_step
+    seen, take_round = set(), Training.take_round
 
-    def watched(self, step, frame, images, *rest):
-        seen.update(image.camera for image in images)
-        return take_step(self, step, frame, images, *rest)
+    def watched(self, first, portions, *rest):
+        seen.update(image.camera for portion in portions for image in portion.images)
+        return take_round(self, first, portions, *rest)
 
-    monkeypatch.setattr(Training, "take_step", watched)
+    monkeypatch.setattr(Training, "take_round", watched)
     stage.run(**inputs, out=tmp_path / "all")
     every = set(seen)
     seen.clear()

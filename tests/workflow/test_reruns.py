@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 
 import pytest
@@ -133,11 +134,7 @@ def test_number_of_training_processes_reruns_nothing_and_starts_so_many(workflow
     assert workflow.planned(TARGET, "--config", "training_processes=2") == {}
     shown = ("--dry-run", "--printshellcmds", "--forcerun", "train_avatar", "--config")
     together = workflow.snakemake(*shown, "training_processes=2", "--", TARGET).stdout
-    assert "torchrun --standalone --nproc_per_node 2 -m pipeline.stages.train_avatar --subject subjectA" in together
-    assert (
-        "python -m pipeline.stages.train_avatar"
-        in workflow.snakemake(*shown, "training_processes=1", "--", TARGET).stdout
-    )
+    assert re.search(r"-m pipeline.stages.train_avatar --subject subjectA .*--processes 2 ", together)
 
 
 def test_variant_with_other_irradiance_gets_its_own_maps_beside_the_others(workflow):

@@ -86,9 +86,9 @@ rule train_avatar:
         "../../envs/cpu.yaml"
     threads: 16
     resources:
-        mem_mb=8000 * project.settings.training_processes,
+        mem_mb=8000 * (project.settings.training_processes or 2),
         # A resource, which reruns nothing: the number of processes changes nothing but the order of sums.
-        launcher=launcher(project.settings.training_processes),
+        processes=project.settings.training_processes,
     params:
         code=code_for("train_avatar"),
         named=named,
@@ -102,4 +102,5 @@ rule train_avatar:
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
-        "{resources.launcher} -m pipeline.stages.train_avatar {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.train_avatar {params.arguments:q} --processes {resources.processes} "
+        "{params.settings:q} > {log:q} 2>&1"

@@ -14,7 +14,7 @@ from pipeline.config.stage_commands import stage_arguments
 from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
-from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, launcher, light_file, one_of, subject_pattern
+from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))

@@ -1,8 +1,10 @@
 """Several processes that train one avatar.
 
-Each renders its share of a step's images, and all sum their gradients.
+Each works on other steps of a round, or where there are more processes than steps, on other images of a step; all sum
+their gradients.
 
-Started by `torchrun --nproc_per_node N -m pipeline.stages.train_avatar ...`; alone otherwise. The gradients of all
+Started by `pipeline.avatar.training.local_processes` on one machine, or by `torchrun --nproc_per_node N -m
+pipeline.stages.train_avatar ...` on several; alone otherwise. The gradients of all
 parameters lie in one flat tensor that is summed by one call, rather than in the buckets of `DistributedDataParallel`:
 that needs no wrapped module, whose one `forward` would have to be `prepare`, `view` and the losses in one; a parameter
 that a process did not use has the gradient zero there, instead of holding up the others; and the same tensor answers,
@@ -34,6 +36,8 @@ Item = TypeVar("Item")
 PATIENCE = timedelta(minutes=10)
 """How long a process waits for the others: longer than tracing a frame's bounces or reading a large capture takes."""
 
+STORE = "TRAINING_STORE"
+"""Variable of the environment that names where processes meet; without it, they meet where torchrun says."""
 
 CPU = torch.device("cpu")
 
@@ -57,9 +61,18 @@ class Processes:
         """This process writes files."""
         return self.rank == 0
 
-    def share(self, items: Sequence[Item]) -> Sequence[Item]:
-        """Every `count`-th of `items`, those that fall to this process."""
-        return items[self.rank :: self.count]
+    def sharers(self, step: int, steps: int) -> list[int]:
+        """Ranks of those who work on one of a round's steps.
+
+        One process, or several where there are more processes than steps.
+        """
+        if self.count <= steps:
+            return [step * self.count // steps]
+        return [rank for rank in range(self.count) if rank * steps // self.count == step]
+
+    def share(self, items: Sequence[Item], sharers: Sequence[int]) -> Sequence[Item]:
+        """Items that fall to this process: every n-th, if it is one of n sharers."""
+        return items[sharers.index(self.rank) :: len(sharers)] if self.rank in sharers else items[:0]
 
     def sum_in_place(self, tensor: Tensor) -> None:
         """Replace `tensor` by its sum over all processes, the same bits in each of them."""
@@ -105,14 +118,19 @@ def joined_processes(device: Device) -> Iterator[Processes]:
         return
     if not processes.is_main:
         logging.getLogger().setLevel(logging.WARNING)  # All of them would say the same.
-    torch.set_num_threads(max(1, torch.get_num_threads() // neighbours))
-    numba.set_num_threads(max(1, numba.get_num_threads() // neighbours))
+    threads = torch.get_num_threads(), numba.get_num_threads()
+    torch.set_num_threads(max(1, threads[0] // neighbours))
+    numba.set_num_threads(max(1, threads[1] // neighbours))
     backend = "nccl" if processes.device.type == "cuda" else "gloo"
-    torch.distributed.init_process_group(backend, timeout=PATIENCE)
+    torch.distributed.init_process_group(
+        backend, init_method=os.environ.get(STORE), timeout=PATIENCE, rank=rank, world_size=count
+    )
     try:
         yield processes
     finally:
         torch.distributed.destroy_process_group()
+        torch.set_num_threads(threads[0])
+        numba.set_num_threads(threads[1])
 
 
 def choose_device(wanted: Device, local_rank: int = 0, processes: int = 1) -> torch.device:
@@ -134,33 +152,39 @@ def choose_device(wanted: Device, local_rank: int = 0, processes: int = 1) -> to
 
 
 class FlatGradients:
-    """The gradients of all parameters of a module, as views of one tensor.
+    """The gradients of a module's parameters in each step of a round, as views of one tensor.
 
-    Backward passes add to it; what no backward pass reached stays zero, which moves nothing.
+    Backward passes add to the row that was pointed to, at first 0; what none reached stays zero, which moves nothing.
 
     Attributes:
-        flat: all gradients, one behind the other.
-        views: name -> the gradient of that parameter.
+        flat: all gradients, one behind the other; a row per step.
+        views: for each step, name -> the gradient of that parameter.
     """
 
-    def __init__(self, module: nn.Module) -> None:
-        named = dict(module.named_parameters())
-        first = next(iter(named.values()))
-        self.flat: Float[Tensor, " numbers"] = first.new_zeros(sum(p.numel() for p in named.values()))
-        pieces = self.flat.split([p.numel() for p in named.values()])
-        self.views = {name: piece.view_as(named[name]) for name, piece in zip(named, pieces, strict=True)}
-        for name, parameter in named.items():
-            parameter.grad = self.views[name]
+    def __init__(self, module: nn.Module, steps: int = 1) -> None:
+        self.parameters = dict(module.named_parameters())
+        sizes = [parameter.numel() for parameter in self.parameters.values()]
+        first = next(iter(self.parameters.values()))
+        self.flat: Float[Tensor, "steps numbers"] = first.new_zeros(steps, sum(sizes))
+        shapes = [(name, parameter.shape) for name, parameter in self.parameters.items()]
+        rows = [zip(shapes, row.split(sizes), strict=True) for row in self.flat]
+        self.views = [{name: piece.view(shape) for (name, shape), piece in row} for row in rows]
+        self.point_to(0)
+
+    def point_to(self, row: int) -> None:
+        """Let backward passes add to a row, and the optimiser read it."""
+        for name, parameter in self.parameters.items():
+            parameter.grad = self.views[row][name]
 
     def clear(self) -> None:
-        """Start a step."""
+        """Start a round."""
         self.flat.zero_()
 
-    def not_finite(self) -> list[str]:
+    def not_finite(self, row: int = 0) -> list[str]:
         """Names of the parameters whose gradients are not all finite.
 
         Looks at each only if their sum is not, which may also overflow.
         """
-        if bool(torch.isfinite(self.flat.sum())):
+        if bool(torch.isfinite(self.flat[row].sum())):
             return []
-        return [name for name, view in self.views.items() if not bool(torch.isfinite(view).all())]
+        return [name for name, view in self.views[row].items() if not bool(torch.isfinite(view).all())]

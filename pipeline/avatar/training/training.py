@@ -1,8 +1,12 @@
 """The training loop: drawing, steps, and states that continue bit for bit.
 
+Steps are taken in rounds: the gradients of a round's steps are all taken at the parameters before it, so that
+processes can work on them side by side, and then applied one after the other, in order. So a gradient is late by less
+than a round (stale synchronous, Ho et al. 2013), and it does not matter which process took it.
+
 What step s draws depends on (subject, epoch) alone, and on (subject, step) for a head's code. Adam's state is stored
-whole. So a run that was stopped and continued gives the same avatar as one that was not, to the bit on the CPU with as
-many processes.
+whole. So a run that was stopped and continued gives the same avatar as one that was not, to the bit on the CPU, with
+any number of processes that do whole steps.
 """
 
 from __future__ import annotations
@@ -55,34 +59,49 @@ def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
     return torch.optim.Adam(rates, fused=True)
 
 
+@dataclass(frozen=True)
+class Portion:
+    """A step of a round, as far as this process does it.
+
+    Attributes:
+        inputs: the frame of the step.
+        images: those that fall to this process; may be none.
+        batch: number of images of the step, in all processes.
+        sharers: number of processes that share the step; they share the terms that look at no image.
+        mine: this process is one of them.
+    """
+
+    inputs: FrameInputs
+    images: Sequence[ImageRecord]
+    batch: int
+    sharers: int = 1
+    mine: bool = True
+
+
 def compute_loss(
-    avatar: Avatar, inputs: FrameInputs, images: Sequence[ImageRecord], settings: TrainAvatar, batch: int,
-    step: int = 0, processes: Processes = Processes(), subject: str = "",
-) -> dict[str, Tensor]:  # fmt: skip
+    avatar: Avatar, portion: Portion, settings: TrainAvatar, step: int = 0, subject: str = ""
+) -> dict[str, Tensor]:
     """This process's part of the weighted terms of one step.
 
     The sum of all parts and terms is what is minimised.
 
     Args:
         avatar: what is trained.
-        inputs: the frame of the step.
-        images: those that fall to this process; may be none.
+        portion: frame and images.
         settings: weights.
-        batch: number of images of the step, in all processes.
         step: number of the step, which decides some weights.
-        processes: share the terms that look at no image.
         subject: seeds, with the step, what is drawn.
     """
+    inputs, device = portion.inputs, avatar.albedo.device
     frame = avatar.prepare(inputs, **drawn_expression(avatar, subject, step))
     shared = regularization(avatar, frame, settings, step) | expression_terms(avatar, frame, inputs, settings)
-    terms = {name: term / processes.count for name, term in shared.items()}
-    device = avatar.albedo.device
-    for image in images:
+    terms = {name: term / portion.sharers for name, term in shared.items()}
+    for image in portion.images:
         camera = camera_view(image, device)
         picture = avatar.view(frame, camera)
         captured, mask = (torch.tensor(array, device=device) for array in (image.image, image.mask))
         for name, term in reconstruction(picture, captured, mask, camera, settings).items():
-            terms[name] = terms.get(name, 0) + term / batch
+            terms[name] = terms.get(name, 0) + term / portion.batch
     return terms
 
 
@@ -95,7 +114,15 @@ def drawn_expression(avatar: Avatar, subject: str, step: int) -> dict[str, Tenso
 
 
 class BrokenStep(InputError):
-    """A loss or gradient is not finite; the message names the terms and parameters. The step changed nothing."""
+    """A loss or gradient that is not finite; the message names the terms and parameters. The round changed nothing.
+
+    Args:
+        row: place of the step in its round.
+    """
+
+    def __init__(self, row: int, message: str) -> None:
+        super().__init__(message)
+        self.row = row
 
 
 @dataclass
@@ -115,17 +142,17 @@ class Position:
 
 @dataclass(frozen=True)
 class Part:
-    """One process' part of a step, as it tells the others.
+    """One process' part of a round, as it tells the others.
 
     Attributes:
-        values: its parts of the weighted terms; terms of pictures are missing where there was none to render.
+        values: its parts of the weighted terms of each step; empty where it had none.
+        refused: what the splatting found in each step that was not finite.
         stopping: whether it was asked to stop.
-        refused: what the splatting found that was not finite.
     """
 
-    values: dict[str, float]
+    values: list[dict[str, float]]
+    refused: list[str]
     stopping: bool
-    refused: str = ""
 
 
 class Training:
@@ -136,61 +163,72 @@ class Training:
     ) -> None:
         self.avatar, self.settings, self.processes, self.subject = avatar, settings, processes, subject
         self.optimizer = make_optimizer(avatar, settings)
-        self.gradients = FlatGradients(avatar)
+        self.gradients = FlatGradients(avatar, settings.steps_together)
 
-    def take_step(
-        self, step: int, inputs: FrameInputs, images: Sequence[ImageRecord], batch: int | None = None,
-        stopping: bool = False,
-    ) -> tuple[dict[str, float], bool]:  # fmt: skip
-        """One optimisation step.
+    def take_step(self, step: int, inputs: FrameInputs, images: Sequence[ImageRecord]) -> dict[str, float]:
+        """A round of one step in one process. Returns its weighted terms."""
+        return self.take_round(step, [Portion(inputs, images, len(images))])[0][0]
+
+    def take_round(
+        self, first: int, portions: Sequence[Portion], stopping: bool = False
+    ) -> tuple[list[dict[str, float]], bool]:
+        """Several steps from the same parameters.
 
         Args:
-            step: number of the step, which decides the rates.
-            inputs: the frame of the step.
-            images: those that fall to this process.
-            batch: number of images of the step, in all processes; not given: those are all.
+            first: number of the first step, which decides the rates.
+            portions: of the steps, in order, as far as this process does them.
             stopping: whether this process was asked to stop.
 
         Returns:
-            The weighted terms, and whether any process was asked to stop: the same in all of them.
+            The weighted terms of each step, and whether any process was asked to stop: the same in all of them.
 
         Raises:
             BrokenStep: in all processes, if a term or a gradient is not finite; parameters and moments stay as they
                 were.
         """
-        decay = self.settings.final_rate ** (step / self.settings.steps)
-        for group in self.optimizer.param_groups:
-            group["lr"] = group["start_rate"] * decay
         self.gradients.clear()
-        part = self._add_gradients(step, inputs, images, batch or len(images), stopping)
-        self.processes.sum_in_place(self.gradients.flat)
+        done = [self._add_gradients(row, first + row, portion) for row, portion in enumerate(portions)]
+        self.processes.sum_in_place(self.gradients.flat[: len(portions)])
+        part = Part([values for values, _ in done], [refused for _, refused in done], stopping)
         parts = [Part(**one) for one in self.processes.gather(asdict(part))]
-        values: dict[str, float] = defaultdict(float)
-        for name, value in (item for part in parts for item in part.values.items()):
-            values[name] += value
-        self._require_finite(values, [part.refused for part in parts if part.refused])
-        self.optimizer.step()
-        return dict(values), any(part.stopping for part in parts)
+        rows = [self._summed(row, parts) for row in range(len(portions))]
+        for row in range(len(portions)):
+            self._apply(row, first + row)
+        return rows, any(part.stopping for part in parts)
 
-    def _add_gradients(
-        self, step: int, inputs: FrameInputs, images: Sequence[ImageRecord], batch: int, stopping: bool
-    ) -> Part:
+    def _add_gradients(self, row: int, step: int, portion: Portion) -> tuple[dict[str, float], str]:
+        """Terms of this process' part of a step, and what the splatting found that was not finite."""
+        if not portion.mine:
+            return {}, ""
+        self.gradients.point_to(row)
         try:
-            weighed = (self.settings, batch, step, self.processes, self.subject)
-            terms = compute_loss(self.avatar, inputs, images, *weighed)
+            terms = compute_loss(self.avatar, portion, self.settings, step, self.subject)
         except NotFinite as error:  # Told to all processes: they wait for this one's gradients.
-            return Part({}, stopping, str(error))
+            return {}, str(error)
         sum(terms.values()).backward()
-        return Part(dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True)), stopping)
+        return dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True)), ""
 
-    def _require_finite(self, values: dict[str, float], refused: list[str]) -> None:
+    def _summed(self, row: int, parts: Sequence[Part]) -> dict[str, float]:
+        """Terms of a step, summed over the processes, if they and their gradients are finite."""
+        values: dict[str, float] = defaultdict(float)
+        for name, value in (item for part in parts for item in part.values[row].items()):
+            values[name] += value
         terms = [f"{name} ({value})" for name, value in values.items() if not math.isfinite(value)]
-        parameters = self.gradients.not_finite()
+        parameters = self.gradients.not_finite(row)
+        refused = [part.refused[row] for part in parts if part.refused[row]]
         found = [f"loss terms: {', '.join(terms)}"] * bool(terms)
         found += [f"gradients of: {', '.join(parameters)}"] * bool(parameters)
         found += [f"Gaussians: {reason}" for reason in refused[:1]]
         if found:
-            raise BrokenStep(f"expected finite numbers, found others in {'; in '.join(found)}")
+            raise BrokenStep(row, f"expected finite numbers, found others in {'; in '.join(found)}")
+        return dict(values)
+
+    def _apply(self, row: int, step: int) -> None:
+        decay = self.settings.final_rate ** (step / self.settings.steps)
+        for group in self.optimizer.param_groups:
+            group["lr"] = group["start_rate"] * decay
+        self.gradients.point_to(row)
+        self.optimizer.step()
 
     def save(self, path: Path, position: Position, fingerprint: str) -> None:
         """Write parameters, Adam's moments and the position."""

@@ -22,7 +22,7 @@ from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.avatar.training.distributed import FlatGradients
-from pipeline.avatar.training.training import compute_loss
+from pipeline.avatar.training.training import Portion, compute_loss
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.cameras import Camera
@@ -92,7 +92,7 @@ def test_frame_picture_losses_and_gradients_are_on_the_device_of_the_parameters(
     inputs = FrameInputs(atlas, record, device=ELSEWHERE)
     with OneDevice():
         gradients = FlatGradients(avatar)
-        terms = compute_loss(avatar, inputs, [image], settings, 1)
+        terms = compute_loss(avatar, Portion(inputs, [image], 1), settings)
         assert {term.device for term in terms.values()} == {ELSEWHERE}
         sum(terms.values()).backward()
     assert gradients.flat.device == ELSEWHERE

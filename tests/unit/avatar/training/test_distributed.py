@@ -1,5 +1,7 @@
 """What processes that train together have to agree on; `tests/stages/test_train_processes.py` starts real ones."""
 
+import copy
+
 import numpy as np
 import pytest
 import torch
@@ -9,7 +11,7 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.distributed import FlatGradients, Processes, choose_device
-from pipeline.avatar.training.training import Training, compute_loss
+from pipeline.avatar.training.training import Portion, Training, compute_loss, make_optimizer
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet
@@ -35,8 +37,9 @@ def scene():
 
 
 def gradients_of(avatar, inputs, images, processes):
-    gradients = FlatGradients(avatar)
-    terms = compute_loss(avatar, inputs, processes.share(images), SETTINGS, len(images), processes=processes)
+    gradients, sharers = FlatGradients(avatar), processes.sharers(0, 1)
+    portion = Portion(inputs, processes.share(images, sharers), len(images), len(sharers))
+    terms = compute_loss(avatar, portion, SETTINGS)
     sum(terms.values()).backward()
     return gradients, sum(terms.values()).item()
 
@@ -48,19 +51,57 @@ def test_parts_sum_to_what_one_process_computes(scene, count):
     whole, loss = gradients_of(avatar, inputs, images, Processes())
     parts = [gradients_of(avatar, inputs, images, Processes(rank, count)) for rank in range(count)]
     assert sum(part_loss for _, part_loss in parts) == pytest.approx(loss, rel=PARTS_RTOL)
-    for name, expected in whole.views.items():
-        found = sum(part.views[name] for part, _ in parts)
+    for name, expected in whole.views[0].items():
+        found = sum(part.views[0][name] for part, _ in parts)
         assert (found - expected).abs().max() <= PARTS_RTOL * expected.abs().max(), name
         assert expected.abs().max() > 0, name
         for part, _ in parts:
-            assert (part.views[name] - expected).abs().max() > 0.01 * expected.abs().max(), name
+            assert (part.views[0][name] - expected).abs().max() > 0.01 * expected.abs().max(), name
 
 
 def test_every_image_falls_to_one_process():
     for count in (1, 2, 3, 7):
-        shares = [Processes(rank, count).share(range(5)) for rank in range(count)]
+        shares = [Processes(rank, count).share(range(5), range(count)) for rank in range(count)]
         assert sorted(image for share in shares for image in share) == list(range(5))
         assert max(map(len, shares)) - min(map(len, shares)) <= 1
+
+
+@pytest.mark.parametrize(("count", "steps"), [(1, 1), (1, 3), (2, 2), (2, 4), (2, 3), (3, 2), (5, 2), (4, 1)])
+def test_every_step_of_a_round_has_its_processes_and_none_is_idle(count, steps):
+    """Processes share a step only where there are more of them than steps; no two differ by more than one."""
+    sharers = [Processes(0, count).sharers(step, steps) for step in range(steps)]
+    assert {rank for ranks in sharers for rank in ranks} == set(range(count))
+    if count <= steps:
+        assert all(len(ranks) == 1 for ranks in sharers)
+        done = [sum(rank in ranks for ranks in sharers) for rank in range(count)]
+    else:
+        done = [len(ranks) for ranks in sharers]
+        assert sum(done) == count
+    assert max(done) - min(done) <= 1
+
+
+def test_steps_of_a_round_are_those_of_delayed_gradients(scene):
+    """Adam by hand: both gradients at the parameters before the round, applied one after the other."""
+    avatar, inputs, images = scene
+    twin = copy.deepcopy(avatar)
+    training = Training(avatar, SETTINGS)
+    batches = [images[:2], images[2:]]
+    training.take_round(0, [Portion(inputs, batch, len(batch)) for batch in batches])
+    gradients = []
+    for step, batch in enumerate(batches):
+        sum(compute_loss(twin, Portion(inputs, batch, len(batch)), SETTINGS, step).values()).backward()
+        gradients.append({name: parameter.grad for name, parameter in twin.named_parameters()})
+        for parameter in twin.parameters():
+            parameter.grad = None
+    optimizer = make_optimizer(twin, SETTINGS)
+    for step, of_step in enumerate(gradients):
+        for group in optimizer.param_groups:
+            group["lr"] = group["start_rate"] * SETTINGS.final_rate ** (step / SETTINGS.steps)
+        for name, parameter in twin.named_parameters():
+            parameter.grad = of_step[name] if of_step[name] is not None else torch.zeros_like(parameter)
+        optimizer.step()
+    for (name, found), expected in zip(avatar.named_parameters(), twin.parameters(), strict=True):
+        assert torch.equal(found, expected), name
 
 
 def test_a_parameter_that_is_not_used_stays_and_has_a_state(scene):
