@@ -1,7 +1,8 @@
 """Compiling the kernels of training and rendering, once, when the project is installed.
 
-`python -m pipeline.avatar.training.compile_kernels` takes a training step of each shading of a body on one square metre of
-surface. numba keeps the binaries beside the sources; without this, the first training compiles what it comes to.
+`python -m pipeline.avatar.training.compile_kernels` takes a training step of each shading of a body on one square
+metre of surface. numba keeps the binaries beside the sources; without this, the first training compiles what it comes
+to.
 """
 
 from __future__ import annotations
