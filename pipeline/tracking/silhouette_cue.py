@@ -45,10 +45,15 @@ def _silhouette_points(view: View, vertices: np.ndarray, faces: np.ndarray, chos
     size = [view.camera.width, view.camera.height]
     frames, indices, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for frame in np.flatnonzero(view.usable):
-        drawn = signed_distance(view.drawn(vertices[frame], faces))
-        pixels, depth = view.camera.project(vertices[frame, chosen])
+        pixels, depth = view.camera.project(vertices[frame])
+        drawing = view.drawn(pixels, depth, faces)
+        if not drawing.mask.size:
+            continue
+        pixels, depth = pixels[chosen], depth[chosen]
         candidates = np.flatnonzero((depth > 0) & (pixels > 0).all(1) & (pixels < size).all(1))
-        distance, _ = sample_bilinear(drawn[None], np.zeros(len(candidates), np.int64), pixels[candidates])
+        within, first = pixels[candidates] - drawing.corner[::-1], np.zeros(len(candidates), np.int64)
+        # Beyond the drawn part, the distance is that of its rim: far.
+        distance, _ = sample_bilinear(signed_distance(drawing.mask)[None], first, within)
         near = np.abs(distance) < SILHOUETTE_PX
         frames.append(np.full(near.sum(), frame))
         indices.append(candidates[near])

@@ -61,7 +61,10 @@ def test_a_mesh_is_compared_with_binary_masks_as_a_binary_mask(camera: Camera) -
     partly = draw_silhouette(camera, corners, faces)
     rounded = np.where(partly >= 128, 255, 0).astype(np.uint8)
     for given, expected in (([rounded, empty], rounded), ([rounded, partly], partly)):
-        assert (view_from_masks(camera, given).drawn(corners, faces) == expected).all()
+        drawing = view_from_masks(camera, given).drawn(*camera.project(corners), faces)
+        (top, left), (rows, columns) = drawing.corner, drawing.mask.shape
+        assert (drawing.mask == expected[top : top + rows, left : left + columns]).all()
+        assert drawing.mask.sum(dtype=int) == expected.sum(dtype=int)
 
 
 def test_empty_and_full_masks_stay_finite(camera: Camera) -> None:
