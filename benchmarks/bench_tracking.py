@@ -35,8 +35,8 @@ PARTS = {
     "triangulate keypoints": ("pipeline.tracking.mesh_tracker", "triangulate_unswapped"),
     "draw silhouettes": ("pipeline.tracking.silhouette_cue", "SilhouetteCue.around"),
     "look up images": ("pipeline.tracking.image_cue", "ImageCue.around"),
-    "set up equations": ("pipeline.tracking.pose_solver", "_system"),
-    "solve equations": ("pipeline.tracking.pose_solver", "_solve"),
+    "set up equations": ("pipeline.tracking.pose_solver", "normal_equations"),
+    "solve equations": ("pipeline.tracking.pose_solver", "solve_equations"),
     "offset vertices": ("pipeline.tracking.vertex_offsets", "_step"),
     "write": ("pipeline.stages.track_mesh", "_write"),
 }

@@ -22,7 +22,8 @@ from pipeline.lighting.direct_light import direct_light, smooth_normals
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.tracking.color_views import ColorView
 from pipeline.tracking.point_colors import fit_point_colors
-from pipeline.tracking.pose_solver import DataTerm, PointQuadratic
+from pipeline.tracking.pose_equations import PointQuadratic
+from pipeline.tracking.pose_solver import DataTerm
 
 LEAST_ALBEDO_WEIGHT = 1e-6
 """Keeps the albedo of a point that nothing sees at zero; an observation weighs 1 / (a percent of white)^2."""

@@ -18,7 +18,8 @@ from pipeline.geometry.sampling import sample_bilinear
 from pipeline.geometry.signed_distance import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices
 from pipeline.geometry.triangulation import SMALLEST_DEPTH_M
-from pipeline.tracking.pose_solver import DataTerm, PointQuadratic
+from pipeline.tracking.pose_equations import PointQuadratic
+from pipeline.tracking.pose_solver import DataTerm
 
 SILHOUETTE_PX = 1.5
 """Vertices this near to the drawn silhouette move it; the next ring of vertices is hidden behind it."""

@@ -20,7 +20,8 @@ from pipeline.geometry.kinematics import (
 from pipeline.geometry.skin import Template, posed, read_template
 from pipeline.tracking.mesh_tracker import fill_between
 from pipeline.tracking.motion_prior import MotionPrior, inverse_right_jacobian, prior_cost, prior_system
-from pipeline.tracking.pose_solver import _solve, align_rigidly, position_term, reprojection_term, solve_poses
+from pipeline.tracking.pose_equations import solve_equations
+from pipeline.tracking.pose_solver import align_rigidly, position_term, reprojection_term, solve_poses
 from tests.support.figures.walking import BONES, rest_joints, ring_of_cameras, walk, write_template
 
 STEP = 1e-6
@@ -129,7 +130,7 @@ def test_banded_solve_equals_a_dense_one(points: TrackedPoints) -> None:
     damping = 0.1
     matrix[np.diag_indices_from(matrix)] *= 1 + damping
     expected = np.linalg.solve(matrix, -gradient)
-    step = _solve(prior_system(prior, points, pose), damping)
+    step = solve_equations(prior_system(prior, points, pose), damping)
     assert np.allclose(step.ravel(), expected, rtol=1e-7, atol=1e-9)
 
 
