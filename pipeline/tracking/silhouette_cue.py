@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.geometry.least_squares import cauchy
-from pipeline.geometry.sampling import sample_bilinear
+from pipeline.geometry.least_squares import CAUCHY
+from pipeline.geometry.sampling import EDGE_PX, sample_bilinear
 from pipeline.geometry.signed_distance import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices
-from pipeline.geometry.triangulation import SMALLEST_DEPTH_M
+from pipeline.tracking.cue_kernels import add_distances
+from pipeline.tracking.nearly_projected import project_nearly
 from pipeline.tracking.pose_equations import PointQuadratic
 from pipeline.tracking.pose_solver import DataTerm
 
@@ -75,22 +76,12 @@ def silhouette_term(
     def term(positions: np.ndarray) -> PointQuadratic:
         cost, gradient, normal = 0.0, np.zeros_like(positions), np.zeros((*positions.shape, 3))
         for drawn in silhouettes:
-            camera, frame, vertex = drawn.view.camera, drawn.frame, drawn.vertex
-            at = positions[frame, vertex]
-            in_camera = at @ camera.R.T + camera.t
-            depth = np.maximum(in_camera[:, 2:], SMALLEST_DEPTH_M)
-            value, slope = sample_bilinear(drawn.view.distance, frame, camera.project(at)[0])
-            residual = (value - drawn.target) / sigma_px
-            # Distortion changes the slope by a few percent at most: left out here, exact in the residual.
-            along = slope * np.diag(camera.K)[:2] / depth / sigma_px
-            row = along @ camera.R[:2] - ((along * in_camera[:, :2]).sum(1, keepdims=True) / depth) * camera.R[2]
-            if not camera.lens.perspective:  # a fisheye bends the slope by much more
-                row = np.einsum("np,npa->na", slope, camera.project_with_derivative(at)[1]) / sigma_px
-            losses, weight = cauchy(residual**2)
-            cost += losses.sum()
-            # A vertex occurs once per frame and view, so plain indexed addition loses nothing.
-            gradient[frame, vertex] += (weight * residual)[:, None] * row
-            normal[frame, vertex] += weight[:, None, None] * row[:, :, None] * row[:, None, :]
+            at = positions[drawn.frame, drawn.vertex]
+            pixels, derivative = project_nearly(drawn.view.camera, at)
+            cost += add_distances(
+                drawn.view.distance, drawn.frame, drawn.vertex, pixels, derivative, drawn.target, sigma_px, CAUCHY,
+                EDGE_PX, gradient, normal,
+            )  # fmt: skip
         return PointQuadratic(float(cost), gradient, normal)
 
     return term

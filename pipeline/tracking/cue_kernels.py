@@ -1,0 +1,117 @@
+"""Residuals of cues and what they add to a quadratic of the points, one pass over the points each.
+
+As arrays, each of some thirty operations per point would go through memory. `derivative` is of a point's pixel by its
+position [points, 2, 3]. Points are given by frame and number; none occurs twice in one call. Results are added in the
+order of the points.
+"""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import numba
+import numpy as np
+
+from pipeline.base.conventions import PIXEL_CENTER
+
+kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
+
+
+@kernel
+@no_type_check  # keeps the tests' run-time shape checks out of compiled code
+def _cell(x, y, height, width, edge_px):
+    """Row and column of the upper left of four neighbours of a pixel, and the shares of the right and lower ones."""
+    x = min(max(x - PIXEL_CENTER, 0.0), width - 1 - edge_px)
+    y = min(max(y - PIXEL_CENTER, 0.0), height - 1 - edge_px)
+    row, column = int(y), int(x)
+    return row, column, x - column, y - row
+
+
+@kernel
+@no_type_check
+def pinhole_derivatives(points, rotation, translation, focal, least_depth, derivative):
+    """Set the derivatives of an undistorted camera's pixels by positions [points, 3]."""
+    for n in range(points.shape[0]):
+        at = rotation @ points[n] + translation
+        depth = max(at[2], least_depth)
+        for i in range(2):
+            for a in range(3):
+                derivative[n, i, a] = focal[i] / depth * (rotation[i, a] - at[i] / depth * rotation[2, a])
+
+
+@kernel
+@no_type_check
+def add_distances(
+    distance, frame, point, pixels, derivative, target, sigma_px, cauchy_scale, edge_px, gradient, normal
+):  # fmt: skip
+    """Add squared differences of signed distances [frames, height, width] from `target`, robustly; returns the cost."""
+    height, width = distance.shape[1], distance.shape[2]
+    cost, slope = 0.0, np.empty(3)
+    for n in range(frame.shape[0]):
+        f, p = frame[n], point[n]
+        row, column, u, v = _cell(pixels[n, 0], pixels[n, 1], height, width, edge_px)
+        a, b = np.float64(distance[f, row, column]), np.float64(distance[f, row, column + 1])
+        c, d = np.float64(distance[f, row + 1, column]), np.float64(distance[f, row + 1, column + 1])
+        residual = ((1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d) - target[n]) / sigma_px
+        across, down = (1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)
+        ratio = residual * residual / cauchy_scale**2
+        weight = 1 / (1 + ratio)
+        cost += 0.5 * cauchy_scale**2 * np.log1p(ratio)
+        for i in range(3):
+            slope[i] = (across * derivative[n, 0, i] + down * derivative[n, 1, i]) / sigma_px
+        for i in range(3):
+            gradient[f, p, i] += weight * residual * slope[i]
+            for j in range(3):
+                normal[f, p, i, j] += weight * slope[i] * slope[j]
+    return cost
+
+
+@kernel
+@no_type_check
+def look_up_colors(images, frame, pixels, edge_px, color, across, down):
+    """Set colours [points, 3] between pixels of images [frames, height, width, 3], and their slopes."""
+    height, width = images.shape[1], images.shape[2]
+    for n in range(frame.shape[0]):
+        f = frame[n]
+        row, column, u, v = _cell(pixels[n, 0], pixels[n, 1], height, width, edge_px)
+        for i in range(3):
+            a, b = np.float64(images[f, row, column, i]), np.float64(images[f, row, column + 1, i])
+            c, d = np.float64(images[f, row + 1, column, i]), np.float64(images[f, row + 1, column + 1, i])
+            color[n, i] = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
+            across[n, i] = (1 - v) * (b - a) + v * (d - c)
+            down[n, i] = (1 - u) * (c - a) + u * (d - b)
+
+
+@kernel
+@no_type_check
+def add_albedo_sums(point, lit, weight, color, sums):
+    """Add weight lit^T color [all, 3]: the right-hand sides of the least-squares fit of albedo."""
+    for n in range(point.shape[0]):
+        for i in range(3):
+            for c in range(3):
+                sums[point[n], i] += weight[n] * lit[n, c, i] * color[n, c]
+
+
+@kernel
+@no_type_check
+def add_color_differences(
+    frame, point, derivative, lit, weight, albedo, color, across, down, gradient, normal, cross
+):  # fmt: skip
+    """Add squared differences of colours from lit @ albedo; returns the cost. `cross`: by position and by albedo."""
+    cost = 0.0
+    slope = np.empty(3)
+    for n in range(frame.shape[0]):
+        f, p, w = frame[n], point[n], weight[n]
+        for c in range(3):
+            expected = lit[n, c, 0] * albedo[p, 0] + lit[n, c, 1] * albedo[p, 1] + lit[n, c, 2] * albedo[p, 2]
+            residual = color[n, c] - expected
+            cost += 0.5 * w * residual * residual
+            for i in range(3):
+                slope[i] = across[n, c] * derivative[n, 0, i] + down[n, c] * derivative[n, 1, i]
+            for i in range(3):
+                weighted = w * slope[i]
+                gradient[f, p, i] += weighted * residual
+                for j in range(3):
+                    normal[f, p, i, j] += weighted * slope[j]
+                    cross[f, p, i, j] += weighted * lit[n, c, j]
+    return cost
