@@ -37,7 +37,7 @@ PARTS = {
     "look up images": ("pipeline.tracking.image_cue", "ImageCue.around"),
     "set up equations": ("pipeline.tracking.pose_solver", "normal_equations"),
     "solve equations": ("pipeline.tracking.pose_solver", "solve_equations"),
-    "offset vertices": ("pipeline.tracking.vertex_offsets", "_step"),
+    "offset vertices": ("pipeline.tracking.keyframe_refinement", "fit_offsets"),
     "write": ("pipeline.stages.track_mesh", "_write"),
 }
 """Functions timed, by what they do. A `Cue`'s `around` returns a function of positions, timed as "residuals"."""

@@ -29,14 +29,41 @@ def _cell(x, y, height, width, edge_px):
 
 @kernel
 @no_type_check
+def near_outline(distance, corner, pixels, depth, chosen, height, width, most_px, edge_px, number, target):
+    """Find points whose distance from a drawn outline is less than `most_px`; returns how many.
+
+    Args:
+        distance: signed, of a part of an image [rows, columns] that starts at `corner`; beyond it, as at its rim.
+        pixels, depth: of all points; chosen: which ones are looked at, as far as they are in the image.
+        number, target: set to the places in `chosen` of those found, and to their distances.
+    """
+    count = 0
+    for n in range(chosen.shape[0]):
+        x, y = pixels[chosen[n], 0], pixels[chosen[n], 1]
+        if not (depth[chosen[n]] > 0 and 0 < x < width and 0 < y < height):
+            continue
+        row, column, u, v = _cell(x - corner[1], y - corner[0], distance.shape[0], distance.shape[1], edge_px)
+        a, b = np.float64(distance[row, column]), np.float64(distance[row, column + 1])
+        c, d = np.float64(distance[row + 1, column]), np.float64(distance[row + 1, column + 1])
+        value = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
+        if abs(value) < most_px:
+            number[count], target[count] = n, value
+            count += 1
+    return count
+
+
+@kernel
+@no_type_check
 def pinhole_derivatives(points, rotation, translation, focal, least_depth, derivative):
     """Set the derivatives of an undistorted camera's pixels by positions [points, 3]."""
     for n in range(points.shape[0]):
-        at = rotation @ points[n] + translation
-        depth = max(at[2], least_depth)
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        depth = max(rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + translation[2], least_depth)
         for i in range(2):
+            r = rotation[i]
+            slope = (r[0] * x + r[1] * y + r[2] * z + translation[i]) / depth
             for a in range(3):
-                derivative[n, i, a] = focal[i] / depth * (rotation[i, a] - at[i] / depth * rotation[2, a])
+                derivative[n, i, a] = focal[i] / depth * (r[a] - slope * rotation[2, a])
 
 
 @kernel

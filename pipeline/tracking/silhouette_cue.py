@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from pipeline.geometry.least_squares import CAUCHY
-from pipeline.geometry.sampling import EDGE_PX, sample_bilinear
+from pipeline.geometry.sampling import EDGE_PX
 from pipeline.geometry.signed_distance import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices
-from pipeline.tracking.cue_kernels import add_distances
+from pipeline.tracking.cue_kernels import add_distances, near_outline
 from pipeline.tracking.nearly_projected import project_nearly
 from pipeline.tracking.pose_equations import PointQuadratic
 from pipeline.tracking.pose_solver import DataTerm
@@ -44,22 +44,19 @@ class _SilhouettePoints:
 
 
 def _silhouette_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> _SilhouettePoints:
-    size = [view.camera.width, view.camera.height]
+    camera, number, target = view.camera, np.empty(len(chosen), np.int64), np.empty(len(chosen))
     frames, indices, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for frame in np.flatnonzero(view.usable):
-        pixels, depth = view.camera.project(vertices[frame])
+        pixels, depth = camera.project(vertices[frame])
         drawing = view.drawn(pixels, depth, faces)
-        if not drawing.mask.size:
-            continue
-        pixels, depth = pixels[chosen], depth[chosen]
-        candidates = np.flatnonzero((depth > 0) & (pixels > 0).all(1) & (pixels < size).all(1))
-        within, first = pixels[candidates] - drawing.corner[::-1], np.zeros(len(candidates), np.int64)
-        # Beyond the drawn part, the distance is that of its rim: far.
-        distance, _ = sample_bilinear(signed_distance(drawing.mask)[None], first, within)
-        near = np.abs(distance) < SILHOUETTE_PX
-        frames.append(np.full(near.sum(), frame))
-        indices.append(candidates[near])
-        targets.append(distance[near])
+        if drawing.mask.size:
+            found = near_outline(
+                signed_distance(drawing.mask), drawing.corner, pixels, depth, chosen, camera.height, camera.width,
+                SILHOUETTE_PX, EDGE_PX, number, target,
+            )  # fmt: skip
+            frames.append(np.full(found, frame))
+            indices.append(number[:found].copy())
+            targets.append(target[:found].copy())
     return _SilhouettePoints(view, np.concatenate(frames), np.concatenate(indices), np.concatenate(targets))
 
 
