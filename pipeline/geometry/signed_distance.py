@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.outline_kernels import give_sign, mark_edge
 from pipeline.geometry.raster_kernels import drawn_window, fill_coverage
 
 SMOOTHING_PX = 0.7
@@ -23,9 +24,6 @@ FARTHEST_PX = 30.0
 
 HALF_COVERED = 128
 """Mask values from here on count as subject: coverage is rounded to 0..255."""
-
-CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-"""A pixel and its four neighbours."""
 
 MARGIN_PX = 8
 """Empty pixels kept around a drawn mesh: at their rim, outlines are beyond doubt further than any cue compares."""
@@ -50,7 +48,9 @@ class View:
     binary: bool
 
     def at(self, frames: np.ndarray) -> View:
-        """The view in some of the frames."""
+        """The view in some of the frames; the same one in all of them."""
+        if np.array_equal(frames, np.arange(len(self.usable))):
+            return self
         return replace(self, mask=self.mask[frames], distance=self.distance[frames], usable=self.usable[frames])
 
     def drawn(
@@ -71,20 +71,14 @@ def signed_distance(mask: UInt8[np.ndarray, "height width"]) -> Float32[np.ndarr
     or columns (Gustavson and Strand, "Anti-aliased Euclidean distance transform", 2011). Counting pixels of at least
     half coverage instead would count all ties as inside: a fifth of a pixel too much where masks were halved in size.
     """
-    inside = mask >= HALF_COVERED
-    full = (mask == 255).astype(np.uint8)
-    # Pixels that the outline passes, and full ones beside empty ones.
-    beside_empty = cv2.erode((mask > 0).astype(np.uint8), CROSS, borderType=cv2.BORDER_REPLICATE) == 0
-    edge = (mask > 0) & ((full == 0) | beside_empty)
-    if not edge.any():
-        return np.full(mask.shape, FARTHEST_PX if inside.any() else -FARTHEST_PX, np.float32)
+    off_edge = np.empty_like(mask)
+    if not mark_edge(mask, off_edge):
+        return np.full(mask.shape, FARTHEST_PX if mask[0, 0] >= HALF_COVERED else -FARTHEST_PX, np.float32)
     away, nearest = cv2.distanceTransformWithLabels(
-        (~edge).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
+        off_edge, cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
     )
-    offset = np.zeros(nearest.max() + 1, np.float32)
-    offset[nearest[edge]] = mask[edge] / np.float32(255) - np.float32(0.5)
-    distance = np.where(inside, away, -away) + offset[nearest]
-    return cv2.GaussianBlur(np.clip(distance, -FARTHEST_PX, FARTHEST_PX).astype(np.float32), (0, 0), SMOOTHING_PX)
+    give_sign(mask, off_edge, nearest, HALF_COVERED, FARTHEST_PX, away)
+    return cv2.GaussianBlur(away, (0, 0), SMOOTHING_PX)
 
 
 def view_from_masks(camera: Camera, masks: Sequence[UInt8[np.ndarray, "height width"] | None]) -> View:

@@ -21,8 +21,9 @@ kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _cell(x, y, height, width, edge_px):
     """Row and column of the upper left of four neighbours of a pixel, and the shares of the right and lower ones."""
-    x = min(max(x - PIXEL_CENTER, 0.0), width - 1 - edge_px)
-    y = min(max(y - PIXEL_CENTER, 0.0), height - 1 - edge_px)
+    # A coordinate that is not a number fails both comparisons in the first line, and is taken for 0.
+    x, y = x - PIXEL_CENTER if x > PIXEL_CENTER else 0.0, y - PIXEL_CENTER if y > PIXEL_CENTER else 0.0
+    x, y = min(x, width - 1 - edge_px), min(y, height - 1 - edge_px)
     row, column = int(y), int(x)
     return row, column, x - column, y - row
 

@@ -73,7 +73,7 @@ class ImageCue:
         for number, view in enumerate(self.views):
             frame, point = np.nonzero(seen[number])
             pixels, _ = view.camera.project(positions[frame, point])
-            observed[number, frame, point] = sample_bilinear(view.images, frame, pixels)[0]
+            observed[number, frame, point] = sample_bilinear(view.images, view.row[frame], pixels)[0]
         colors = fit_point_colors(observed, seen, light)
         compared = []
         normal_albedo = LEAST_ALBEDO_WEIGHT * np.tile(np.eye(3), (len(self.points), 1, 1))
@@ -108,7 +108,7 @@ def _quadratic(compared: Sequence[_Compared], normal_albedo: np.ndarray, positio
     for part in compared:
         pixels, derivative = project_nearly(part.view.camera, positions[part.frame, part.point])
         color, across, down = np.empty((3, len(pixels), 3))
-        look_up_colors(part.view.images, part.frame, pixels, EDGE_PX, color, across, down)
+        look_up_colors(part.view.images, part.view.row[part.frame], pixels, EDGE_PX, color, across, down)
         add_albedo_sums(part.point, part.lit, part.weight, color, sums)
         looked_up.append((derivative, color, across, down))
     albedo = np.linalg.solve(normal_albedo, sums[..., None])[..., 0]

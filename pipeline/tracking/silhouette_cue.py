@@ -49,7 +49,7 @@ def _silhouette_points(view: View, vertices: np.ndarray, faces: np.ndarray, chos
     for frame in np.flatnonzero(view.usable):
         pixels, depth = camera.project(vertices[frame])
         drawing = view.drawn(pixels, depth, faces)
-        if drawing.mask.size:
+        if min(drawing.mask.shape) > 1:  # else all of the mesh is beside the image
             found = near_outline(
                 signed_distance(drawing.mask), drawing.corner, pixels, depth, chosen, camera.height, camera.width,
                 SILHOUETTE_PX, EDGE_PX, number, target,
