@@ -97,7 +97,9 @@ def _fill(filled, pixels, depth, faces, above, before):
             for i in range(count):
                 px = first + i + PIXEL_CENTER
                 line[i] |= (
-                    (edge0 - down0 * (px - x0) >= 0) & (edge1 - down1 * (px - x1) >= 0) & (edge2 - down2 * (px - x2) >= 0)
+                    (edge0 - down0 * (px - x0) >= 0)
+                    & (edge1 - down1 * (px - x1) >= 0)
+                    & (edge2 - down2 * (px - x2) >= 0)
                 )
 
 

@@ -72,7 +72,10 @@ def pinhole_derivatives(points, rotation, translation, focal, least_depth, deriv
 def add_distances(
     distance, frame, point, pixels, derivative, target, sigma_px, cauchy_scale, edge_px, gradient, normal
 ):  # fmt: skip
-    """Add squared differences of signed distances [frames, height, width] from `target`, robustly; returns the cost."""
+    """Add robust squared differences of signed distances from `target`; returns the cost.
+
+    `distance` is [frames, height, width].
+    """
     height, width = distance.shape[1], distance.shape[2]
     cost, slope = 0.0, np.empty(3)
     for n in range(frame.shape[0]):
@@ -97,7 +100,10 @@ def add_distances(
 @kernel
 @no_type_check
 def look_up_colors(images, frame, pixels, edge_px, color, across, down):
-    """Set colours [points, 3] between pixels of images [frames, height, width, 3], and their slopes."""
+    """Set colours [points, 3] between pixels, and their slopes along rows and columns.
+
+    `images` is [frames, height, width, 3].
+    """
     height, width = images.shape[1], images.shape[2]
     for n in range(frame.shape[0]):
         f = frame[n]

@@ -1,4 +1,7 @@
-"""Normal equations of the poses of all frames: what data terms say of points, carried to the unknowns."""
+"""Normal equations of the poses of all frames, and their solution.
+
+What data terms say of points is carried to the unknowns by the points' derivatives.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,8 @@ def normal_equations(
         some, own = (quadratic.shared != 0).any((0, 2, 3)), quadratic.shared.shape[3]
         rows = np.where(some, own * (np.cumsum(some) - 1), -1)
         factor = np.zeros((len(pose), own * np.count_nonzero(some), unknowns))
-    borne = quadratic.normal.any((2, 3)) | quadratic.gradient.any(2)
+    # A Gauss-Newton matrix is zero where its diagonal is.
+    borne = (np.einsum("fpaa->fp", quadratic.normal) != 0) | quadratic.gradient.any(2)
     by_frame = derivatives_of(points, pose, borne)
     for frame, (which, derivatives) in enumerate(by_frame):
         carried = np.empty_like(derivatives)
