@@ -4,7 +4,7 @@
 own, with the default settings, and compares vertices and residuals with the subject's. Seconds are those of a part
 itself, without the parts that it calls, of the wall clock and of all threads' processors. Prints one line per part.
 
-To compare two checkouts, run the same file in both. As a folder of captures has a subject by its name, `--capture` is
+To compare two checkouts, run the same file in both: what one of them lacks counts as "all else". As a folder of captures has a subject by its name, `--capture` is
 `captures/SUBJECT` beside `results` unless said otherwise.
 """
 
@@ -88,6 +88,8 @@ def measure(results: Path, capture: Path, chunk: int, out: Path) -> Clock:
         for part, (module, name) in PARTS.items():
             *owners, attribute = name.split(".")
             owner = functools.reduce(getattr, owners, importlib.import_module(module))
+            if not hasattr(owner, attribute):  # as in a checkout of before it had this name
+                continue
             stack.enter_context(mock.patch.object(owner, attribute, clock.timed(part, getattr(owner, attribute))))
         clock.lap()
         track_mesh.run(

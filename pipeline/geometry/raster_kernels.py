@@ -131,7 +131,10 @@ def fill_coverage(pixels, depth, faces, window):
 @kernel
 @no_type_check
 def fill_depth(pixels, depth, faces, height, width):
-    """Least depth over the triangles that contain each pixel's centre; 1/depth is linear in the image."""
+    """Least depth over the triangles that contain each pixel's centre.
+
+    1/depth is linear in the image.
+    """
     # Of the nearest surface; 0 where there is none.
     inverse = np.zeros((height, width + DEPTH_BLOCK))
     for n in range(faces.shape[0]):

@@ -57,7 +57,11 @@ class View:
         self, pixels: Float64[np.ndarray, "vertices 2"], depth: Float64[np.ndarray, " vertices"],
         faces: Int64[np.ndarray, "faces 3"],
     ) -> Drawing:  # fmt: skip
-        """The mask that this view would have of a mesh, from the projection of its vertices; see `draw_around`."""
+        """The mask that this view would have of a mesh, as `draw_around` draws it.
+
+        Args:
+            pixels, depth: of the vertices, as `Camera.project` has them.
+        """
         drawing = draw_around(self.camera, pixels, depth, faces)
         if not self.binary:
             return drawing

@@ -1,6 +1,6 @@
-"""Residuals of cues and what they add to a quadratic of the points, one pass over the points each.
+"""Residuals of cues and what they add to a quadratic of the points.
 
-As arrays, each of some thirty operations per point would go through memory. `derivative` is of a point's pixel by its
+Each kernel is one pass over the points. As arrays, each of some thirty operations per point would go through memory. `derivative` is of a point's pixel by its
 position [points, 2, 3]. Points are given by frame and number; none occurs twice in one call. Results are added in the
 order of the points.
 """
@@ -20,7 +20,7 @@ kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
 @kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _cell(x, y, height, width, edge_px):
-    """Row and column of the upper left of four neighbours of a pixel, and the shares of the right and lower ones."""
+    """Row and column of the upper left of a pixel's four neighbours, and its way to the others."""
     # A coordinate that is not a number fails both comparisons in the first line, and is taken for 0.
     x, y = x - PIXEL_CENTER if x > PIXEL_CENTER else 0.0, y - PIXEL_CENTER if y > PIXEL_CENTER else 0.0
     x, y = min(x, width - 1 - edge_px), min(y, height - 1 - edge_px)
