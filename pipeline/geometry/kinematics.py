@@ -157,9 +157,9 @@ def points_with_derivatives(
 def derivatives_of(
     points: TrackedPoints, pose: Pose, wanted: Bool[np.ndarray, "frames points"]
 ) -> Iterator[tuple[Int64[np.ndarray, " some"], Float64[np.ndarray, "some 3 unknowns"]]]:
-    """The `wanted` points of each frame in turn, and their derivatives as `points_with_derivatives` has them.
+    """Derivatives of the `wanted` points, frame by frame: which points, and their derivatives.
 
-    One frame at a time, they stay in the processor's cache.
+    They are those of `points_with_derivatives`. One frame at a time, they stay in the processor's cache.
     """
     template, scale = points.template, points.template.scale_to_m
     transforms = np.ascontiguousarray(_carrier_transforms(points, pose))

@@ -1,4 +1,7 @@
-"""Outlines of masks, and the distance to them within a pixel; see `pipeline.geometry.signed_distance`."""
+"""Outlines of masks, and the distance to them within a pixel.
+
+See `pipeline.geometry.signed_distance`.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ def mark_edge(mask, off_edge):
 @kernel
 @no_type_check
 def give_sign(mask, off_edge, nearest, half_covered, farthest_px, distance):
-    """Make distances to the nearest pixel of the edge positive inside, and exact by that pixel's coverage; clip them.
+    """Make distances from the edge positive inside, exact by its pixels' coverage, and clip them.
 
     Args:
         nearest: number of each pixel's nearest one of the edge, from 1.

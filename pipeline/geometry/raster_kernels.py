@@ -56,7 +56,7 @@ def _samples(corners, start, end):
 @kernel
 @no_type_check
 def drawn_window(pixels, depth, faces, height, width, margin):
-    """First row and column, and those behind the last, of pixels up to `margin` beside the drawn triangles."""
+    """Window of the pixels that the triangles cover, and of those up to `margin` beside them."""
     left, top, right, bottom = np.inf, np.inf, -np.inf, -np.inf
     for n in range(faces.shape[0]):
         x, y, area = _corners(pixels, depth, faces[n], 1.0)

@@ -1,8 +1,8 @@
 """Residuals of cues and what they add to a quadratic of the points.
 
-Each kernel is one pass over the points. As arrays, each of some thirty operations per point would go through memory. `derivative` is of a point's pixel by its
-position [points, 2, 3]. Points are given by frame and number; none occurs twice in one call. Results are added in the
-order of the points.
+Each kernel is one pass over the points. As arrays, each of some thirty operations per point would go through memory.
+`derivative` is of a point's pixel by its position [points, 2, 3]. Points are given by frame and number; none occurs
+twice in one call. Results are added in the order of the points.
 """
 
 from __future__ import annotations
