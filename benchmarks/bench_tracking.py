@@ -4,8 +4,8 @@
 own, with the default settings, and compares vertices and residuals with the subject's. Seconds are those of a part
 itself, without the parts that it calls, of the wall clock and of all threads' processors. Prints one line per part.
 
-To compare two checkouts, run the same file in both: what one of them lacks counts as "all else". As a folder of captures
-has a subject by its name, `--capture` is `captures/SUBJECT` beside `results` unless said otherwise.
+To compare two checkouts, run the same file in both: what one of them lacks counts as "all else". Unless said otherwise,
+`--capture` is `captures/SUBJECT` beside `results`.
 """
 
 from __future__ import annotations

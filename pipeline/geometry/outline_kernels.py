@@ -34,7 +34,7 @@ def mark_edge(mask, off_edge):
 @kernel
 @no_type_check
 def give_sign(mask, off_edge, nearest, half_covered, farthest_px, distance):
-    """Make distances from the edge positive inside, exact by its pixels' coverage, and clip them.
+    """Make distances from the edge positive inside, exact by coverage, and clip them.
 
     Args:
         nearest: number of each pixel's nearest one of the edge, from 1.
