@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import no_type_check
-
-import numba
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.raster_kernels import fill_depth
 
 LEAST_COSINE = 0.3
 """Between a surface and the way to the camera; below it (72 degrees) a pixel covers three times its own width."""
@@ -18,34 +16,6 @@ DEPTH_STEP_M = 0.05
 subject per pixel, 30 mm at a centimetre per pixel, and rounding of the posed mesh."""
 
 
-@numba.njit(cache=True)
-@no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _fill_depth(corners, depths, height, width):
-    """Least depth over the triangles [N, 3, 2] that contain each pixel's centre; 1/depth is linear in the image."""
-    nearest = np.full((height, width), np.inf, np.float32)
-    for n in range(corners.shape[0]):
-        x, y = corners[n, :, 0], corners[n, :, 1]
-        area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
-        if not np.isfinite(area) or area == 0.0:
-            continue
-        first_row, last_row = max(int(np.ceil(y.min() - 0.5)), 0), min(int(np.floor(y.max() - 0.5)), height - 1)
-        first_column, last_column = max(int(np.ceil(x.min() - 0.5)), 0), min(int(np.floor(x.max() - 0.5)), width - 1)
-        for row in range(first_row, last_row + 1):
-            for column in range(first_column, last_column + 1):
-                px, py = column + 0.5, row + 0.5
-                inverse, within = 0.0, True
-                for a in range(3):
-                    b, c = (a + 1) % 3, (a + 2) % 3
-                    share = ((x[c] - x[b]) * (py - y[b]) - (y[c] - y[b]) * (px - x[b])) / area
-                    if share < 0:
-                        within = False
-                        break
-                    inverse += share / depths[n, a]
-                if within:
-                    nearest[row, column] = min(nearest[row, column], 1.0 / inverse)
-    return nearest
-
-
 def draw_depth(
     camera: Camera, vertices: Float64[np.ndarray, "vertices 3"], faces: Int64[np.ndarray, "faces 3"]
 ) -> Float32[np.ndarray, "height width"]:
@@ -53,9 +23,7 @@ def draw_depth(
 
     Triangles that reach behind the camera are left out.
     """
-    pixels, depth = camera.project(vertices)
-    front = (depth[faces] > 0).all(1)
-    return _fill_depth(pixels[faces][front], depth[faces][front], camera.height, camera.width)
+    return fill_depth(*camera.project(vertices), faces, camera.height, camera.width)
 
 
 def seen_well(

@@ -10,11 +10,13 @@ below j), the derivative is ``-M_j [y]x``. Exact for any affine chain, scaled jo
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
+from pipeline.geometry.kinematics_kernels import add_point_derivatives
 from pipeline.geometry.rotations import (
     matrix_from_quaternion,
     multiply_quaternions,
@@ -130,7 +132,7 @@ def points_with_derivatives(
 ) -> tuple[Float64[np.ndarray, "frames points 3"], Float64[np.ndarray, "frames points 3 unknowns"]]:
     """World positions and their derivatives by the unknowns of `moved`.
 
-    In metres per metre or radian.
+    In metres per metre or radian. The slow twin of `derivatives_of`.
     """
     template, scale = points.template, points.template.scale_to_m
     transforms = _carrier_transforms(points, pose)
@@ -150,6 +152,32 @@ def points_with_derivatives(
         by_joint = turning[:, None] @ skew(below)
         derivatives[..., 6:] = by_joint.transpose(0, 1, 3, 2, 4).reshape(*positions.shape, -1)
     return positions, derivatives
+
+
+def derivatives_of(
+    points: TrackedPoints, pose: Pose, wanted: Bool[np.ndarray, "frames points"]
+) -> Iterator[tuple[Int64[np.ndarray, " some"], Float64[np.ndarray, "some 3 unknowns"]]]:
+    """Derivatives of the `wanted` points, frame by frame: which points, and their derivatives.
+
+    They are those of `points_with_derivatives`. One frame at a time, they stay in the processor's cache.
+    """
+    template, scale = points.template, points.template.scale_to_m
+    transforms = np.ascontiguousarray(_carrier_transforms(points, pose))
+    root = matrix_from_quaternion(pose.root_rotation)
+    above = np.zeros((len(pose), 0, 4, 4))
+    if len(points.free):
+        above = (transforms @ np.linalg.inv(template.after))[:, points.free]
+    inverse = np.ascontiguousarray(np.linalg.inv(above)[:, :, :3])
+    turning = -scale * (root[:, None] @ above[..., :3, :3])
+    carried = points.carried[points.free]
+    for frame in range(len(pose)):
+        some = np.flatnonzero(wanted[frame])
+        derivatives = np.zeros((len(some), 3, points.unknowns))
+        add_point_derivatives(
+            some, points.parts, carried, transforms[frame], inverse[frame], turning[frame], root[frame], points.pivot,
+            scale, derivatives,
+        )  # fmt: skip
+        yield some, derivatives
 
 
 def moved(points: TrackedPoints, pose: Pose, step: Float64[np.ndarray, "frames unknowns"]) -> Pose:

@@ -38,7 +38,7 @@ class BrownConrady(Lens):
     @staticmethod
     def _bend(x: AnyFloat, y: AnyFloat, coefficients: np.ndarray) -> tuple[AnyFloat, ...]:
         """Squared radius, radial factor, distorted x and y of coordinates on the plane z = 1."""
-        k1, k2, p1, p2, k3 = np.moveaxis(coefficients, -1, 0)
+        k1, k2, p1, p2, k3 = np.moveaxis(coefficients, -1, 0) if coefficients.ndim > 1 else coefficients
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)

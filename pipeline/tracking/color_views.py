@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import cv2
@@ -24,37 +24,41 @@ LEAST_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class ColorView:
-    """One camera's images of all frames, linear RGB; `usable` tells which frames have one.
+    """One camera's images of some frames, linear RGB.
 
     Attributes:
         camera: at the resolution of these images.
-        images: 0 where a frame has none.
+        images: of the frames that have one.
         masks: share of each pixel that shows the subject; 1 throughout where there is no mask.
-        usable: frames that have an image.
+        row: in `images` and `masks`, of each frame; -1 where a frame has none.
     """
 
     camera: Camera
-    images: Float32[np.ndarray, "frames height width 3"]
-    masks: Float32[np.ndarray, "frames height width"]
-    usable: Bool[np.ndarray, " frames"]
+    images: Float32[np.ndarray, "rows height width 3"]
+    masks: Float32[np.ndarray, "rows height width"]
+    row: Int64[np.ndarray, " frames"]
+
+    @property
+    def usable(self) -> Bool[np.ndarray, " frames"]:
+        """Frames that have an image."""
+        return self.row >= 0
 
     def at(self, frames: Int64[np.ndarray, " some"]) -> ColorView:
         """The view in some of the frames."""
-        return ColorView(self.camera, self.images[frames], self.masks[frames], self.usable[frames])
+        return replace(self, row=self.row[frames])
 
     def blurred(self, sigma_px: float) -> ColorView:
         """The view through a Gaussian blur of the subject alone.
 
         Blurred colours are divided by the blurred mask, so the background does not bleed into the subject.
         """
-        images = np.zeros_like(self.images)
-        for frame in np.flatnonzero(self.usable):
-            mask = self.masks[frame]
+        images = np.empty_like(self.images)
+        for blurred, image, mask in zip(images, self.images, self.masks, strict=True):
             share = cv2.GaussianBlur(mask, (0, 0), sigma_px)
-            light = cv2.GaussianBlur(self.images[frame] * mask[..., None], (0, 0), sigma_px)
+            light = cv2.GaussianBlur(image * mask[..., None], (0, 0), sigma_px)
             shown = (share > LEAST_SHARE)[..., None]
-            images[frame] = np.where(shown, light / np.maximum(share, LEAST_SHARE)[..., None], 0)
-        return ColorView(self.camera, images, self.masks, self.usable)
+            blurred[:] = np.where(shown, light / np.maximum(share, LEAST_SHARE)[..., None], 0)
+        return replace(self, images=images)
 
 
 def read_color_views(
@@ -78,8 +82,9 @@ def read_color_views(
         factor, rows = reduction(cameras[name], longest_px), images[images.camera == name].set_index("frame")
         camera = cameras[name].downsampled(float(factor))
         usable = np.isin(frames, frames[wanted]) & np.isin(frames, rows.index)
-        stack = np.zeros((len(frames), camera.height, camera.width, 3), np.float32)
-        masks = np.zeros(stack.shape[:3], np.float32)
+        row = np.where(usable, np.cumsum(usable) - 1, -1)
+        stack = np.empty((np.count_nonzero(usable), camera.height, camera.width, 3), np.float32)
+        masks = np.empty(stack.shape[:3], np.float32)
         for f in np.flatnonzero(usable):
             image = source.read(rows.path[frames[f]])
             finite = np.isfinite(image).all(2)
@@ -87,10 +92,10 @@ def read_color_views(
             share = 1.0 if pd.isna(path) else read_mask(source.folder / path).astype(np.float32) / 255
             share = share * finite.astype(np.float32)
             # Weighted by the mask: the background does not bleed into the subject.
-            masks[f] = block_means(share, factor, camera)
+            masks[row[f]] = block_means(share, factor, camera)
             light = block_means(np.where(finite[..., None], image, 0) * share[..., None], factor, camera)
-            stack[f] = light / np.maximum(masks[f], LEAST_SHARE)[..., None]
-        views.append(ColorView(camera, stack, masks, usable))
+            stack[row[f]] = light / np.maximum(masks[row[f]], LEAST_SHARE)[..., None]
+        views.append(ColorView(camera, stack, masks, row))
     return views
 
 

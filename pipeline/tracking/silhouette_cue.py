@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.geometry.least_squares import cauchy
-from pipeline.geometry.sampling import sample_bilinear
+from pipeline.geometry.least_squares import CAUCHY
+from pipeline.geometry.sampling import EDGE_PX
 from pipeline.geometry.signed_distance import View, signed_distance
 from pipeline.geometry.surface_points import SurfacePoints, at_vertices
-from pipeline.geometry.triangulation import SMALLEST_DEPTH_M
-from pipeline.tracking.pose_solver import DataTerm, PointQuadratic
+from pipeline.tracking.cue_kernels import add_distances, near_outline
+from pipeline.tracking.nearly_projected import project_nearly
+from pipeline.tracking.pose_equations import PointQuadratic
+from pipeline.tracking.pose_solver import DataTerm
 
 SILHOUETTE_PX = 1.5
 """Vertices this near to the drawn silhouette move it; the next ring of vertices is hidden behind it."""
@@ -42,17 +44,19 @@ class _SilhouettePoints:
 
 
 def _silhouette_points(view: View, vertices: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> _SilhouettePoints:
-    size = [view.camera.width, view.camera.height]
+    camera, number, target = view.camera, np.empty(len(chosen), np.int64), np.empty(len(chosen))
     frames, indices, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for frame in np.flatnonzero(view.usable):
-        drawn = signed_distance(view.drawn(vertices[frame], faces))
-        pixels, depth = view.camera.project(vertices[frame, chosen])
-        candidates = np.flatnonzero((depth > 0) & (pixels > 0).all(1) & (pixels < size).all(1))
-        distance, _ = sample_bilinear(drawn[None], np.zeros(len(candidates), np.int64), pixels[candidates])
-        near = np.abs(distance) < SILHOUETTE_PX
-        frames.append(np.full(near.sum(), frame))
-        indices.append(candidates[near])
-        targets.append(distance[near])
+        pixels, depth = camera.project(vertices[frame])
+        drawing = view.drawn(pixels, depth, faces)
+        if min(drawing.mask.shape) > 1:  # else all of the mesh is beside the image
+            found = near_outline(
+                signed_distance(drawing.mask), drawing.corner, pixels, depth, chosen, camera.height, camera.width,
+                SILHOUETTE_PX, EDGE_PX, number, target,
+            )  # fmt: skip
+            frames.append(np.full(found, frame))
+            indices.append(number[:found].copy())
+            targets.append(target[:found].copy())
     return _SilhouettePoints(view, np.concatenate(frames), np.concatenate(indices), np.concatenate(targets))
 
 
@@ -69,22 +73,12 @@ def silhouette_term(
     def term(positions: np.ndarray) -> PointQuadratic:
         cost, gradient, normal = 0.0, np.zeros_like(positions), np.zeros((*positions.shape, 3))
         for drawn in silhouettes:
-            camera, frame, vertex = drawn.view.camera, drawn.frame, drawn.vertex
-            at = positions[frame, vertex]
-            in_camera = at @ camera.R.T + camera.t
-            depth = np.maximum(in_camera[:, 2:], SMALLEST_DEPTH_M)
-            value, slope = sample_bilinear(drawn.view.distance, frame, camera.project(at)[0])
-            residual = (value - drawn.target) / sigma_px
-            # Distortion changes the slope by a few percent at most: left out here, exact in the residual.
-            along = slope * np.diag(camera.K)[:2] / depth / sigma_px
-            row = along @ camera.R[:2] - ((along * in_camera[:, :2]).sum(1, keepdims=True) / depth) * camera.R[2]
-            if not camera.lens.perspective:  # a fisheye bends the slope by much more
-                row = np.einsum("np,npa->na", slope, camera.project_with_derivative(at)[1]) / sigma_px
-            losses, weight = cauchy(residual**2)
-            cost += losses.sum()
-            # A vertex occurs once per frame and view, so plain indexed addition loses nothing.
-            gradient[frame, vertex] += (weight * residual)[:, None] * row
-            normal[frame, vertex] += weight[:, None, None] * row[:, :, None] * row[:, None, :]
+            at = positions[drawn.frame, drawn.vertex]
+            pixels, derivative = project_nearly(drawn.view.camera, at)
+            cost += add_distances(
+                drawn.view.distance, drawn.frame, drawn.vertex, pixels, derivative, drawn.target, sigma_px, CAUCHY,
+                EDGE_PX, gradient, normal,
+            )  # fmt: skip
         return PointQuadratic(float(cost), gradient, normal)
 
     return term

@@ -24,7 +24,7 @@ from pipeline.geometry.rotations import (
 from pipeline.geometry.skin import Template
 from pipeline.geometry.surface_points import SurfacePoints
 from pipeline.tracking.deformation_basis import DeformationBasis
-from pipeline.tracking.pose_solver import PointQuadratic
+from pipeline.tracking.pose_equations import PointQuadratic
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from pipeline.geometry.rotations import matrix_from_quaternion
 from pipeline.geometry.skin import Template, blended_transforms
 from pipeline.geometry.surface_points import SurfacePoints
 from pipeline.tracking.cues import Cue
+from pipeline.tracking.pose_equations import PointQuadratic
 
 CORRELATION_M2 = 0.05**2
 """Area over which an offset is one independent number: a fold of cloth."""
@@ -90,34 +91,35 @@ def fit_offsets(
         typical_m: of an offset.
     """
     prior = membrane(template, typical_m)
+    matrix = scipy.sparse.kron(prior.matrix, np.eye(3), "bsr")
     offsets = np.zeros((len(vertices), prior.matrix.shape[0], 3))
     for _ in range(ROUNDS):
         moved = vertices + np.einsum("fvab,fvb->fva", jacobians, offsets[:, prior.weld], optimize=True)
         terms = [(cue.points, cue.around(moved)(cue.points.carried(moved))) for cue in cues]
         for frame in range(len(vertices)):
-            parts = [(points, q.gradient[frame], q.normal[frame]) for points, q in terms]
-            offsets[frame] += _step(prior, jacobians[frame], parts, offsets[frame])
+            slope = (prior.matrix @ offsets[frame]).ravel()
+            total = matrix
+            for points, quadratic in terms:
+                more, gradient = _by_offsets(prior, jacobians[frame], points, quadratic, frame)
+                total, slope = total + more, slope + gradient
+            step, _ = cg(total, -slope, rtol=SOLVED, M=scipy.sparse.diags_array(1 / total.diagonal()))
+            offsets[frame] += step.reshape(-1, 3)
     return offsets[:, prior.weld]
 
 
-def _step(
-    prior: Membrane,
-    jacobians: np.ndarray,
-    parts: list[tuple[SurfacePoints, np.ndarray, np.ndarray]],
-    offsets: np.ndarray,
-) -> Float64[np.ndarray, "unknowns 3"]:
-    """Gauss-Newton step of one frame's offsets."""
-    count = 3 * len(offsets)
-    matrix = scipy.sparse.kron(prior.matrix, np.eye(3)).tocsr()
-    slope = (prior.matrix @ offsets).ravel()
-    for points, gradient, normal in parts:
-        # Rows: coordinates of the points; columns: offsets of their corners.
-        blocks = points.barycentric[..., None, None] * jacobians[points.corners]
-        rows = np.broadcast_to(3 * np.arange(len(points))[:, None, None, None] + np.arange(3)[:, None], blocks.shape)
-        columns = np.broadcast_to(3 * prior.weld[points.corners][..., None, None] + np.arange(3), blocks.shape)
-        shape = (3 * len(points), count)
-        jacobian = scipy.sparse.coo_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape).tocsr()
-        matrix = matrix + jacobian.T @ scipy.sparse.block_diag(list(normal), "csr") @ jacobian
-        slope += jacobian.T @ gradient.ravel()
-    step, _ = cg(matrix, -slope, rtol=SOLVED, M=scipy.sparse.diags_array(1 / matrix.diagonal()))
-    return step.reshape(-1, 3)
+def _by_offsets(
+    prior: Membrane, jacobians: np.ndarray, points: SurfacePoints, quadratic: PointQuadratic, frame: int
+) -> tuple[scipy.sparse.bsr_array, Float64[np.ndarray, " all"]]:
+    """Gauss-Newton matrix and gradient by one frame's offsets, from those by the points' positions."""
+    borne = np.flatnonzero(quadratic.normal[frame].any((1, 2)) | quadratic.gradient[frame].any(1))
+    corners, count = points.corners[borne], len(borne)
+    # Blocks of 3 x 3 numbers: by row a point, by column an offset of one of its corners; or a point in both.
+    blocks = points.barycentric[borne][..., None, None] * jacobians[corners]
+    shape = (3 * count, 3 * prior.matrix.shape[0])
+    jacobian = scipy.sparse.bsr_array(
+        (blocks.reshape(-1, 3, 3), prior.weld[corners].ravel(), 3 * np.arange(count + 1)), shape
+    )
+    normal = scipy.sparse.bsr_array(
+        (quadratic.normal[frame, borne], np.arange(count), np.arange(count + 1)), (3 * count, 3 * count)
+    )
+    return jacobian.T @ (normal @ jacobian), jacobian.T @ quadratic.gradient[frame, borne].ravel()

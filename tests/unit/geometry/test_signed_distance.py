@@ -61,7 +61,34 @@ def test_a_mesh_is_compared_with_binary_masks_as_a_binary_mask(camera: Camera) -
     partly = draw_silhouette(camera, corners, faces)
     rounded = np.where(partly >= 128, 255, 0).astype(np.uint8)
     for given, expected in (([rounded, empty], rounded), ([rounded, partly], partly)):
-        assert (view_from_masks(camera, given).drawn(corners, faces) == expected).all()
+        drawing = view_from_masks(camera, given).drawn(*camera.project(corners), faces)
+        (top, left), (rows, columns) = drawing.corner, drawing.mask.shape
+        assert (drawing.mask == expected[top : top + rows, left : left + columns]).all()
+        assert drawing.mask.sum(dtype=int) == expected.sum(dtype=int)
+
+
+def slow_distance(mask: np.ndarray) -> np.ndarray:
+    """`signed_distance`, step by step over whole images."""
+    inside, full = mask >= 128, (mask == 255).astype(np.uint8)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    beside_empty = cv2.erode((mask > 0).astype(np.uint8), cross, borderType=cv2.BORDER_REPLICATE) == 0
+    edge = (mask > 0) & ((full == 0) | beside_empty)
+    away, nearest = cv2.distanceTransformWithLabels(
+        (~edge).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    offset = np.zeros(nearest.max() + 1, np.float32)
+    offset[nearest[edge]] = mask[edge] / np.float32(255) - np.float32(0.5)
+    distance = np.where(inside, away, -away) + offset[nearest]
+    return cv2.GaussianBlur(np.clip(distance, -30, 30).astype(np.float32), (0, 0), 0.7)
+
+
+def test_distances_are_those_of_whole_image_steps() -> None:
+    random, row, column = np.random.default_rng(0), *np.indices((60, 70))
+    for _ in range(20):
+        disc = np.clip(random.uniform(5, 40) - np.hypot(row - 30, column - random.uniform(0, 70)), 0, 1)
+        for mask in (255 * disc, 255 * (disc > 0.5), random.integers(0, 256, disc.shape)):
+            whole = np.round(mask).astype(np.uint8)
+            assert (signed_distance(whole) == slow_distance(whole)).all()
 
 
 def test_empty_and_full_masks_stay_finite(camera: Camera) -> None:

@@ -26,7 +26,7 @@ def cue_and_motion() -> tuple:
         small = camera.downsampled(4.0)
         images = [paint(small, v, motion.faces, albedo, lights.positions, 7) for v in motion.vertices]
         shape = (3, small.height, small.width)
-        view = ColorView(small, np.stack(images), np.ones(shape, np.float32), np.ones(3, bool))
+        view = ColorView(small, np.stack(images), np.ones(shape, np.float32), np.arange(3))
         views.append(view.blurred(1.0))
     surface = spread_points(motion.vertices[0], motion.faces, 600)
     weld = weld_vertices(motion.vertices[0], motion.faces)

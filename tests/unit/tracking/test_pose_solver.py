@@ -12,15 +12,18 @@ from scipy.spatial.transform import Rotation
 from pipeline.geometry.kinematics import (
     Pose,
     TrackedPoints,
+    derivatives_of,
     moved,
     point_positions,
     points_with_derivatives,
     tracked_points,
 )
 from pipeline.geometry.skin import Template, posed, read_template
+from pipeline.geometry.surface_points import spread_points
 from pipeline.tracking.mesh_tracker import fill_between
 from pipeline.tracking.motion_prior import MotionPrior, inverse_right_jacobian, prior_cost, prior_system
-from pipeline.tracking.pose_solver import _solve, align_rigidly, position_term, reprojection_term, solve_poses
+from pipeline.tracking.pose_equations import PointQuadratic, normal_equations, solve_equations
+from pipeline.tracking.pose_solver import align_rigidly, position_term, reprojection_term, solve_poses
 from tests.support.figures.walking import BONES, rest_joints, ring_of_cameras, walk, write_template
 
 STEP = 1e-6
@@ -70,6 +73,39 @@ def test_derivatives_of_points_match_differences(points: TrackedPoints) -> None:
         step[:, unknown] = STEP
         ahead, behind = (point_positions(points, moved(points, pose, s)) for s in (step, -step))
         assert np.abs(derivatives[..., unknown] - (ahead - behind) / (2 * STEP)).max() < 1e-8
+
+
+def test_fast_derivatives_are_those_of_the_slow_twin(template: Template, points: TrackedPoints) -> None:
+    pose = random_pose(3, seed=7)
+    for these in (points, points.with_surface(spread_points(template.vertices_rest, template.faces, 40))):
+        wanted = np.random.default_rng(7).random((3, len(these.parts))) < 0.6
+        _, slow = points_with_derivatives(these, pose)
+        for frame, (some, fast) in enumerate(derivatives_of(these, pose, wanted)):
+            assert (some == np.flatnonzero(wanted[frame])).all()
+            assert np.abs(fast - slow[frame, some]).max() < 1e-13
+
+
+def test_equations_of_coupled_frames_are_those_of_all_unknowns(points: TrackedPoints) -> None:
+    pose, prior, random = random_pose(3, seed=8), uneven_prior(3), np.random.default_rng(8)
+    root = random.normal(size=(3, len(points.parts), 3, 4))
+    normal = root @ root.swapaxes(2, 3)
+    shared = 0.3 * random.normal(size=(3, len(points.parts), 3, 2))
+    gradient = random.normal(size=(3, len(points.parts), 3))
+    normal[1, ::2], gradient[1, ::2], shared[1, ::2] = 0.0, 0.0, 0.0
+    shared[:, 5] = 0.0
+    _, slow = points_with_derivatives(points, pose)
+    expected, slope = dense(points, prior, pose)
+    n = points.unknowns
+    for f in range(3):
+        own = slice(f * n, (f + 1) * n)
+        expected[own, own] += np.einsum("pau,pab,pbv->uv", slow[f], normal[f], slow[f])
+        slope[own] += np.einsum("pa,pau->u", gradient[f], slow[f])
+        for g in range(3):
+            coupling = np.einsum("pau,pak,pbk,pbv->uv", slow[f], shared[f], shared[g], slow[g], optimize=True)
+            expected[own, g * n : (g + 1) * n] -= coupling
+    system = normal_equations(points, PointQuadratic(0.0, gradient, normal, shared), prior, pose)
+    assert np.allclose(np.tril(system.lower), np.tril(expected), rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    assert np.allclose(system.gradient.ravel(), slope, rtol=1e-9, atol=1e-9 * np.abs(slope).max())
 
 
 def test_scaled_joints_have_exact_derivatives_too(points: TrackedPoints) -> None:
@@ -129,7 +165,7 @@ def test_banded_solve_equals_a_dense_one(points: TrackedPoints) -> None:
     damping = 0.1
     matrix[np.diag_indices_from(matrix)] *= 1 + damping
     expected = np.linalg.solve(matrix, -gradient)
-    step = _solve(prior_system(prior, points, pose), damping)
+    step = solve_equations(prior_system(prior, points, pose), damping)
     assert np.allclose(step.ravel(), expected, rtol=1e-7, atol=1e-9)
 
 

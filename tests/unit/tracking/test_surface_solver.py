@@ -12,7 +12,8 @@ from pipeline.geometry.skin import Template
 from pipeline.geometry.surface_points import at_vertices
 from pipeline.tracking.deformation_basis import deformation_basis
 from pipeline.tracking.motion_prior import MotionPrior
-from pipeline.tracking.pose_solver import PointQuadratic, position_term
+from pipeline.tracking.pose_equations import PointQuadratic
+from pipeline.tracking.pose_solver import position_term
 from pipeline.tracking.surface_model import SurfaceModel, SurfaceMotion, normal_equations, positions
 from pipeline.tracking.surface_solver import SurfaceProblem, shape_prior, solve_surface
 
