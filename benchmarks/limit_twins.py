@@ -78,16 +78,19 @@ def decoding() -> Iterator[list[Twin]]:
             for path in contents:
                 inspect_image(folder, ExpectedImage(path.name, "color", "c", (width, height)))
 
-        def pack() -> None:
+        def pack(undistort: bool) -> None:
             for path in contents:
-                cut_crop(read_image(path, "srgb"), mask, camera, corrected_from_raw=corrected)
+                cut_crop(read_image(path, "srgb"), mask, camera, corrected_from_raw=corrected, undistort=undistort)
 
         size = f"{count} images of {width} x {height}, 8 bits, sRGB"
         limit = "cv2.imdecode alone"
         yield [
-            Twin("checking images (index_capture)", limit, size, "pixels", inspect, decode, count * height * width),
-            Twin("reading and cutting images (pack_shards)", limit, size, "pixels", pack, decode,
-                 count * height * width),
+            Twin(what, limit, size, "pixels", run, decode, count * height * width)
+            for what, run in {
+                "checking images (index_capture)": inspect,
+                "correcting and cutting images (pack_shards)": lambda: pack(undistort=False),
+                "the same, undistorting them": lambda: pack(undistort=True),
+            }.items()
         ]  # fmt: skip
 
 
