@@ -19,6 +19,7 @@ from torch.autograd.profiler_util import FunctionEvent
 
 from pipeline.avatar.appearance import lobes
 from pipeline.avatar.appearance.lambert import Lambert
+from pipeline.avatar.appearance.normals import GaussianNormals, MeshNormals, TangentNormals
 from pipeline.avatar.appearance.unturned_harmonics import UnturnedHarmonics
 from pipeline.avatar.appearance.zonal_transfer import ZonalTransfer
 from pipeline.avatar.frames import inputs, light_fields
@@ -33,8 +34,8 @@ from pipeline.avatar.training.distributed import FlatGradients
 from pipeline.capture.shards import ImageShards
 from pipeline.rendering import splat, supersample
 
-REST = "rest"
-ADAM = "Adam"
+REST, ADAM, SUMMED = "rest", "Adam", "summing gradients"
+"""Parts without a range of their own here."""
 
 MARKED: tuple[tuple[object, str, str], ...] = (
     (ImageShards, "__getitem__", "reading images"),
@@ -45,12 +46,17 @@ MARKED: tuple[tuple[object, str, str], ...] = (
     (BodyNetworks, "viewed", "networks"),
     (HeadNetworks, "decode", "networks"),
     (HeadNetworks, "viewed", "networks"),
+    (MeshNormals, "bend", "normals"),
+    (TangentNormals, "bend", "normals"),
+    (GaussianNormals, "bend", "normals"),
     (light_fields, "gather_light", "gathering light"),
     (light_fields, "gather_distant", "gathering light"),
     (ZonalTransfer, "shade", "transfer"),
     (UnturnedHarmonics, "shade", "transfer"),
     (Lambert, "shade", "transfer"),
     (ShadowNet, "forward", "shadow network"),
+    (Avatar, "layers", "stacking layers"),
+    (Avatar, "draw", "around splatting"),
     (splat, "project", "projecting"),
     (splat, "project_backward", "projecting"),
     (splat, "depth_order", "sorting into tiles"),
@@ -73,6 +79,9 @@ PREFIX = "part: "
 
 OPTIMIZER, BACKWARD = "Optimizer.step", "autograd::engine::evaluate_function"
 """How the names of torch's own ranges begin: around a step of an optimiser, and around each node's backward."""
+
+LEAF = "AccumulateGrad"
+"""In the name of the node that adds to a parameter's gradient; it has no forward pass."""
 
 
 @dataclass(frozen=True)
@@ -114,9 +123,9 @@ def seconds_of_parts(events: Iterable[FunctionEvent]) -> dict[Part, float]:
     for event in in_order:
         node = next((one for one in lineage(event) if one.name.startswith(BACKWARD)), None)
         own = innermost(event)
-        if own is None:
-            own = REST if node is None else owner_of.get(node.sequence_nr, REST)
-        seconds[Part(own, node is not None)] += event.self_cpu_time_total / 1e6
+        if own is None and node is not None:
+            own = SUMMED if LEAF in node.name else owner_of.get(node.sequence_nr)
+        seconds[Part(own or REST, node is not None)] += event.self_cpu_time_total / 1e6
     return dict(seconds)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 
@@ -21,8 +22,8 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def significant(value: float) -> str:
-    """Three digits, and no power of ten."""
-    digits = max(0, 2 - len(f"{abs(value):.0f}") + 1) if abs(value) >= 1 else 3
+    """Three digits, or three decimals below 1; no power of ten."""
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if abs(value) >= 1 else 3
     return f"{value:,.{digits}f}"
 
 

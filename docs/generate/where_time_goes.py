@@ -46,8 +46,8 @@ STEP = """
 ## A training step
 
 CPU time on one thread, by `benchmarks/bench_training_parts.py`, of a step with all frames visited before. Backward is
-the gradient of what the forward pass of the same part did. Light is gathered within the transfer, depth found within
-the deferred lobe: each is counted once, where it is named.
+the gradient of what the forward pass of the same part did. What runs within another part, as gathering of light does
+within the transfer, is counted once, where it is named.
 """
 
 FRAME = """
@@ -67,8 +67,8 @@ count as operations but cannot run at a matrix product's rate, so kernels that h
 """
 
 TWINS = """
-Tracing and reading leave most work to libraries. The share is what the library's part alone takes, with everything it
-needs made beforehand, over what the whole takes.
+Tracing and reading call libraries, Embree and OpenCV. The share is what the library's part takes alone, with everything
+it needs made beforehand, over what the whole takes.
 """
 
 
