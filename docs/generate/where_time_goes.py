@@ -140,9 +140,9 @@ def parts_table(step: dict) -> str:
     """Parts of a step, largest first."""
     rows = []
     for part in sorted(step["parts"], key=lambda part: -part["forward_s"] - part["backward_s"]):
-        both = part["forward_s"] + part["backward_s"]
-        backward = milliseconds(part["backward_s"]) if part["backward_s"] else "–"
-        rows.append([part["part"], milliseconds(part["forward_s"]), backward, percent(both / step["cpu_s"])])
+        ways = (part["forward_s"], part["backward_s"])
+        cells = [milliseconds(seconds) if seconds else "–" for seconds in ways]
+        rows.append([part["part"], *cells, percent(sum(ways) / step["cpu_s"])])
     return table(("part", "forward, ms", "backward, ms", "share"), rows)
 
 
