@@ -156,7 +156,7 @@ TRAINED = [
          (0.0, "what a step makes is freed; what frames hold was there before")),
     Case("train_avatar, frames held", "frames", doubled(2), held_frames,
          (1.0, "each frame is read, posed and lit once"),
-         (1.0, "record, anchors and traced maps of every frame stay in memory; a frame's light is what is fixed")),
+         (1.0, "of every frame stay record, anchors, traced maps, and harmonics where transfer reads them")),
 ]  # fmt: skip
 
 

@@ -32,7 +32,7 @@ SETTINGS = TrainAvatar()
 """The defaults."""
 
 HELD_SIDE, HELD_ATLAS = 64, 128
-"""Sides of the images and of the atlas where frames are counted: a frame then holds a megabyte."""
+"""Sides of the images and of the atlas where frames are counted: a frame then holds megabytes."""
 
 
 def training_steps(folder: Path, side: int, atlas_size: int) -> Job:
