@@ -19,7 +19,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases scaling growth effects lint docs schema curves presets lock FORCE
+.PHONY: help test hard-cases scaling growth effects time lint docs schema curves presets lock FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -27,6 +27,7 @@ help:
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
 	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
+	@echo 'make time                          measure where the time goes, and write that page; TIMED=results/SUBJECT ...'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make docs                          build the documentation into build/docs'
 	@echo 'make schema                        write what is generated: config.yaml, its schema, pages of settings and commands'
@@ -53,6 +54,14 @@ growth: scaling
 
 effects: $(READY)
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --out results/effects_comparison.csv
+
+# Subjects whose runs and training are looked at: finished ones.
+TIMED ?= results/subjectA
+time: $(READY)
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_limits --out results/time/limits.json
+	$(foreach subject,$(TIMED),$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_training_parts \
+	    --results $(subject) --out results/time/training_$(notdir $(subject)).json &&) true
+	$(BIN)/python -m docs.generate.where_time_goes --results $(TIMED) --measured results/time
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -11,27 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
-
 from benchmarks.bench_splatting import make_scene as make_gaussians
 from benchmarks.bench_splatting import step as splatting_step
-from benchmarks.scaling_inputs import CAMERAS, packed, photographed, stage_of_size, walked
-from pipeline.avatar.frames.inputs import FrameInputs
-from pipeline.avatar.model import Avatar
-from pipeline.avatar.spec.planned import read_plan, resolve_spec
-from pipeline.avatar.texels.posed_texels import texel_spacing
-from pipeline.avatar.training.training import Training
-from pipeline.capture.shards import read_frame_shards, read_image_shards
+from benchmarks.scaling_inputs import CAMERAS, photographed, stage_of_size, walked
+from benchmarks.scaling_training import Job, head_steps, held_frames, steps_among_frames, training_steps
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.track_mesh import TrackMesh
-from pipeline.config.train_avatar import TrainAvatar
-from pipeline.geometry.texels import read_atlas
 from pipeline.rendering.projection_kernels import TILE
 from pipeline.rendering.splat import splat
 from pipeline.stages import pack_shards, trace_irradiance, track_mesh
-
-Job = tuple[dict[str, int], Callable[[], object]]
-"""How large a job is, by what was counted, and the job."""
 
 COUNTED = ("frames", "images", "lights", "texels", "Gaussians", "pixels")
 """What sizes are given in. Pixels are those of an image, or of all images of a training step."""
@@ -153,28 +141,6 @@ SPLATTED = [
          (1.0, "channels of the image, and tile lists; Gaussians are what is fixed")),
 ]  # fmt: skip
 
-STEPS = 2
-"""Training steps in one run: neither a tick of the clock nor minutes."""
-
-
-def training_steps(folder: Path, side: int, atlas_size: int) -> Job:
-    """`STEPS` steps of training with the default settings."""
-    files, settings = packed(folder, side, atlas_size), TrainAvatar()
-    atlas, images = read_atlas(files["atlas"]), read_image_shards([files["shards"] / "train"])
-    records = read_frame_shards([files["shards"] / "frames"])
-    inputs = FrameInputs(atlas, records[int(images.table.frame[0])])
-    own = [image for image in images if image.frame == inputs.record.frame][: settings.cameras_per_step]
-    torch.manual_seed(0)
-    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, read_plan(files["effects"])))
-    training = Training(avatar, settings)
-
-    def run() -> None:
-        for step in range(STEPS):
-            training.take_step(step, inputs, own)
-
-    return {"texels": atlas.texel_count, "pixels": sum(image.width * image.height for image in own)}, run
-
-
 TRAINED = [
     Case("train_avatar, 2 steps", "texels", sides(64, 7), lambda folder, size: training_steps(folder, 64, size),
          (1.0, "transfer, lobe, projection and Adam per texel; blending is what is fixed"),
@@ -182,6 +148,15 @@ TRAINED = [
     Case("train_avatar, 2 steps", "pixels", sides(96), lambda folder, side: training_steps(folder, side, 64),
          (1.0, "lobe and losses per pixel, and blending; what is done per texel is fixed"),
          (1.0, "channels of the image, kept for the gradient; texels are what is fixed")),
+    Case("train_avatar, 2 steps of a head", "texels", sides(64, 7), head_steps,
+         (1.0, "what a body takes, and additions drawn per texel; decoders' maps, of a set size, are what is fixed"),
+         (1.0, "parameters, gradients, moments and additions per texel; decoders and images are what is fixed")),
+    Case("train_avatar, 2 steps among frames", "frames", doubled(2), steps_among_frames,
+         (0.0, "a step looks at one frame; it was posed at its first visit"),
+         (0.0, "what a step makes is freed; what frames hold was there before")),
+    Case("train_avatar, frames held", "frames", doubled(2), held_frames,
+         (1.0, "each frame is read, posed and lit once"),
+         (1.0, "of every frame stay record, anchors, traced maps, and harmonics where transfer reads them")),
 ]  # fmt: skip
 
 

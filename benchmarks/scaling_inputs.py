@@ -57,11 +57,11 @@ def photographed(folder: Path, side: int, frames: int, atlas_size: int) -> dict[
 
 
 @functools.cache
-def packed(folder: Path, side: int, atlas_size: int) -> dict[str, Path]:
-    """The scene's shards of two frames, for training."""
-    files = photographed(folder, side, 2, atlas_size)
+def packed(folder: Path, side: int, atlas_size: int, frames: int = 2) -> dict[str, Path]:
+    """The scene's shards of so many frames, for training."""
+    files = photographed(folder, side, frames, atlas_size)
     shards = files["atlas"].parent / "shards"
-    pack_shards.run(**files, out=shards)
+    pack_shards.run(**files, out=shards, chunk_size=frames)
     return {"atlas": files["atlas"], "effects": files["effects"], "shards": shards}
 
 

@@ -1,6 +1,9 @@
-"""Text from docstrings and descriptions as Markdown."""
+"""Pieces of Markdown: text from docstrings and descriptions, tables, numbers."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
 
 
 def escaped(text: str) -> str:
@@ -10,3 +13,25 @@ def escaped(text: str) -> str:
     parts[::2] = plain
     parts[1::2] = [part.replace("|", "\\|") for part in parts[1::2]]
     return "`".join(parts)
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of Markdown."""
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *(f"| {' | '.join(row)} |" for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def significant(value: float) -> str:
+    """Three digits, or three decimals below 1; no power of ten."""
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if abs(value) >= 1 else 3
+    return f"{value:,.{digits}f}"
+
+
+def milliseconds(seconds: float) -> str:
+    """Of seconds, three digits."""
+    return significant(1e3 * seconds)
+
+
+def percent(share: float) -> str:
+    """Of a share, without decimals from 10 % on."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.1f} %"
