@@ -2,9 +2,9 @@
 
     python -m benchmarks.bench_startup --finished results/subjectA --subjects 1 20
 
-For every stage, `--help` and the import of its module, its start but for reading its arguments; for Snakemake,
-an empty project with nothing to do (its own start), reading this project's Snakefile, and plans with nothing to do of so
-many copies of a finished subject. User and system time of one process, the least of several rounds; each round runs
+For every stage, `--help` and the import of its module, its start but for reading its arguments. For Snakemake, an empty
+project with nothing to do (its own start), reading this project's Snakefile, and plans with nothing to do of so many
+copies of a finished subject. User and system time of one process, the least of several rounds; each round runs
 everything once, so that a busy machine slows all rows alike. With several roots, as `--root . ../before`, one column of
 each. The row `import pandas` tells machines, and their load, apart.
 """
