@@ -31,6 +31,13 @@ DATA_SUFFIXES = (".safetensors",)
 SETTLED_NS = 2_000_000_000
 """Age from which a time stamp tells a file's versions apart: the coarsest clock of a file system, FAT's, ticks so."""
 
+LOOK_AGAIN_S = 0.1
+"""Seconds for which nobody looks whether stamps are what they were: a plan of twenty subjects asks five hundred times.
+
+An edit within that time counts as one that comes right after the plan, which anyway records the code of before and lets
+the next run notice.
+"""
+
 Stamp = tuple[int, int, int, int]
 """Times of change (of the content, of the inode), size and inode."""
 
@@ -72,6 +79,7 @@ class _Code:
         self._parsed = ParsedFiles(root / KEPT)
         self._stamps: dict[str, Stamp | None] = {}
         self._settled = True
+        self._looked_s = time.monotonic()
         self._packages: dict[str, _Package] = {}
         self._modules: dict[str, tuple[ParsedFile, set[str]]] = {}
         self._digests: dict[str, str] = {}
@@ -79,7 +87,10 @@ class _Code:
 
     def is_current(self) -> bool:
         """Tell whether nothing that was looked at has changed since, as far as its stamps can tell."""
-        return self._settled and all(_stamp(path) == stamp for path, stamp in self._stamps.items())
+        if self._settled and time.monotonic() > self._looked_s + LOOK_AGAIN_S:
+            self._looked_s = time.monotonic()
+            return all(_stamp(path) == stamp for path, stamp in self._stamps.items())
+        return self._settled
 
     def digest(self, module: str) -> str:
         """Digest of a module and of all that it imports."""

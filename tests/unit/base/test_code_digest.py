@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from pipeline.base.code_digest import KEPT, SETTLED_NS, code_digest, imported_modules
+from pipeline.base.code_digest import KEPT, LOOK_AGAIN_S, SETTLED_NS, code_digest, imported_modules
 from pipeline.config.project import SECTIONS
 
 FILES = {
@@ -145,7 +145,7 @@ def test_edits_within_a_process_are_seen_whatever_the_age_of_files(project, monk
         lambda: (project / "pipeline/deep/direct/__init__.py").write_text("def work():\n    return 3\n"),
         lambda: (project / "pipeline/late.py").unlink(),
     ):
-        time.sleep(0.02)  # A tick of the clock that file systems stamp with.
+        time.sleep(1.2 * LOOK_AGAIN_S)
         edit()
         digests.append(code_digest("pipeline.stage", project))
     assert digests[1] == digests[2]  # An empty folder is no module.
@@ -155,6 +155,7 @@ def test_edits_within_a_process_are_seen_whatever_the_age_of_files(project, monk
 def test_unchanged_files_are_read_once_in_a_process(project, monkeypatch):
     monkeypatch.setattr("pipeline.base.code_digest.SETTLED_NS", -(10**15))
     digest = code_digest("pipeline.stage", project)
+    time.sleep(1.2 * LOOK_AGAIN_S)
     monkeypatch.setattr("builtins.open", None)
     assert code_digest("pipeline.stage", project) == digest
 
