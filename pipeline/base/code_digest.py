@@ -32,7 +32,7 @@ SETTLED_NS = 2_000_000_000
 """Age from which a time stamp tells a file's versions apart: the coarsest clock of a file system, FAT's, ticks so."""
 
 LOOK_AGAIN_S = 0.1
-"""Seconds for which nobody looks whether stamps are what they were: a plan of twenty subjects asks five hundred times.
+"""Seconds for which nobody looks whether anything has changed: a plan of twenty subjects asks five hundred times.
 
 An edit within that time counts as one that comes right after the plan, which anyway records the code of before and lets
 the next run notice.
@@ -87,10 +87,10 @@ class _Code:
 
     def is_current(self) -> bool:
         """Tell whether nothing that was looked at has changed since, as far as its stamps can tell."""
-        if self._settled and time.monotonic() > self._looked_s + LOOK_AGAIN_S:
-            self._looked_s = time.monotonic()
-            return all(_stamp(path) == stamp for path, stamp in self._stamps.items())
-        return self._settled
+        if time.monotonic() < self._looked_s + LOOK_AGAIN_S:
+            return True
+        self._looked_s = time.monotonic()
+        return self._settled and all(_stamp(path) == stamp for path, stamp in self._stamps.items())
 
     def digest(self, module: str) -> str:
         """Digest of a module and of all that it imports."""
@@ -142,7 +142,8 @@ class _Code:
             self._packages[top] = found = _Package({}, [])
             if os.path.isfile(path := os.path.join(self._root, f"{top}.py")):
                 found.files[top] = path
-            for folder, _, names in os.walk(os.path.join(self._root, top), followlinks=True):
+            for folder, inside, names in os.walk(os.path.join(self._root, top), followlinks=True):
+                inside[:] = [name for name in inside if name != "__pycache__"]
                 self._note(folder)
                 package = os.path.relpath(folder, self._root).replace(os.sep, ".")
                 for file in names:

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from pipeline.base.code_digest import KEPT, LOOK_AGAIN_S, SETTLED_NS, code_digest, imported_modules
+from pipeline.base.code_digest import KEPT, SETTLED_NS, code_digest, imported_modules
 from pipeline.config.project import SECTIONS
 
 FILES = {
@@ -39,6 +39,12 @@ IMPORTED = {
     "pipeline.deep.more",
     "pipeline.deep.more.far",
 }
+
+
+@pytest.fixture(autouse=True)
+def always_looking(monkeypatch):
+    """Edits of a test come faster than anybody's."""
+    monkeypatch.setattr("pipeline.base.code_digest.LOOK_AGAIN_S", 0)
 
 
 @pytest.fixture
@@ -103,6 +109,14 @@ def test_new_import_changes_the_digest_by_what_it_brings(project):
     assert before != after
 
 
+def test_edit_right_after_a_look_counts_as_a_later_one(project, monkeypatch):
+    monkeypatch.setattr("pipeline.base.code_digest.LOOK_AGAIN_S", 3600)
+    before, after = edited(project, "pipeline/late.py", "LATE = 1", "LATE = 2")
+    assert before == after
+    monkeypatch.setattr("pipeline.base.code_digest.LOOK_AGAIN_S", 0)
+    assert code_digest("pipeline.stage", project) != before
+
+
 @pytest.fixture
 def keeping(project):
     """The project where Snakemake has run: what files say is kept."""
@@ -145,7 +159,7 @@ def test_edits_within_a_process_are_seen_whatever_the_age_of_files(project, monk
         lambda: (project / "pipeline/deep/direct/__init__.py").write_text("def work():\n    return 3\n"),
         lambda: (project / "pipeline/late.py").unlink(),
     ):
-        time.sleep(1.2 * LOOK_AGAIN_S)
+        time.sleep(0.02)  # A tick of the clock that file systems stamp with.
         edit()
         digests.append(code_digest("pipeline.stage", project))
     assert digests[1] == digests[2]  # An empty folder is no module.
@@ -155,7 +169,6 @@ def test_edits_within_a_process_are_seen_whatever_the_age_of_files(project, monk
 def test_unchanged_files_are_read_once_in_a_process(project, monkeypatch):
     monkeypatch.setattr("pipeline.base.code_digest.SETTLED_NS", -(10**15))
     digest = code_digest("pipeline.stage", project)
-    time.sleep(1.2 * LOOK_AGAIN_S)
     monkeypatch.setattr("builtins.open", None)
     assert code_digest("pipeline.stage", project) == digest
 
