@@ -14,7 +14,9 @@ from pipeline.base.stopping import Stopped
 from pipeline.base.watchdog import watched
 
 
-def run_as_command(run: Callable[..., None], renamed: Mapping[str, str] = MappingProxyType({})) -> None:
+def run_as_command(
+    run: Callable[..., None], renamed: Mapping[str, str] = MappingProxyType({}), program: str | None = None
+) -> None:
     """Turn a stage's `run` into its command line.
 
     Flags, help and defaults come from its signature and docstring. Prints an `InputError` as it stands and exits with
@@ -24,6 +26,7 @@ def run_as_command(run: Callable[..., None], renamed: Mapping[str, str] = Mappin
     Args:
         run: the stage.
         renamed: flags that were renamed, old -> new, as in `--promise` -> `--estimate`: both are understood.
+        program: its name in the help; by default that of the file that Python was started with.
     """
     words = []
     for word in sys.argv[1:]:
@@ -32,7 +35,7 @@ def run_as_command(run: Callable[..., None], renamed: Mapping[str, str] = Mappin
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:
         with watched(sys.__stderr__):
-            tyro.cli(run, args=words, config=(tyro.conf.OmitArgPrefixes,))
+            tyro.cli(run, prog=program, args=words, config=(tyro.conf.OmitArgPrefixes,))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

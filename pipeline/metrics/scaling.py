@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 from scipy.optimize import brentq, minimize_scalar
-from scipy.stats import f as fisher
-from scipy.stats import t as student
+
+from pipeline.base.distributions import f_quantile, student_quantile
 
 MOST_EXPONENT = 4.0
 """Largest that is looked for beside a fixed cost; nothing here grows faster than a dense matrix is factorised, 3."""
@@ -127,7 +127,7 @@ def _line(x: np.ndarray, y: np.ndarray, middle: float, level: float) -> ScalingL
     exponent = float(x @ y / (x @ x))
     left = y - y.mean() - exponent * x
     error = np.sqrt(left @ left / (len(x) - 2) / (x @ x))
-    half = float(student.ppf((1 + level) / 2, len(x) - 2) * error) + ROUNDING
+    half = float(student_quantile((1 + level) / 2, len(x) - 2) * error) + ROUNDING
     return ScalingLaw(exponent, exponent - half, exponent + half, 0.0, float(np.exp(y.mean()) / middle**exponent))
 
 
@@ -156,7 +156,7 @@ def _profile(z: np.ndarray, y: np.ndarray, middle: float, level: float) -> Scali
     found = minimize_scalar(misfit, bounds=around, method="bounded", options={"xatol": 1e-9})
     least, exponent = min((float(found.fun), float(found.x)), (float(tried[best]), float(grid[best])))
     degrees = len(z) - 3
-    limit = least * (1 + fisher.ppf(level, 1, degrees) / degrees) + len(z) * ROUNDING**2
+    limit = least * (1 + f_quantile(level, 1, degrees) / degrees) + len(z) * ROUNDING**2
     low = _crossing(misfit, limit, exponent, grid[grid < exponent][::-1])
     high = _crossing(misfit, limit, exponent, grid[grid > exponent])
     return _law(exponent, low, high, _best_share(exponent, z, y)[0], z, y, middle)

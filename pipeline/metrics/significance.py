@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.stats import t as student
+
+from pipeline.base.distributions import student_tail
 
 BLOCKS = 8
 """Of consecutive frames. More give the test more power; fewer make the blocks longer and so less alike. From 8 on, a
@@ -47,7 +48,7 @@ class Estimate:
             return math.nan
         if self.mean == 0 or self.error == 0:
             return float(self.mean == 0)
-        return float(2 * student.sf(abs(self.mean) / self.error, self.degrees))
+        return 2 * student_tail(abs(self.mean) / self.error, self.degrees)
 
 
 NOTHING = Estimate(math.nan, math.nan, math.nan)

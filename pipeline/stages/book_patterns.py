@@ -29,7 +29,6 @@ from pipeline.sync.brightness import BrightnessModel, directions_from, observed_
 from pipeline.sync.patterns import find_leaks, mend_patterns, synced_frames, synced_patterns
 from pipeline.sync.subject_proxy import Ellipsoid, fit_ellipsoid, shading_response
 from pipeline.sync.sync import FAULTY, UNEXPLAINED, SyncCheck, check_sync
-from pipeline.sync.timeline import draw_timeline
 
 log = logging.getLogger("book_patterns")
 
@@ -78,6 +77,8 @@ def run(
     table = synced_patterns(patterns, synced)
     report(synced, len(tables["frames"]))
     write_json(out / "sync.json", sync_facts(check, fixed, subject))
+    from pipeline.sync.timeline import draw_timeline  # Matplotlib, once there is something to draw.
+
     draw_timeline(out / "sync.png", check, synced, table, stage_lights.light.tolist())
     complain_of_faults(check, settings, index / "patterns.parquet", out / "sync.png")
     complain_of_leaks(find_leaks(synced, table), settings, index / "patterns.parquet")

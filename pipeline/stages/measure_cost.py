@@ -27,7 +27,6 @@ from pipeline.config.project import SECTIONS
 from pipeline.dials.catalogue import DIALS
 from pipeline.dials.dial import Subject, possible_dials
 from pipeline.dials.jobs import judge, measure, merged, prepare
-from pipeline.figures.cost_plot import draw_costs
 from pipeline.metrics.cost import cost_table, interleaved
 
 log = logging.getLogger("measure_cost")
@@ -72,6 +71,8 @@ def run(
     for row in table[table.chosen].itertuples():
         log.info("%s: %s will do: %s %.3g, %.2f s", row.dial, row.setting, row.metric, row.error, row.seconds)
     write_table(out / "accuracy_cost.csv", table)
+    from pipeline.figures.cost_plot import draw_costs  # Matplotlib, once there is something to draw.
+
     draw_costs(out / "accuracy_cost.png", table, settings.repeats)
 
 

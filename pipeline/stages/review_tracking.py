@@ -20,7 +20,6 @@ from pipeline.base.files import write_table, written_whole
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.config.review_tracking import ReviewTracking
 from pipeline.figures.page import Section, write_page
-from pipeline.figures.recording import write_recording
 from pipeline.figures.style import worst
 from pipeline.figures.surface_lines import level_lines
 from pipeline.figures.tracked_capture import TrackedCapture, read_tracked_capture
@@ -61,6 +60,8 @@ def run(
             *show_cameras(folder, found, lines, frames, cameras, settings, pool),
         ]
         if settings.recording:
+            from pipeline.figures.recording import write_recording  # rerun, for those who want a recording.
+
             write_recording(folder / "tracking.rrd", found, settings, pool)
             text = "The capture to scrub through, in a viewer: python -m rerun tracking.rrd"
             sections.insert(0, Section("Recording", "", text))

@@ -15,11 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import matplotlib
 import numpy as np
-import trimesh
 from jaxtyping import Float64
-from matplotlib.figure import Figure
 from PIL import Image
 
 from pipeline.base.command import run_as_command
@@ -148,6 +145,8 @@ def measure_atlas(atlas: Atlas) -> AtlasMeasures:
 
 def _chart_image(atlas: Atlas) -> np.ndarray:
     """Charts in colours with the wireframe over them, uint8 RGB [pixels, pixels, 3]."""
+    import matplotlib  # It draws when the map is done, and so does trimesh write: together a second to import.
+
     palette = matplotlib.colormaps["tab20"](np.arange(20))[:, :3]
     image = np.ones((atlas.size, atlas.size, 3))
     image[atlas.texel[:, 0], atlas.texel[:, 1]] = palette[np.unique(atlas.chart, return_inverse=True)[1] % len(palette)]
@@ -161,6 +160,8 @@ def _chart_image(atlas: Atlas) -> np.ndarray:
 
 def _draw(path: Path, atlas: Atlas, measures: AtlasMeasures) -> None:
     """atlas.png: charts with the wireframe, and the size of the texels on the body."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(15, 7.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     left.imshow(_chart_image(atlas), extent=(0, atlas.size, atlas.size, 0))
@@ -177,6 +178,8 @@ def _draw(path: Path, atlas: Atlas, measures: AtlasMeasures) -> None:
 
 def _write_mesh(path: Path, atlas: Atlas) -> None:
     """The rest mesh, split along the map's seams, textured with the chart picture."""
+    import trimesh
+
     keys = np.concatenate([atlas.faces.reshape(-1, 1), atlas.uv.reshape(-1, 2)], 1)
     rows, corner = np.unique(keys, axis=0, return_inverse=True)
     # trimesh keeps v pointing up and turns it over when it writes glTF.

@@ -18,8 +18,8 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy import stats
 
+from pipeline.base.distributions import f_quantile
 from pipeline.sync.brightness import DEGREES, DYNAMIC, STATIC, BrightnessModel, log_likelihood
 from pipeline.sync.offset_viterbi import LARGEST_SCALE, pattern_likelihoods, unknown_pattern
 
@@ -160,7 +160,7 @@ class Fit:
             self.variances = 1 / pull - self.scale**2 * (own / weights - own)
             relative = self.distances / self.variances
             weights = np.minimum((DEGREES + rows) / (DEGREES + relative), 1)
-            excess = np.median(relative) / rows / stats.f.ppf(0.5, rows, DEGREES)
+            excess = np.median(relative) / rows / f_quantile(0.5, rows, DEGREES)
             self.scale = float(np.clip(self.scale * np.sqrt(excess), 1 / LARGEST_SCALE, LARGEST_SCALE))
 
     def clearest_frame(self) -> IndexedFault:

@@ -14,9 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy import stats
 from scipy.special import logsumexp
 
+from pipeline.base.distributions import f_quantile
 from pipeline.sync.brightness import DEGREES, BrightnessModel, log_likelihood
 
 STRANGE_SHARE = 1e-3
@@ -105,7 +105,7 @@ def noise_scale(relative: Float64[np.ndarray, "frames offsets"], rows: int) -> f
     """
     quantiles = np.quantile(relative / rows, SCALE_QUANTILE, axis=0, method="lower")
     # Of Student's t in `rows` dimensions, r^T K^-1 r / (rows v) is distributed as F(rows, DEGREES).
-    expected = stats.f.ppf(SCALE_QUANTILE, rows, DEGREES)
+    expected = f_quantile(SCALE_QUANTILE, rows, DEGREES)
     return float(np.clip(np.sqrt(quantiles.min() / expected), 1 / LARGEST_SCALE, LARGEST_SCALE))
 
 

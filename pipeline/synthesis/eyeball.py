@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from jaxtyping import Float64, Int64
 
 from pipeline.base.conventions import PIXEL_CENTER
@@ -57,6 +56,8 @@ def radius_along(directions: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, 
 
 def template_eyeball() -> tuple[Float64[np.ndarray, "v 3"], Int64[np.ndarray, "f 3"]]:
     """The coarse mesh; vertex 0, the pupil's, lies at the cornea's apex."""
+    import trimesh  # With all that it can do, half a second that only captures with eyes have to spend.
+
     sphere = trimesh.creation.icosphere(EYE_SUBDIVISIONS)
     turn = trimesh.geometry.align_vectors(sphere.vertices[0], [0.0, 0.0, 1.0])
     directions = np.asarray(sphere.vertices) @ turn[:3, :3].T

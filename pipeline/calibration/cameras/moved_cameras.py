@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
 from jaxtyping import Int64
 
+from pipeline.base.distributions import chi2_tail, f_tail
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_model import POSE, Observations
 
@@ -77,11 +77,11 @@ class _Gain:
         """
         if self.freedom == 0:
             return 1.0
-        by_noise = scipy.stats.chi2.sf(self.gain, self.freedom)
+        by_noise = chi2_tail(self.gain, self.freedom)
         if self.rest_freedom == 0:
-            return float(by_noise)
-        by_misfit = scipy.stats.f.sf(self.gain / self.freedom / self.misfit, self.freedom, self.rest_freedom)
-        return float(max(by_noise, by_misfit))
+            return by_noise
+        by_misfit = f_tail(self.gain / self.freedom / self.misfit, self.freedom, self.rest_freedom)
+        return max(by_noise, by_misfit)
 
 
 def find_moved(rig: Rig, time: Int64[np.ndarray, " views"]) -> Moved | None:

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-import scipy.optimize
-import scipy.spatial
 from jaxtyping import Float64
 
 from pipeline.base.errors import listed
@@ -119,8 +117,12 @@ def resemblances(
     """
     lost = np.flatnonzero(np.linalg.norm(measured - surveyed, axis=1) > limit)
     found = [""] * len(names)
-    distance = scipy.spatial.distance.cdist(measured[lost], surveyed[lost])
-    for i, j in zip(*scipy.optimize.linear_sum_assignment(np.minimum(distance, limit)), strict=True):
+    if not len(lost):
+        return found
+    from scipy.optimize import linear_sum_assignment  # Half a second, for captures with a light that was moved.
+
+    distance = np.linalg.norm(measured[lost, None] - surveyed[lost], axis=2)
+    for i, j in zip(*linear_sum_assignment(np.minimum(distance, limit)), strict=True):
         if distance[i, j] < limit:
             found[lost[i]] = names[lost[j]]
     return found

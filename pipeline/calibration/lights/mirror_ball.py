@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
 from jaxtyping import Float64
 
+from pipeline.base.distributions import chi2_tail
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.least_squares import solve_least_squares
 
@@ -64,7 +64,7 @@ def locate_ball(
     for camera, outline in zip(cameras, outlines, strict=True) if freedom else ():
         alone, uncertain, _ = _fit_outlines([camera], [outline], radius_m)
         chi2 += (alone - center) @ np.linalg.solve(uncertain, alone - center)
-    ratio = chi2 / freedom if freedom and scipy.stats.chi2.sf(chi2, freedom) < DISAGREE_LEVEL else 1.0
+    ratio = chi2 / freedom if freedom and chi2_tail(chi2, freedom) < DISAGREE_LEVEL else 1.0
     return Ball(center, ratio * covariance, rms_px, float(np.sqrt(ratio)))
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import digest_bytes, digest_file
 from pipeline.capture.cameras.camera_formats import SourceImage
-from pipeline.capture.cameras.colmap_cameras import read_colmap
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
 from pipeline.capture.paths import locate
 from pipeline.capture.schema.camera_schema import KnownCameras
@@ -78,6 +77,9 @@ def _read_images(
     path, inner = root / section.path, Complaints(section.path)
     try:
         if section.format == "colmap":
+            # Imports pycolmap, which loads all of COLMAP.
+            from pipeline.capture.cameras.colmap_cameras import read_colmap
+
             images = read_colmap(path, cameras, inner)
         elif section.format == "nerfstudio":
             images = read_nerfstudio(path, cameras, inner)

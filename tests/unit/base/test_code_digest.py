@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ast
+import os
+import shutil
+import time
 
 import pytest
 
-from pipeline.base.code_digest import code_digest, imported_modules
+from pipeline.base.code_digest import KEPT, SETTLED_NS, code_digest, imported_modules
 from pipeline.config.project import SECTIONS
 
 FILES = {
@@ -36,6 +39,12 @@ IMPORTED = {
     "pipeline.deep.more",
     "pipeline.deep.more.far",
 }
+
+
+@pytest.fixture(autouse=True)
+def always_looking(monkeypatch):
+    """Edits of a test come faster than anybody's."""
+    monkeypatch.setattr("pipeline.base.code_digest.LOOK_AGAIN_S", 0)
 
 
 @pytest.fixture
@@ -98,6 +107,95 @@ def test_new_import_changes_the_digest_by_what_it_brings(project):
     assert before != after
     before, after = edited(project, "pipeline/unrelated.py", "OTHER = 1", "OTHER = 2")
     assert before != after
+
+
+def test_edit_right_after_a_look_counts_as_a_later_one(project, monkeypatch):
+    monkeypatch.setattr("pipeline.base.code_digest.LOOK_AGAIN_S", 3600)
+    before, after = edited(project, "pipeline/late.py", "LATE = 1", "LATE = 2")
+    assert before == after
+    monkeypatch.setattr("pipeline.base.code_digest.LOOK_AGAIN_S", 0)
+    assert code_digest("pipeline.stage", project) != before
+
+
+@pytest.fixture
+def keeping(project):
+    """The project where Snakemake has run: what files say is kept."""
+    (project / KEPT).parent.mkdir()
+    code_digest("pipeline.stage", project)
+    assert (project / KEPT).is_file()
+    return project
+
+
+def copied(project, folder):
+    """The project elsewhere: nothing that this process remembers is of it."""
+    return shutil.copytree(project, folder)
+
+
+def test_kept_parses_give_the_fresh_digest_and_nothing_is_parsed(keeping, tmp_path_factory, monkeypatch):
+    other = copied(keeping, tmp_path_factory.mktemp("other") / "project")
+    fresh = code_digest("pipeline.stage", keeping)
+    monkeypatch.setattr(ast, "parse", None)
+    assert code_digest("pipeline.stage", other) == fresh
+
+
+def test_edit_that_keeps_size_and_time_changes_the_digest(keeping, tmp_path_factory):
+    other = copied(keeping, tmp_path_factory.mktemp("other") / "project")
+    path = other / "pipeline/late.py"
+    before = path.stat()
+    path.write_text("LATE = 2\n")
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert path.stat().st_size == before.st_size
+    assert code_digest("pipeline.stage", other) != code_digest("pipeline.stage", keeping)
+
+
+@pytest.mark.parametrize("settled_ns", [SETTLED_NS, -(10**15)])
+def test_edits_within_a_process_are_seen_whatever_the_age_of_files(project, monkeypatch, settled_ns):
+    """New files are read each time; the second case takes them for old, whose stamps tell versions apart."""
+    monkeypatch.setattr("pipeline.base.code_digest.SETTLED_NS", settled_ns)
+    digests = [code_digest("pipeline.stage", project)]
+    for edit in (
+        lambda: (project / "pipeline/late.py").write_text("LATE = 22\n"),
+        lambda: (project / "pipeline/deep/direct").mkdir(),
+        lambda: (project / "pipeline/deep/direct/__init__.py").write_text("def work():\n    return 3\n"),
+        lambda: (project / "pipeline/late.py").unlink(),
+    ):
+        time.sleep(0.02)  # A tick of the clock that file systems stamp with.
+        edit()
+        digests.append(code_digest("pipeline.stage", project))
+    assert digests[1] == digests[2]  # An empty folder is no module.
+    assert len(set(digests)) == 4
+
+
+def test_unchanged_files_are_read_once_in_a_process(project, monkeypatch):
+    monkeypatch.setattr("pipeline.base.code_digest.SETTLED_NS", -(10**15))
+    digest = code_digest("pipeline.stage", project)
+    monkeypatch.setattr("builtins.open", None)
+    assert code_digest("pipeline.stage", project) == digest
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[:-100],
+        lambda content: content.replace(b"sibling", b"sibbing", 1),
+        lambda content: b"[]",
+        lambda content: bytes(range(256)),
+    ],
+    ids=["empty", "truncated", "altered", "other", "binary"],
+)
+def test_damaged_kept_parses_are_ignored_and_replaced(keeping, tmp_path_factory, damage):
+    other = copied(keeping, tmp_path_factory.mktemp("other") / "project")
+    whole = (keeping / KEPT).read_bytes()
+    (other / KEPT).write_bytes(damage(whole))
+    assert (other / KEPT).read_bytes() != whole
+    assert code_digest("pipeline.stage", other) == code_digest("pipeline.stage", keeping)
+    assert (other / KEPT).read_bytes() == whole
+
+
+def test_nothing_is_kept_where_snakemake_has_not_run(project):
+    code_digest("pipeline.stage", project)
+    assert not (project / KEPT).parent.exists()
 
 
 def test_unknown_module_is_an_error(project):
