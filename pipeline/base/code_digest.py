@@ -10,6 +10,9 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import os
+import sys
+from contextlib import suppress
 from functools import cache
 from importlib.util import resolve_name
 from pathlib import Path
@@ -41,17 +44,16 @@ def code_digest(module: str, root: Path = ROOT) -> str:
 
 def imported_modules(module: str, root: Path = ROOT) -> list[str]:
     """`module` and the modules under `root` that it imports, directly or not, sorted."""
-    seen: set[str] = set()
+    found: dict[str, Path | None] = {}
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        path = _locate(name, root)
-        if name in seen or path is None:
+        if name in found:
             continue
-        seen.add(name)
-        waiting += _parents(name)
-        waiting += [found for target in _read(name, path)[1] for found in (target, *_parents(target))]
-    return sorted(seen)
+        found[name] = path = _locate(name, root)
+        if path is not None:
+            waiting += [*_parents(name), *(part for used in _read(name, path)[1] for part in (used, *_parents(used)))]
+    return sorted(name for name, path in found.items() if path is not None)
 
 
 def direct_imports(module: str, path: Path) -> frozenset[str]:
@@ -65,31 +67,59 @@ def _parents(name: str) -> list[str]:
 
 
 def _locate(name: str, root: Path) -> Path | None:
-    stem = root.joinpath(*name.split("."))
-    return next((path for path in (stem / "__init__.py", stem.with_suffix(".py")) if path.is_file()), None)
+    stem = os.path.join(root, *name.split("."))
+    return next((Path(path) for path in (f"{stem}/__init__.py", f"{stem}.py") if os.path.isfile(path)), None)
 
 
 def _read(name: str, path: Path) -> tuple[str, frozenset[str]]:
     state = path.stat()
-    return _parse(name, path, state.st_mtime_ns, state.st_size)
+    return _kept(name, path, state.st_mtime_ns, state.st_size)
 
 
 @cache
-def _parse(name: str, path: Path, mtime_ns: int, size: int) -> tuple[str, frozenset[str]]:
-    """A file's code without the parts that do not run, and its imports.
+def _kept(name: str, path: Path, mtime_ns: int, size: int) -> tuple[str, frozenset[str]]:
+    """The digest of a file's code and its imports: parsed once, then read from beside the file's bytecode.
 
-    `mtime_ns` and `size` only tell versions of the file apart, for the cache.
+    Parsing all modules takes two seconds, more than all else of a plan. What is kept holds for a content, not a time;
+    `mtime_ns` and `size` only tell versions of the file apart within a process.
     """
-    tree = ast.parse(path.read_bytes(), filename=str(path))
+    source = path.read_bytes()
+    content = hashlib.blake2b(b"\0".join([_parser(), name.encode(), source]), digest_size=16).hexdigest()
+    kept = path.parent / "__pycache__" / f"{path.stem}.code_digest"
+    try:
+        of_content, digest, *imports = kept.read_text().split()
+        if of_content == content:
+            return digest, frozenset(imports)
+    except (OSError, ValueError):
+        pass
+    digest, found = _parse(name, path, source)
+    with suppress(OSError):  # A folder that cannot be written to is parsed again each time.
+        kept.parent.mkdir(exist_ok=True)
+        temporary = kept.with_name(f"{kept.name}.{os.getpid()}")
+        temporary.write_text("\n".join([content, digest, *sorted(found)]))
+        temporary.replace(kept)
+    return digest, found
+
+
+@cache
+def _parser() -> bytes:
+    """What a syntax tree's text depends on beside the source: this file and the version of Python."""
+    return Path(__file__).read_bytes() + sys.version.encode()
+
+
+def _parse(name: str, path: Path, source: bytes) -> tuple[str, frozenset[str]]:
+    """The digest of a file's code without the parts that do not run, and its imports."""
+    tree = ast.parse(source, filename=str(path))
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     imports = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             imports |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            source = resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module
-            imports |= {source, *(f"{source}.{alias.name}" for alias in node.names)}
-    return ast.dump(_WithoutProse().visit(tree)), frozenset(imports)
+            origin = resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module
+            imports |= {origin, *(f"{origin}.{alias.name}" for alias in node.names)}
+    code = ast.dump(_WithoutProse().visit(tree))
+    return hashlib.blake2b(code.encode(), digest_size=16).hexdigest(), frozenset(imports)
 
 
 class _WithoutProse(ast.NodeTransformer):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import os
+import shutil
 
 import pytest
 
@@ -98,6 +100,26 @@ def test_new_import_changes_the_digest_by_what_it_brings(project):
     assert before != after
     before, after = edited(project, "pipeline/unrelated.py", "OTHER = 1", "OTHER = 2")
     assert before != after
+
+
+def test_kept_parts_of_the_digest_hold_for_a_content_and_not_a_time(project, tmp_path_factory):
+    digest = code_digest("pipeline.stage", project)
+    kept = {path.relative_to(project) for path in project.rglob("*.code_digest")}
+    assert len(kept) == len(IMPORTED)
+
+    def copied():
+        return shutil.copytree(project, tmp_path_factory.mktemp("copy") / "project")
+
+    copy = copied()
+    for name in kept:
+        (copy / name).write_text("cut off")
+    assert code_digest("pipeline.stage", copy) == code_digest("pipeline.stage", copied()) == digest
+    late = copied() / "pipeline/late.py"
+    state = late.stat()
+    late.write_text("LATE = 2\n")
+    os.utime(late, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert late.stat().st_size == state.st_size
+    assert code_digest("pipeline.stage", late.parents[1]) != digest
 
 
 def test_unknown_module_is_an_error(project):
