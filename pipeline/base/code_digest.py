@@ -33,13 +33,20 @@ def code_digest(module: str, root: Path = ROOT) -> str:
     if not _locate(module, root):
         raise FileNotFoundError(f"{root}: no module {module}")
     digest = hashlib.blake2b(digest_size=16)
+    files = _data_files(root / module.partition(".")[0])
     for name in imported_modules(module, root):
         path = _locate(name, root)
         digest.update(f"{name}\n{_read(name, path)[0]}\n".encode())
         if path.name == "__init__.py":
-            for data in sorted(file for file in path.parent.rglob("*") if file.suffix in DATA_SUFFIXES):
+            for data in (file for file in files if file.is_relative_to(path.parent)):
                 digest.update(data.relative_to(root).as_posix().encode() + data.read_bytes())
     return digest.hexdigest()
+
+
+def _data_files(package: Path) -> list[Path]:
+    return sorted(
+        Path(folder, name) for folder, _, names in os.walk(package) for name in names if name.endswith(DATA_SUFFIXES)
+    )
 
 
 def imported_modules(module: str, root: Path = ROOT) -> list[str]:
@@ -73,16 +80,17 @@ def _locate(name: str, root: Path) -> Path | None:
 
 def _read(name: str, path: Path) -> tuple[str, frozenset[str]]:
     state = path.stat()
-    return _kept(name, path, state.st_mtime_ns, state.st_size)
+    return _kept(name, str(path), state.st_mtime_ns, state.st_size)
 
 
 @cache
-def _kept(name: str, path: Path, mtime_ns: int, size: int) -> tuple[str, frozenset[str]]:
+def _kept(name: str, file: str, mtime_ns: int, size: int) -> tuple[str, frozenset[str]]:
     """The digest of a file's code and its imports: parsed once, then read from beside the file's bytecode.
 
     Parsing all modules takes two seconds, more than all else of a plan. What is kept holds for a content, not a time;
     `mtime_ns` and `size` only tell versions of the file apart within a process.
     """
+    path = Path(file)
     source = path.read_bytes()
     content = hashlib.blake2b(b"\0".join([_parser(), name.encode(), source]), digest_size=16).hexdigest()
     kept = path.parent / "__pycache__" / f"{path.stem}.code_digest"
