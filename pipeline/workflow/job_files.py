@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from pipeline.base.code_digest import code_digest
@@ -29,6 +30,16 @@ OPTIONAL_OF_SUBJECT = (
     "accuracy_cost.*", "calibration/review/*.png", "tracking/review/*.png", "relit/*/*/stills/*.png",
 )  # fmt: skip
 """What a report shows if it is there: below the project's results, and below the subject's."""
+
+
+@cache
+def stage_digest(stage: str) -> str:
+    """Code digest of a stage when a plan first asks for it.
+
+    A plan asks once per job and wave of jobs. Code that is edited while jobs run differs from what their results say,
+    so that the next plan makes them anew.
+    """
+    return code_digest(f"pipeline.stages.{stage}")
 
 
 @dataclass(frozen=True)
@@ -98,7 +109,7 @@ class JobFiles:
         """
         if self.subject not in self.project.synthetic_subjects:
             return []
-        return [code_digest("pipeline.stages.synthesize_capture"), *self.flags("synthesize_capture")]
+        return [stage_digest("synthesize_capture"), *self.flags("synthesize_capture")]
 
     def each_chunk(self, pattern: str) -> list[str]:
         """Files of the job's chunks; {chunk} in a path below the subject's results is filled in."""

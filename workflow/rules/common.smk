@@ -5,7 +5,6 @@ from pathlib import Path
 
 from snakemake.logging import logger
 
-from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
 from pipeline.budget.resolved_project import resolve_budgets
 from pipeline.config.flags import flags
@@ -13,7 +12,7 @@ from pipeline.config.loading import load_project
 from pipeline.config.stage_commands import stage_arguments
 from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
-from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
+from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned, stage_digest
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, launcher, light_file, one_of, subject_pattern
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
@@ -50,7 +49,7 @@ def code_for(stage):
 
     A function, so that only the code of planned jobs is read: a cluster's job plans itself alone.
     """
-    return lambda wildcards: code_digest(f"pipeline.stages.{stage}")
+    return lambda wildcards: stage_digest(stage)
 
 
 def settings_for(stage):
