@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 BLOCKS = 8
 """Of consecutive frames. More give the test more power; fewer make the blocks longer and so less alike. From 8 on, a
@@ -47,7 +47,7 @@ class Estimate:
             return math.nan
         if self.mean == 0 or self.error == 0:
             return float(self.mean == 0)
-        return float(2 * student.sf(abs(self.mean) / self.error, self.degrees))
+        return float(2 * stdtr(self.degrees, -abs(self.mean) / self.error))
 
 
 NOTHING = Estimate(math.nan, math.nan, math.nan)
