@@ -94,7 +94,8 @@ def solve_equations(system: BandedSystem | DenseSystem, damping: float) -> Float
     strided = np.lib.stride_tricks.as_strided(
         below, (3 * unknowns, frames, unknowns), (row, block, row + number), writeable=False
     )
-    banded = strided.reshape(3 * unknowns, -1)
+    # A copy: of a lone frame, reshaping alone would make none.
+    banded = strided.copy().reshape(3 * unknowns, -1)
     banded[0] *= 1 + damping
     # An unknown that nothing constrains (a lone frame's root, without data) stays where it is.
     banded[0] = np.where(banded[0] > 0, banded[0], 1.0)

@@ -21,7 +21,7 @@ from pipeline.geometry.kinematics import (
 from pipeline.geometry.skin import Template, posed, read_template
 from pipeline.geometry.surface_points import spread_points
 from pipeline.tracking.mesh_tracker import fill_between
-from pipeline.tracking.motion_prior import MotionPrior, inverse_right_jacobian, prior_cost, prior_system
+from pipeline.tracking.motion_prior import BandedSystem, MotionPrior, inverse_right_jacobian, prior_cost, prior_system
 from pipeline.tracking.pose_equations import PointQuadratic, normal_equations, solve_equations
 from pipeline.tracking.pose_solver import align_rigidly, position_term, reprojection_term, solve_poses
 from tests.support.figures.walking import BONES, rest_joints, ring_of_cameras, walk, write_template
@@ -167,6 +167,15 @@ def test_banded_solve_equals_a_dense_one(points: TrackedPoints) -> None:
     expected = np.linalg.solve(matrix, -gradient)
     step = solve_equations(prior_system(prior, points, pose), damping)
     assert np.allclose(step.ravel(), expected, rtol=1e-7, atol=1e-9)
+
+
+def test_a_lone_frame_is_solved_and_its_system_left_as_it_was() -> None:
+    random = np.random.default_rng(9)
+    root, gradient, nothing = random.normal(size=(5, 5)), random.normal(size=(1, 5)), np.zeros((1, 5, 5))
+    system = BandedSystem((root @ root.T)[None], nothing, nothing, gradient)
+    expected = np.linalg.solve(root @ root.T + 0.1 * np.diag(np.diag(root @ root.T)), -gradient[0])
+    for _ in range(2):
+        assert np.allclose(solve_equations(system, 0.1)[0], expected)
 
 
 def test_planted_poses_are_recovered_from_exact_keypoints(points: TrackedPoints) -> None:
