@@ -1,0 +1,77 @@
+"""Seconds that subjects take from their capture to the table, in two checkouts, one after the other.
+
+`python -m benchmarks.bench_subjects --checkouts ../before . --subjects subjectA walker` makes metrics.csv of each
+subject anew, in each checkout, on two cores with nothing else running. Kernels are compiled before, as they are when
+the project is installed. Results that lie there are removed, and so are captures that the subject synthesises. Prints
+a line of JSON for each run: seconds in all and by rule, and the PSNR of all test images.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+
+CAPTURES = {"walker": "../shared/captures"}
+"""Folders of the captures that are not synthetic."""
+
+COMPILE = """
+import importlib.util as util, subprocess, sys
+module = "pipeline.avatar.training.compile_kernels"
+if util.find_spec(module):
+    subprocess.run([sys.executable, "-m", module], check=True)
+"""
+
+
+def seconds_by_rule(results: Path) -> dict[str, float]:
+    """Wall seconds of each rule, summed over its jobs, from Snakemake's benchmarks."""
+    seconds: dict[str, float] = {}
+    for path in sorted(results.glob("benchmarks/*.tsv")):
+        rule = path.name.split(".")[0]
+        seconds[rule] = round(seconds.get(rule, 0.0) + float(pd.read_csv(path, sep="\t").s.sum()), 1)
+    return seconds
+
+
+def run(checkout: Path, subject: str, cores: int, configfile: str | None) -> dict[str, object]:
+    """Make the table of a subject anew."""
+    results = checkout / "results" / subject
+    shutil.rmtree(results, ignore_errors=True)
+    words = [f"results/{subject}/metrics.csv", "--cores", str(cores), "--quiet", "all"]
+    words += ["--configfile", configfile] if configfile else []
+    if subject in CAPTURES:
+        words += ["--config", f"captures={CAPTURES[subject]}"]
+    else:
+        shutil.rmtree(checkout / "captures" / subject, ignore_errors=True)
+    environment = {**os.environ, "PYTHONPATH": str(checkout.resolve())}
+    subprocess.run([sys.executable, "-c", COMPILE], cwd=checkout, env=environment, check=True, capture_output=True)
+    started = time.monotonic()
+    subprocess.run([sys.executable, "-m", "snakemake", *words], cwd=checkout, env=environment, check=True)
+    seconds = time.monotonic() - started
+    table = pd.read_csv(results / "metrics.csv")
+    psnr = float(table[(table.split == "test") & (table.lit == "all")].psnr_db.iloc[0])
+    return {"seconds": round(seconds, 1), "psnr_db": round(psnr, 3), "rules": seconds_by_rule(results)}
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--checkouts", type=Path, nargs="+", required=True, help="folders of the project, in order")
+    parser.add_argument("--subjects", nargs="+", required=True)
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--configfile", help="for a subject that has no file of its own")
+    args = parser.parse_args()
+    for subject in args.subjects:
+        for checkout in args.checkouts:
+            found = run(checkout, subject, args.cores, args.configfile)
+            print(json.dumps({"subject": subject, "checkout": checkout.name, **found}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
