@@ -79,7 +79,7 @@ AFTER_TRACKING = {"track_mesh": 2, "plan_effects": 1, "fit_eyes": 1, **AFTER_PAC
 @pytest.fixture(scope="module")
 def made(copy_of_project, tmp_path_factory):
     """A project in which everything has run once."""
-    workflow = copy_of_project(tmp_path_factory.mktemp("reruns") / "project")
+    workflow = copy_of_project(tmp_path_factory.mktemp("reruns") / "project").with_own_code()
     assert set(OUTPUTS) == set(SECTIONS) - ON_REQUEST
     for stage in OUTPUTS:
         text = f"from pipeline.config import {stage}\n{STAND_IN}".replace("OUTPUTS:", f"{OUTPUTS[stage]!r}:")
@@ -94,8 +94,7 @@ def made(copy_of_project, tmp_path_factory):
 @pytest.fixture
 def workflow(made, tmp_path):
     """A fresh copy of it; times are kept."""
-    shutil.copytree(made.folder, tmp_path / "project", symlinks=True)
-    return type(made)(tmp_path / "project")
+    return made.copied(tmp_path / "project")
 
 
 def test_touched_files_comments_and_prose_rerun_nothing(workflow):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import time
 
@@ -75,12 +74,11 @@ def workflow(made):
 
 @pytest.fixture
 def unchanged(workflow):
-    """Restores the files that a test edits."""
-    names = ("pipeline/stages/track_mesh.py", "config/subjects/tiny.yaml")
-    texts = {name: (workflow.folder / name).read_text() for name in names}
+    """Restores the file that a test edits."""
+    path = workflow.folder / "config/subjects/tiny.yaml"
+    text = path.read_text()
     yield
-    for name, text in texts.items():
-        (workflow.folder / name).write_text(text)
+    path.write_text(text)
 
 
 def test_every_stage_ran_once_and_killed_training_went_on(made):
@@ -117,8 +115,8 @@ def test_finished_run_has_nothing_to_do(workflow):
     assert workflow.planned(TARGET) == {}
 
 
-@pytest.mark.usefixtures("unchanged")
-def test_touched_files_and_comments_rerun_nothing(workflow):
+def test_touched_files_and_comments_rerun_nothing(made, tmp_path):
+    workflow = made[0].copied(tmp_path / "project").with_own_code()
     for path in [*workflow.folder.glob("results/tiny/**/*.*"), *workflow.folder.glob("captures/tiny/**/*.*")]:
         os.utime(path)
     workflow.append("pipeline/stages/track_mesh.py", "# A comment.\n")
@@ -160,8 +158,7 @@ def test_flowchart_is_the_rule_graph(workflow):
 
 
 def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
-    shutil.copytree(workflow.folder, tmp_path / "project", symlinks=True)
-    copy, target = type(workflow)(tmp_path / "project"), "results/tiny/report/index.html"
+    copy, target = workflow.copied(tmp_path / "project"), "results/tiny/report/index.html"
     assert copy.ran(target) == ["write_report"]
     page = (copy.folder / target).read_text()
     missing = re.findall(r'<p class="missing"><b>Missing:</b> (.*?)\. To make it: <code>make (.*?)</code>', page)

@@ -1,0 +1,86 @@
+"""A copy of the project in which tests run the workflow and edit anything."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.support.workflow.snakemake_server import SnakemakeServer
+
+COPIED = ("workflow", "profiles", "config", "envs")
+CODE = "pipeline"
+CORES = ("--cores", "2")
+
+
+@dataclass(frozen=True)
+class ProjectCopy:
+    """Snakemake in a folder with a copy of the project."""
+
+    folder: Path
+    server: SnakemakeServer
+
+    @classmethod
+    def made(cls, root: Path, folder: Path, server: SnakemakeServer) -> ProjectCopy:
+        """Copy what the workflow needs; the code is a link, so that all copies share compiled kernels."""
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copy(root / "Snakefile", folder)
+        for name in COPIED:
+            shutil.copytree(root / name, folder / name)
+        (folder / CODE).symlink_to(root / CODE)
+        return cls(folder, server)
+
+    def copied(self, folder: Path) -> ProjectCopy:
+        """The project as it is, elsewhere; times are kept."""
+        shutil.copytree(self.folder, folder, symlinks=True)
+        return ProjectCopy(folder, self.server)
+
+    def with_own_code(self) -> ProjectCopy:
+        """The same with code that may be edited."""
+        linked = (self.folder / CODE).resolve()
+        (self.folder / CODE).unlink()
+        shutil.copytree(linked, self.folder / CODE)
+        return self
+
+    def command(self, *words):
+        """The words that start Snakemake as a process of its own."""
+        return [sys.executable, "-m", "snakemake", *CORES, *words]
+
+    def snakemake(self, *words):
+        """The finished process; its stdout has everything that was printed."""
+        return self.server.run([*CORES, *words], self.folder)
+
+    def planned(self, target, *options):
+        """What a dry run would run: rule -> number of jobs."""
+        done = self.snakemake("--dry-run", *options, "--", target)
+        assert done.returncode == 0, done.stdout
+        if "Nothing to be done" in done.stdout:
+            return {}
+        table = done.stdout[done.stdout.rindex("Job stats:") :]
+        rows = dict(re.findall(r"^(\w+) +(\d+)$", table, flags=re.MULTILINE))
+        rows.pop("total")
+        return {rule: int(count) for rule, count in rows.items()}
+
+    def ran(self, target, *options):
+        """What a run did run: rules in order of completion."""
+        done = self.snakemake(*options, "--", target)
+        assert done.returncode == 0, done.stdout
+        return re.findall(r"^Finished jobid: \d+ \(Rule: (\w+)\)", done.stdout, flags=re.MULTILINE)
+
+    def refused(self, target, *options):
+        """What is printed by a call that has to fail before anything runs."""
+        done = self.snakemake("--dry-run", *options, "--", target)
+        assert done.returncode != 0, done.stdout
+        return done.stdout
+
+    def edit(self, name, old, new):
+        path = self.folder / name
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    def append(self, name, text):
+        with open(self.folder / name, "a") as file:
+            file.write(text)

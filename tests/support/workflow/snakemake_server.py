@@ -1,0 +1,67 @@
+"""A process that has imported Snakemake, and forks a child for every call of it.
+
+A plan takes half a second of a processor, the start of Python and Snakemake twice as much; tests plan about a hundred
+times. A child has its own folder, modules and output, and nothing of `pipeline` is imported before it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+
+class SnakemakeServer:
+    """The other end of the process; a context manager."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def __enter__(self) -> SnakemakeServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.communicate()
+
+    def run(self, words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+        """The finished `python -m snakemake WORDS` in a folder; its stdout has everything that was printed."""
+        with tempfile.NamedTemporaryFile("r") as printed:
+            self._process.stdin.write(json.dumps([words, str(folder), printed.name]) + "\n")
+            self._process.stdin.flush()
+            code = int(self._process.stdout.readline())
+            return subprocess.CompletedProcess(words, code, stdout=printed.read())
+
+
+def serve() -> None:
+    """Answer each line of stdin, a call, by the exit code of its child."""
+    import smart_open  # noqa: F401
+    import snakemake.cli
+    import yte  # noqa: F401
+
+    snakemake.cli.get_argument_parser()  # imports the plugins
+    for line in sys.stdin:
+        words, folder, printed = json.loads(line)
+        child = os.fork()
+        if not child:
+            _enter(folder, printed)
+            snakemake.cli.main(words)
+            return
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
+def _enter(folder: str, printed: str) -> None:
+    """Make this process one that was started in a folder as `python -m snakemake`, but for what is imported."""
+    os.chdir(folder)
+    sys.path[0] = folder
+    nothing, output = os.open(os.devnull, os.O_RDONLY), os.open(printed, os.O_WRONLY)
+    for number, target in enumerate((nothing, output, output)):
+        os.dup2(target, number)
+
+
+if __name__ == "__main__":
+    serve()
