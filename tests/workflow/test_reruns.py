@@ -46,6 +46,9 @@ STAND_IN = """
 import hashlib, json, sys
 from pathlib import Path
 
+def settings():  # Part of the stage's code, without the time to import it.
+    from pipeline.config import STAGE
+
 CHANGED = []
 words, flags, name = sys.argv[1:], {}, None
 for word in words:
@@ -71,6 +74,13 @@ for output in OUTPUTS:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text + " changed" * (output in CHANGED))
 """
+
+
+def stand_in(stage, outputs):
+    """A module in place of a stage's."""
+    return STAND_IN.replace("STAGE", stage).replace("OUTPUTS:", f"{outputs!r}:")
+
+
 SUBJECT = "source: synthetic\nchunk_frames: 12\nsynthesize_capture: {frames: 24}\n"
 AFTER_PACKING = {"pack_shards": 2, "train_avatar": 1, "evaluate_avatar": 1}
 AFTER_TRACKING = {"track_mesh": 2, "plan_effects": 1, "fit_eyes": 1, **AFTER_PACKING}
@@ -82,8 +92,7 @@ def made(copy_of_project, tmp_path_factory):
     workflow = copy_of_project(tmp_path_factory.mktemp("reruns") / "project").with_own_code()
     assert set(OUTPUTS) == set(SECTIONS) - ON_REQUEST
     for stage in OUTPUTS:
-        text = f"from pipeline.config import {stage}\n{STAND_IN}".replace("OUTPUTS:", f"{OUTPUTS[stage]!r}:")
-        (workflow.folder / f"pipeline/stages/{stage}.py").write_text(text)
+        (workflow.folder / f"pipeline/stages/{stage}.py").write_text(stand_in(stage, OUTPUTS[stage]))
     (workflow.folder / "config/subjects/subjectA.yaml").write_text(SUBJECT)
     ran = [*(OUTPUTS.keys() - HEADS_ONLY), "track_mesh", "trace_irradiance", "pack_shards"]
     assert sorted(workflow.ran(TARGET)) == sorted(ran)
@@ -246,7 +255,7 @@ def test_pictures_of_scores_are_expected_only_where_they_are_made(workflow, said
 
 def test_relighting_a_head_reads_its_textures_and_the_tables_that_drive_it(workflow):
     stage = workflow.folder / "pipeline/stages/relight_avatar.py"
-    stage.write_text("from pipeline.config import relight_avatar\n" + STAND_IN.replace("OUTPUTS:", "['film.mp4']:"))
+    stage.write_text(stand_in("relight_avatar", ["film.mp4"]))
     (workflow.folder / "config/lights").mkdir()
     (workflow.folder / "config/lights/key.csv").write_text("light,x,y,z,r,g,b\n")
     target = "results/subjectA/relit/full/key"
@@ -284,9 +293,9 @@ def test_failed_stage_shows_its_log(workflow):
 
 def test_report_shows_what_is_there_and_makes_nothing_else(workflow):
     """What it can do without is no input: it is not made for the report, nor made anew; yet the report follows it."""
-    target, settings = "results/subjectA/report/index.html", "from pipeline.config import write_report\n"
+    target = "results/subjectA/report/index.html"
     stage = workflow.folder / "pipeline/stages/write_report.py"
-    stage.write_text(settings + STAND_IN.replace("OUTPUTS:", "['']:"))
+    stage.write_text(stand_in("write_report", [""]))
     assert workflow.ran(target) == ["write_report"]
     assert workflow.planned(target) == {}
     cost = workflow.folder / "results/subjectA/accuracy_cost.csv"

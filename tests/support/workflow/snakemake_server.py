@@ -6,12 +6,16 @@ times. A child has its own folder, modules and output, and nothing of `pipeline`
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+LATE = ("pandas", "smart_open", "yte")
+"""Modules that Snakemake imports when a call needs them: every run does."""
 
 
 class SnakemakeServer:
@@ -39,11 +43,11 @@ class SnakemakeServer:
 
 def serve() -> None:
     """Answer each line of stdin, a call, by the exit code of its child."""
-    import smart_open  # noqa: F401
     import snakemake.cli
-    import yte  # noqa: F401
 
-    snakemake.cli.get_argument_parser()  # imports the plugins
+    for late in LATE:
+        importlib.import_module(late)
+    snakemake.cli.get_argument_parser()  # It imports the plugins.
     for line in sys.stdin:
         words, folder, printed = json.loads(line)
         child = os.fork()
