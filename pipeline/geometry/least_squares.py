@@ -147,7 +147,11 @@ def _normal_equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted J^T J + prior precision, and the gradient."""
     weight = np.repeat(cauchy_weights(residual, sigma), residual.shape[1]) / sigma**2
-    matrix = scipy.sparse.csr_array(jacobian)
-    weighted = scipy.sparse.diags_array(weight) @ matrix
-    normal = (matrix.T @ weighted).toarray() + np.diag(precision)
-    return normal, weighted.T @ residual.ravel() + precision * offset
+    if isinstance(jacobian, np.ndarray):
+        weighted = weight[:, None] * jacobian
+        normal = jacobian.T @ weighted
+    else:
+        matrix = scipy.sparse.csr_array(jacobian)
+        weighted = scipy.sparse.diags_array(weight) @ matrix
+        normal = (matrix.T @ weighted).toarray()
+    return normal + np.diag(precision), weighted.T @ residual.ravel() + precision * offset

@@ -121,16 +121,14 @@ def reflection_points(
     length = np.linalg.norm(across, axis=1, keepdims=True)
     # Camera, light and centre on one line: any plane will do, the highlight is at u.
     v = across / np.where(length > 0, length, 1.0)
-    camera_xy = np.stack([np.linalg.norm(to_camera, axis=1), np.zeros(len(u))], 1)
-    light_xy = np.stack([(to_light * u).sum(1), length[:, 0]], 1)
-    low, high = np.zeros(len(u)), np.arctan2(light_xy[:, 1], light_xy[:, 0])
+    distance, light_u, light_v = np.linalg.norm(to_camera, axis=1), (to_light * u).sum(1), length[:, 0]
+    low, high = np.zeros(len(u)), np.arctan2(light_v, light_u)
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        normal = np.stack([np.cos(middle), np.sin(middle)], 1)
-        # Sine of the signed angle from the normal: to the camera (clockwise) and to the light (counterclockwise).
-        to_c, to_l = (xy - radius_m * normal for xy in (camera_xy, light_xy))
-        angle_c = np.arctan2(_cross(to_c, normal), (to_c * normal).sum(1))
-        angle_l = np.arctan2(_cross(normal, to_l), (to_l * normal).sum(1))
+        cosine, sine = np.cos(middle), np.sin(middle)
+        # Signed angles from the normal: to the camera (clockwise) and to the light (counterclockwise).
+        angle_c = np.arctan2(distance * sine, distance * cosine - radius_m)
+        angle_l = np.arctan2(cosine * light_v - sine * light_u, light_u * cosine + light_v * sine - radius_m)
         too_near_camera = angle_c < angle_l
         low, high = np.where(too_near_camera, middle, low), np.where(too_near_camera, high, middle)
     angle = ((low + high) / 2)[:, None]
@@ -172,10 +170,6 @@ def _turning(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     distance = np.linalg.norm(offset, axis=1, keepdims=True)
     unit = offset / distance
     return (np.eye(3) - unit[:, :, None] * unit[:, None]) / distance[..., None], unit
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def reflected_rays(
