@@ -94,11 +94,12 @@ def _rows(
 ) -> list[dict]:  # fmt: skip
     rows = []
     for lit, chosen in LIT.items():
+        under = {subject: pair[chosen(pair)] for subject, pair in pairs.items()}
         for metric in metrics:
             names = {"variant": variant, "baseline": baseline, "lit": lit, "metric": metric}
             means, differences, counts = [], [], []
-            for subject, pair in pairs.items():
-                mean, difference, images = _estimates(pair[chosen(pair)], metric, variant != baseline)
+            for subject, pair in under.items():
+                mean, difference, images = _estimates(pair, metric, variant != baseline)
                 own = names | {"subject": subject, "subjects": 1, "images": images}
                 rows.append(own | _numbers(mean, difference))
                 if images:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pandas as pd
@@ -189,21 +191,26 @@ def test_codes_alone_drive_a_head_at_rest_and_lie_between_their_rows(files, ligh
     assert stills(out)[:, 3].max() > 0.9 and (stills(out)[:, :3].max((1, 2, 3)) > 0.05).all()
 
 
-EYES_ATLAS, EYES = eyeballs.make_atlas(48), eyeballs.make_eyes()
+EYES = eyeballs.make_eyes()
 HEAD = {
     "avatar": "head", "shading": "harmonics", "normals": "viewed", "code_size": 4, "decoder_channels": (4,),
     "pose_points": 4,
 }  # fmt: skip
 
 
+@cache
+def eyes_atlas():
+    return eyeballs.make_atlas(48)
+
+
 @pytest.fixture
 def eyed(files):
     """A head of two eyes, turned and filmed once; and a film of it for settings."""
-    avatar = eyeballs.make_avatar(EYES_ATLAS, EYES, **HEAD)
-    write_atlas(files / "atlas.safetensors", EYES_ATLAS)
+    avatar = eyeballs.make_avatar(eyes_atlas(), EYES, **HEAD)
+    write_atlas(files / "atlas.safetensors", eyes_atlas())
     save_avatar(files / "avatar", avatar, {})
     arrays = {
-        "frames": np.array([3]), "vertices": (TURNS[3].apply(EYES_ATLAS.rest_vertices) + SHIFTS[3])[None],
+        "frames": np.array([3]), "vertices": (TURNS[3].apply(eyes_atlas().rest_vertices) + SHIFTS[3])[None],
         "root_rotation": np.roll(TURNS[3].as_quat(), 1)[None], "root_translation": SHIFTS[3][None],
     }  # fmt: skip
     write_arrays(
@@ -231,7 +238,7 @@ def turned(ahead, eye, direction):
 
 
 def of_eye(eye):
-    chosen, owner = eye_texels(EYES_ATLAS, {name: one.vertices for name, one in sorted(EYES.items())})
+    chosen, owner = eye_texels(eyes_atlas(), {name: one.vertices for name, one in sorted(EYES.items())})
     return chosen[owner == eye]
 
 

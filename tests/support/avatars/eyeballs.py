@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import torch
@@ -94,11 +95,17 @@ def make_image(center: np.ndarray, target: np.ndarray, mm_per_pixel: float, pixe
     )  # fmt: skip
 
 
-ATLAS, EYES = make_atlas(64), make_eyes()
+EYES = make_eyes()
 CAMERA, MIDDLE = np.array([0.15, 0.1, 1.2]), np.array([0.0, 0.01, 0.07])
 LIGHTS = np.array([[0.5, 0.6, 1.0], [-0.7, 0.2, 1.0], [0.1, -0.6, 1.1], [1.0, 0.1, 0.6]])
 SIGMA = 0.02
 """Roughness of `mirrors`, radians."""
+
+
+@cache
+def eye_atlas() -> Atlas:
+    """Both eyes without skin: made on first use, for xatlas takes a second."""
+    return make_atlas(64)
 
 
 def gaze(yaw: float, pitch: float) -> np.ndarray:
@@ -113,7 +120,7 @@ def moved_head() -> np.ndarray:
 
 def mirrors(eyes: dict[str, FittedEye] = EYES, **choices) -> Avatar:
     """An avatar whose eyes do nothing but mirror."""
-    avatar = make_avatar(ATLAS, eyes, **choices)
+    avatar = make_avatar(eye_atlas(), eyes, **choices)
     with torch.no_grad():
         avatar.albedo.zero_()
         avatar.log_roughness.fill_(math.log(SIGMA))

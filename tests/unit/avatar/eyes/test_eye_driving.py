@@ -17,12 +17,12 @@ from pipeline.geometry.cameras import Camera
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import FrameLights
 from tests.support.avatars.eyeballs import (
-    ATLAS,
     CAMERA,
     CENTERS,
     EYES,
     LIGHTS,
     MIDDLE,
+    eye_atlas,
     gaze,
     make_avatar,
     make_frame,
@@ -35,16 +35,16 @@ from tests.support.avatars.eyeballs import (
 def test_without_gaze_or_head_motion_a_frame_is_as_its_mesh_is_posed():
     """Relighting has vertices alone: turned eyeballs say where they look."""
     looks, head = gaze(18, -6), moved_head()
-    told = make_frame(ATLAS, looks, LIGHTS[:1], head)
+    told = make_frame(eye_atlas(), looks, LIGHTS[:1], head)
     turn = Rotation.from_euler("YX", [18, 6], degrees=True).as_matrix()
-    vertices = ATLAS.rest_vertices.astype(np.float64).copy()
+    vertices = eye_atlas().rest_vertices.astype(np.float64).copy()
     for name, eye in EYES.items():
         part = list(eye.vertices)
         vertices[part] = (vertices[part] - CENTERS[name]) @ turn.T + CENTERS[name]
     posed = (vertices @ head[:, :3].T + head[:, 3]).astype(np.float32)
-    silent = make_avatar(ATLAS, EYES)
+    silent = make_avatar(eye_atlas(), EYES)
     record = told.__class__(**{**told.__dict__, "vertices": posed, "gaze": None})
-    expected, found = (silent.prepare(FrameInputs(ATLAS, one)).gaussians.means.detach() for one in (told, record))
+    expected, found = (silent.prepare(FrameInputs(eye_atlas(), one)).gaussians.means.detach() for one in (told, record))
     assert torch.allclose(expected, found, atol=2e-6)
 
 
@@ -56,8 +56,8 @@ def test_eyes_mirror_a_sky_by_lobes_as_by_its_pixels():
     avatar = mirrors()
     with torch.no_grad():
         avatar.log_roughness.fill_(math.log(0.15))
-    relighter, turn = Relighter(LoadedAvatar(avatar, ATLAS), TraceIrradiance()), np.eye(3)
-    driver = from_record(make_frame(ATLAS, gaze(10, 5), LIGHTS[:1], moved_head()))
+    relighter, turn = Relighter(LoadedAvatar(avatar, eye_atlas()), TraceIrradiance()), np.eye(3)
+    driver = from_record(make_frame(eye_atlas(), gaze(10, 5), LIGHTS[:1], moved_head()))
     image = make_image(CAMERA, MIDDLE, 1.0, 100)
     camera = Camera(image.R, image.t, image.K, np.zeros(5), 100, 100)
     lobes = relighter.view(relighter.under_sky(driver, relighter.prepare_sky(sky), sky, turn), camera)[0]
@@ -71,12 +71,12 @@ def test_eyes_mirror_a_sky_by_lobes_as_by_its_pixels():
 
 def test_driven_eyes_look_where_they_are_told():
     """The gaze is apart from the rest of the pose."""
-    relighter = Relighter(LoadedAvatar(mirrors(), ATLAS), TraceIrradiance())
-    driver = from_record(make_frame(ATLAS, gaze(0, 0), LIGHTS[:1]))
+    relighter = Relighter(LoadedAvatar(mirrors(), eye_atlas()), TraceIrradiance())
+    driver = from_record(make_frame(eye_atlas(), gaze(0, 0), LIGHTS[:1]))
     told = replace(driver, gaze=np.tile(gaze(15, 5), (2, 1)).astype(np.float32))
     lights = FrameLights(LIGHTS[:1], np.full((1, 3), 2.0))
-    expected = LoadedAvatar(mirrors(), ATLAS).avatar.prepare(
-        FrameInputs(ATLAS, make_frame(ATLAS, gaze(15, 5), LIGHTS[:1]))
+    expected = LoadedAvatar(mirrors(), eye_atlas()).avatar.prepare(
+        FrameInputs(eye_atlas(), make_frame(eye_atlas(), gaze(15, 5), LIGHTS[:1]))
     )
     assert torch.equal(relighter.under_lights(told, lights).gaussians.means, expected.gaussians.means)
     assert not torch.equal(relighter.under_lights(driver, lights).gaussians.means, expected.gaussians.means)

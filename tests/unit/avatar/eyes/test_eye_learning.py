@@ -14,11 +14,11 @@ from pipeline.avatar.training.training import Training
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.eyeballs import (
     AHEAD,
-    ATLAS,
     CAMERA,
     EYES,
     LIGHTS,
     MIDDLE,
+    eye_atlas,
     gaze,
     make_avatar,
     make_frame,
@@ -30,7 +30,7 @@ from tests.support.avatars.eyeballs import (
 
 def test_gradients_are_those_of_differences_in_float64():
     generator = torch.Generator().manual_seed(0)
-    eyes = Eyes(ATLAS, EYES, torch.ones(ATLAS.texel_count, 3)).double()
+    eyes = Eyes(eye_atlas(), EYES, torch.ones(eye_atlas().texel_count, 3)).double()
     head = torch.as_tensor(np.column_stack([moved_head()[:, :3].T, [0.01, 0.02, 0.0]]))
     looks = torch.as_tensor(np.stack([gaze(10, 5), gaze(-8, 2)]))
     with torch.no_grad():
@@ -50,12 +50,12 @@ def test_gradients_are_those_of_differences_in_float64():
 
 
 def test_losses_are_those_of_the_paper():
-    avatar = make_avatar(ATLAS, EYES)
+    avatar = make_avatar(eye_atlas(), EYES)
     with torch.no_grad():
         avatar.opacity.fill_(0.0)
         avatar.visibility.fill_(math.log(0.25 / 0.75))
         avatar.log_scale.add_(math.log(1.5))
-    frame = avatar.prepare(FrameInputs(ATLAS, make_frame(ATLAS, AHEAD, LIGHTS[:1])))
+    frame = avatar.prepare(FrameInputs(eye_atlas(), make_frame(eye_atlas(), AHEAD, LIGHTS[:1])))
     terms = regularization(avatar, frame, TrainAvatar())
     assert terms["eye_opacity"].item() == pytest.approx(1e-4 * 0.25, rel=1e-5)
     assert terms["eye_visibility"].item() == pytest.approx(1e-4 * 0.75**2, rel=1e-5)
@@ -69,8 +69,8 @@ def test_training_finds_the_centre_and_the_cornea_from_glints():
     true = mirrors()
     with torch.no_grad():
         true.eyes.shift[:, 0], true.eyes.growth[:, 1] = math.atanh(0.5), math.atanh(0.6)
-    frames = [make_frame(ATLAS, gaze(*angles), LIGHTS) for angles in ((0, 0), (14, 4), (-14, -4))]
-    frames = [FrameInputs(ATLAS, frame) for frame in frames]
+    frames = [make_frame(eye_atlas(), gaze(*angles), LIGHTS) for angles in ((0, 0), (14, 4), (-14, -4))]
+    frames = [FrameInputs(eye_atlas(), frame) for frame in frames]
     views = [make_image(np.array([x, 0.1, 1.2]), MIDDLE, 1.0, 100) for x in (-0.3, 0.3)]
     avatar = mirrors()
     for name, parameter in avatar.named_parameters():
@@ -99,10 +99,10 @@ def blurred(picture):
 
 
 def test_a_step_of_training_moves_the_eyes():
-    avatar = make_avatar(ATLAS, EYES)
-    record = make_frame(ATLAS, gaze(3, 3), LIGHTS)
+    avatar = make_avatar(eye_atlas(), EYES)
+    record = make_frame(eye_atlas(), gaze(3, 3), LIGHTS)
     image = make_image(CAMERA, MIDDLE, 1.0, 100)
     before = {name: value.detach().clone() for name, value in avatar.eyes.named_parameters()}
-    Training(avatar, TrainAvatar(steps=2)).take_step(0, FrameInputs(ATLAS, record), [image])
+    Training(avatar, TrainAvatar(steps=2)).take_step(0, FrameInputs(eye_atlas(), record), [image])
     moved = {name for name, value in avatar.eyes.named_parameters() if not torch.equal(before[name], value)}
     assert {"shift", "growth", "turn"} <= moved

@@ -1,6 +1,7 @@
 """What lids hide of eyes, and of what eyes mirror."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -30,9 +31,15 @@ def lid(low, high):
     return corners, np.array([[0, 1, 2], [0, 2, 3]])
 
 
+@cache
+def walled_atlas(low, high):
+    """Both eyes and a wall in front of them; unwrapping takes a second."""
+    return make_atlas(64, lid(low, high))
+
+
 def test_lids_hide_what_is_behind_them():
     """A wall over the upper half: what sees none of it is open, what is above the gap sees less."""
-    half = make_atlas(64, lid(0.010, 0.2))
+    half = walled_atlas(0.010, 0.2)
     avatar = make_avatar(half, EYES)
     frame = avatar.prepare(FrameInputs(half, make_frame(half, AHEAD, LIGHTS[:1])))
     points = frame.gaussians.means.detach()[avatar.eyes.chosen]
@@ -52,7 +59,7 @@ def test_lids_hide_what_is_behind_them():
 def test_glints_of_lights_behind_a_lid_are_not_seen(wall, passes):
     """The camera looks up under the wall; the light above it shows only if the wall begins higher."""
     camera, light, center = np.array([0.03, -0.5, 1.0]), np.array([0.03, 0.6, 1.0]), CENTERS["eye_l"]
-    atlas = make_atlas(64, lid(*wall))
+    atlas = walled_atlas(*wall)
     frame = make_avatar(atlas, EYES).prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, light[None])))
     (point,) = glint_points(center, AHEAD, EYES["eye_l"].shape, camera, light)
     normal = point - center - EYES["eye_l"].shape.cornea_offset_m * AHEAD
@@ -84,7 +91,7 @@ def test_each_light_is_hidden_by_itself_wherever_the_eye_looks(start, looks):
     """A wall between the eyes and the lamp, under a moved head: each texel is as Lambert has it, or black; also where a
     transfer traced at rest would be in the shadow of the wall."""
     wall, light, head = (0.008, 0.03), np.array([[0.2, 0.3, 1.0]]), moved_head()
-    atlas = make_atlas(64, lid(*wall))
+    atlas = walled_atlas(*wall)
     avatar = make_avatar(atlas, EYES, **HEAD, transfer_start=start)
     world = light @ head[:, :3].T + head[:, 3]
     frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, looks, world, head)))
@@ -101,7 +108,7 @@ def test_each_light_is_hidden_by_itself_wherever_the_eye_looks(start, looks):
 
 def test_light_of_two_lamps_is_the_sum_of_the_light_of_each():
     """Whatever the lids hide from either, and whatever was learned."""
-    atlas = make_atlas(64, lid(0.008, 0.03))
+    atlas = walled_atlas(0.008, 0.03)
     avatar = make_avatar(atlas, EYES, **HEAD)
     with torch.no_grad():
         avatar.transfer_mono.add_(0.1 * torch.randn(avatar.transfer_mono.shape))
@@ -115,7 +122,7 @@ def test_light_of_two_lamps_is_the_sum_of_the_light_of_each():
 
 def test_eyes_are_lit_alike_whatever_was_read_of_the_frame_before():
     """An avatar without eyes may have been shown in the same frame."""
-    atlas = make_atlas(64, lid(0.008, 0.03))
+    atlas = walled_atlas(0.008, 0.03)
     avatar, record = make_avatar(atlas, EYES, **HEAD), make_frame(atlas, gaze(10, 5), LIGHTS[:1])
     fresh, read = FrameInputs(atlas, record), FrameInputs(atlas, record)
     skin = torch.ones(atlas.texel_count, dtype=torch.bool).index_fill(0, avatar.eyes.chosen, False)
@@ -128,7 +135,7 @@ def test_eyes_are_lit_alike_whatever_was_read_of_the_frame_before():
 
 def test_where_all_texels_have_one_light_eyes_start_like_the_rest():
     """Lamps are far then; lids dim an eye's light as a whole, and what they hide at rest stays in the transfer."""
-    atlas, far = make_atlas(64, lid(0.008, 0.03)), HEAD | {"near_field": False, "transfer_start": "traced"}
+    atlas, far = walled_atlas(0.008, 0.03), HEAD | {"near_field": False, "transfer_start": "traced"}
     avatar = make_avatar(atlas, EYES, **far)
     eyeless = Avatar(atlas, texel_spacing(atlas), replace(avatar.spec, eyes=False))
     for name in ("transfer_color", "transfer_mono", "start_transfer_color"):

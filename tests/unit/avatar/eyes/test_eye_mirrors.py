@@ -15,12 +15,12 @@ from pipeline.lighting.lobes import LOBE_CONSTANT
 from pipeline.synthesis.eyeball import CORNEA_OFFSET_M, CORNEA_RADIUS_M, EYE_RADIUS_M
 from pipeline.synthesis.mitsuba_scenes import mitsuba
 from tests.support.avatars.eyeballs import (
-    ATLAS,
     CAMERA,
     CENTERS,
     LIGHTS,
     MIDDLE,
     SIGMA,
+    eye_atlas,
     gaze,
     make_eyes,
     make_frame,
@@ -48,12 +48,12 @@ def single_glint(name, looks, head, light, shape):
 @pytest.mark.parametrize("shape", [usual_shape(0.012), EyeShape(0.0125, 0.0125, 0.0)])
 def test_turning_the_gaze_turns_the_glint_as_the_mirror_law_says(kind, shape):
     """For several gazes, lights and a moved head; texels are 1.8 mm, pixels 0.5 mm."""
-    loaded = LoadedAvatar(mirrors(make_eyes(shape), **KINDS[kind]), ATLAS)
+    loaded = LoadedAvatar(mirrors(make_eyes(shape), **KINDS[kind]), eye_atlas())
     head, places = moved_head(), defaultdict(list)
     image = make_image(CAMERA, head[:, :3] @ MIDDLE + head[:, 3], 0.5, 200)
     for looks in (gaze(0, 0), gaze(15, 5), gaze(-20, -8), gaze(25, 10), gaze(-5, 20)):
         for number, light in enumerate(LIGHTS):
-            rgb, _ = loaded.render(make_frame(ATLAS, looks, light[None], head), image)
+            rgb, _ = loaded.render(make_frame(eye_atlas(), looks, light[None], head), image)
             for name in CENTERS:
                 point = single_glint(name, looks, head, light, shape)
                 if point is not None:
@@ -70,11 +70,11 @@ def test_turning_the_gaze_turns_the_glint_as_the_mirror_law_says(kind, shape):
 def test_glints_at_the_resolution_of_subject_b():
     """Its eyes, in pixels of 2.2 mm: glints are a pixel wide, and still within half a pixel of their places."""
     shape, head, errors = EyeShape(EYE_RADIUS_M, CORNEA_RADIUS_M, CORNEA_OFFSET_M), np.eye(3, 4), []
-    loaded = LoadedAvatar(mirrors(make_eyes(shape), **HEAD), ATLAS)
+    loaded = LoadedAvatar(mirrors(make_eyes(shape), **HEAD), eye_atlas())
     image = make_image(CAMERA, MIDDLE, 2.2, 48)
     for looks in (gaze(0, 0), gaze(15, 5), gaze(-15, -5), gaze(-5, 12)):
         for light in LIGHTS[:3]:
-            rgb, _ = loaded.render(make_frame(ATLAS, looks, light[None]), image)
+            rgb, _ = loaded.render(make_frame(eye_atlas(), looks, light[None]), image)
             for name in CENTERS:
                 point = single_glint(name, looks, head, light, shape)
                 if point is not None:
@@ -89,7 +89,7 @@ def test_glints_of_the_same_eyes_in_mitsuba(looks, light):
     is in them, also where a glint is cut by the crease between the spheres."""
     shape, light = usual_shape(0.012), LIGHTS[light]
     image = make_image(CAMERA, MIDDLE, 0.5, 200)
-    rgb, _ = LoadedAvatar(mirrors(), ATLAS).render(make_frame(ATLAS, looks, light[None]), image)
+    rgb, _ = LoadedAvatar(mirrors(), eye_atlas()).render(make_frame(eye_atlas(), looks, light[None]), image)
     for name, center in CENTERS.items():
         picture = rendered_spheres(image, center, looks, shape, light)
         y, x = np.unravel_index(picture.argmax(), picture.shape)
