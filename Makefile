@@ -35,9 +35,11 @@ help:
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
-# Files of tests side by side; each on one thread, or they wait for each other's.
+# Files of tests side by side, the longest first; each on one thread, or they wait for each other's. Bytecode is kept
+# whatever else is asked for: without, each process compiles all tests anew, 15 s of a processor.
 test: $(READY)
-	$(QUIET) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(CORES) --dist loadfile
+	$(QUIET) OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= \
+	    $(BIN)/python -m pytest -q -n $(CORES) --dist loadfile --no-loadscope-reorder
 
 hard-cases: $(READY)
 	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv
