@@ -100,8 +100,15 @@ def book(
     return pd.read_parquet(out / "frames.parquet"), pd.read_parquet(out / "patterns.parquet"), sync
 
 
-def test_a_true_log(stage, tmp_path):
-    frames, patterns, sync = book(stage, tmp_path)
+@pytest.fixture(scope="module")
+def right(stage, tmp_path_factory):
+    """The folder and the tables that a true log gives."""
+    out = tmp_path_factory.mktemp("right")
+    return out, *book(stage, out)
+
+
+def test_a_true_log(right):
+    out, frames, patterns, sync = right
     assert (sync["offset_frames"], sync["verdict"], sync["faults"], sync["fixed"]) == (0, "in_sync", [], False)
     assert sync["offset_changes"] == []
     np.testing.assert_allclose(sync["subject_center_m"], 0, atol=0.02)
@@ -122,7 +129,7 @@ def test_a_true_log(stage, tmp_path):
     assert patterns.columns.tolist() == [
         "frame", "light", "intensity_r", "intensity_g", "intensity_b", "fully_lit", "split",
     ]  # fmt: skip
-    assert (tmp_path / "sync.png").read_bytes()[:4] == b"\x89PNG"
+    assert (out / "sync.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_a_fault_is_an_error_that_says_how_to_mend_it(stage, tmp_path):
@@ -141,13 +148,13 @@ def test_all_faults_are_said_at_once(stage, tmp_path):
 
 
 @pytest.mark.parametrize("offset", [-4, 1])
-def test_an_offset_is_fixed(stage, tmp_path, offset):
-    right, right_patterns, _ = book(stage, tmp_path / "right")
+def test_an_offset_is_fixed(stage, right, tmp_path, offset):
+    _, right_frames, right_patterns, _ = right
     index = stage.index(tmp_path / "index", first=offset)
     frames, patterns, sync = book(stage, tmp_path / "out", index, on_desync="fix")
     assert (sync["offset_frames"], sync["fixed"], sync["verdict"]) == (offset, True, "faulty")
     assert len(frames) == FRAMES - abs(offset)
-    kept = right[right.frame.isin(frames.frame)].reset_index(drop=True)
+    kept = right_frames[right_frames.frame.isin(frames.frame)].reset_index(drop=True)
     # Numbers after the fix are those of the images: everything is as if the log had been right.
     compared = ["frame", "timestamp_s", "segment", "lights_on", "fully_lit", "test_pattern", "split"]
     pd.testing.assert_frame_equal(frames[compared], kept[compared])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -16,8 +18,9 @@ TERMS = (-0.02, 0.012, -0.006, 0.0008)
 """At the side of the image, 240 pixels from the middle, a ray is 94 degrees from the optical axis."""
 
 
+@cache
 def ray_directions():
-    """Rays [rows, columns, 3] of all samples: theta looked up in a table of theta_d."""
+    """Rays [rows, columns, 3] of all samples, the same for every image: theta looked up in a table of theta_d."""
     theta = np.linspace(0, 2.4, 200_001)
     theta_d = theta * (1 + sum(k * theta ** (2 * n) for n, k in enumerate(TERMS, 1)))
     assert (np.diff(theta_d) > 0).all()

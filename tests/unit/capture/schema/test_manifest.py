@@ -42,7 +42,7 @@ def places(section: dict, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ..
 
 
 def read(content: dict, root: Path) -> tuple[Capture, Complaints]:
-    (root / "capture.yaml").write_text(yaml.safe_dump(content))
+    (root / "capture.yaml").write_text(yaml.dump(content, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper)))
     complaints = Complaints(root)
     return read_manifest(root, complaints), complaints
 
