@@ -29,6 +29,9 @@ GRID = 81
 SHARES = 1 / (1 + np.exp(-np.append(np.linspace(-12, 12, 97), np.inf)))
 """Shares of the growing part at the middle size that are tried first: 6e-6 to 1."""
 
+STEPS = np.linspace(0, 1, 33)
+"""Of the shares between the neighbours of the best, in a zoom."""
+
 ZOOMS = 7
 """Searches of a share, each but the first sixteen times as fine as the one before: to 1e-9 of it."""
 
@@ -136,10 +139,13 @@ def _best_share(exponent: float, z: np.ndarray, y: np.ndarray) -> tuple[float, f
     for cost = c (1 - share + share z^exponent) with the best c."""
     shares, grown = SHARES, np.expm1(exponent * np.log(z))
     for _ in range(ZOOMS):
-        misfit = (y - np.log1p(shares[:, None] * grown)).var(1) * len(z)
+        left = y - np.log1p(shares[:, None] * grown)
+        left -= left.sum(1, keepdims=True) / len(z)
+        misfit = np.einsum("sz,sz->s", left, left)
         best = int(misfit.argmin())
         share, least = float(shares[best]), float(misfit[best])
-        shares = np.linspace(shares[max(best - 1, 0)], shares[min(best + 1, len(shares) - 1)], 33)
+        low, high = shares[max(best - 1, 0)], shares[min(best + 1, len(shares) - 1)]
+        shares = low + (high - low) * STEPS
     return share, least
 
 
