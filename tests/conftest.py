@@ -9,6 +9,8 @@ import matplotlib
 import pytest
 from hypothesis import settings
 
+from tests.support.order import longest_first
+
 matplotlib.use("Agg")
 
 # Runs are repeatable, and a busy machine fails no test.
@@ -17,6 +19,12 @@ settings.load_profile("project")
 
 # Stages that tests start as processes share the cores with the tests.
 os.environ.setdefault("OMP_NUM_THREADS", "2")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """In a process of pytest-xdist, put the files first that take longest; alone, the quick ones stay in front."""
+    if hasattr(config, "workerinput"):
+        items[:] = longest_first(items)
 
 
 @pytest.fixture(scope="session")
