@@ -10,10 +10,10 @@ TESTS = Path(__file__).parents[1]
 
 LONGEST_FIRST = (
     "workflow/test_tiny.py",
+    "unit/avatar/training/test_training.py",
     "stages/test_train_processes.py",
     "workflow/test_reruns.py",
     "workflow/test_head_without_eyes.py",
-    "unit/avatar/training/test_training.py",
     "stages/test_track_mesh.py",
     "stages/test_trained_glints.py",
     "workflow/test_checks.py",
@@ -26,8 +26,9 @@ LONGEST_FIRST = (
     "hard_cases/test_camera_calibration.py",
     "stages/test_track_surface.py",
 )
-"""Files that take more than 15 s of a processor, longest first: what comes last is short, and all processes end nearly
-together. A file that is missing here costs balance, nothing else."""
+"""Files that take more than 15 s of a processor, longest first: what comes last is short, so that all processes end
+nearly together. A file that is missing here costs balance, nothing else. test_training comes early: in a fresh clone
+it compiles the kernels of training, half a minute, while test_tiny has not come to them yet."""
 
 
 def longest_first(items: list[pytest.Item]) -> list[pytest.Item]:
