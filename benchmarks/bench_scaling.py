@@ -12,18 +12,16 @@ runs.csv (all runs), projection.csv (what the papers' captures would take), and 
 from __future__ import annotations
 
 import argparse
-import ctypes
-import gc
 import logging
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numba
 import pandas as pd
 import torch
 
+from benchmarks.call_cost import cost_of
 from benchmarks.scaling_cases import CASES, COUNTED, Case
 from benchmarks.scaling_projection import project
 from pipeline.base.files import write_table
@@ -32,9 +30,6 @@ from pipeline.metrics.cost import interleaved
 from pipeline.metrics.scaling import fit_scaling
 
 log = logging.getLogger("bench_scaling")
-
-LEAST_MB = 0.05
-"""What a peak adds is read in pages of 4 kB, and grows by the allocator's steps: less than this is as good as this."""
 
 SHORTEST_S = 0.02
 """A job is repeated within a run until it took so long: ticks and caches then do not decide."""
@@ -84,26 +79,6 @@ def measure(case: Case, folder: Path, repeats: int) -> list[dict]:
     last = rows[-1]
     log.info("%s, up to %g %s: %.3g s", case.stage, last[case.varied], case.varied, last["CPU seconds"])
     return rows
-
-
-def cost_of(run: Callable[[], object], count: int) -> dict[str, float]:
-    """CPU and wall seconds of one call, the mean of `count`, and what its peak adds to the memory of before, MiB."""
-    gc.collect()
-    ctypes.CDLL(None).malloc_trim(0)  # What was freed is given back: it would hide what the run asks for.
-    before = memory_mb("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # The peak is counted anew from here.
-    cpu, wall = time.process_time(), time.perf_counter()
-    for _ in range(count):
-        run()
-    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    peak = max(memory_mb("VmHWM") - before, LEAST_MB)
-    return {"CPU seconds": cpu / count, "wall seconds": wall / count, "peak MB": peak}
-
-
-def memory_mb(name: str) -> float:
-    """VmRSS, resident now, or VmHWM, its peak, of this process in MiB."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith(f"{name}:")) / 1024
 
 
 def exponent_table(runs: pd.DataFrame) -> pd.DataFrame:

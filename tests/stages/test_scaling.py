@@ -16,7 +16,7 @@ from benchmarks.scaling_projection import CAPTURES, TERMS, fit_terms, product
 
 ARRAYS = """
 import numpy as np
-from benchmarks.bench_scaling import cost_of
+from benchmarks.call_cost import cost_of
 
 MIB = 2**20
 held = np.ones(16 * MIB // 8)
