@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
 from pipeline.base.conventions import PIXEL_CENTER
-from pipeline.capture.undistortion import Box, undistort_image, undistort_mask
+from pipeline.capture.undistortion import Box, LensMap, undistort_image, undistort_mask
 from pipeline.geometry.cameras import Camera
 
 FOREGROUND = 0.5
@@ -49,6 +49,7 @@ def cut_crop(
     undistort: bool = True,
     silhouette: Float32[np.ndarray, "height width"] | None = None,
     margin_px: int = 8,
+    lens_map: LensMap | None = None,
 ) -> Crop | None:
     """Cut the foreground out of a recorded image; None if there is none.
 
@@ -60,14 +61,15 @@ def cut_crop(
         undistort: False skips resampling exactly, and takes the image as a pinhole's.
         silhouette: mask of the undistorted image.
         margin_px: background kept around the box of the foreground.
+        lens_map: the camera's, if it has been made.
     """
     finite = np.isfinite(image).all(2)
     image = np.where(finite[..., None], image, np.float32(0))
     valid = finite.astype(np.float32)
     if mask is None:
-        whole = (undistort_mask(valid, camera) if undistort else valid) * silhouette
+        whole = (undistort_mask(valid, camera, lens_map) if undistort else valid) * silhouette
     else:
-        whole = undistort_mask(mask * valid, camera) if undistort else mask * valid
+        whole = undistort_mask(mask * valid, camera, lens_map) if undistort else mask * valid
         if np.isin(mask, (0, 1)).all():
             # Resampling turns yes or no into fractions that say nothing about how much of a pixel is subject; an image
             # times such a fraction would have its edges, mixed with the dark background already, darkened twice.
@@ -75,7 +77,7 @@ def cut_crop(
     box = foreground_box(whole, margin_px)
     if box is None:
         return None
-    part = undistort_image(image, camera, box) if undistort else image[box.slices]
+    part = undistort_image(image, camera, box, lens_map) if undistort else image[box.slices]
     if corrected_from_raw is not None:
         part = part @ corrected_from_raw.T.astype(np.float32)
     return Crop(box, np.ascontiguousarray(part), np.ascontiguousarray(whole[box.slices]), crop_camera(camera, box))

@@ -23,6 +23,9 @@ SPLINE_SUPPORT = 14
 """Source pixels kept around a crop: the spline's prefilter decays by 0.268 per pixel, 0.268^12 = 1e-7 (float32), and
 the kernel itself reaches 2 further."""
 
+KEPT_BYTES = 2**28
+"""Most that `LensMaps` keeps: 100 cameras of 300 x 400 pixels, or 14 of a megapixel; what is beyond is made anew."""
+
 GRID = 65
 """Points per image side at which `left_out` looks: its share is good to a hundredth."""
 
@@ -62,9 +65,51 @@ def seen_pixels(camera: Camera, box: Box) -> Bool[np.ndarray, "h w"]:
 
     And the lens's field of view.
     """
-    x, y = np.moveaxis(distorted_positions(camera, box), -1, 0)
+    return _seen(camera, box, distorted_positions(camera, box))
+
+
+def _seen(camera: Camera, box: Box, positions: np.ndarray) -> np.ndarray:
+    x, y = np.moveaxis(positions, -1, 0)
     inside = (x >= 0) & (x <= camera.width) & (y >= 0) & (y <= camera.height)
     return inside & camera.lens.sees(_rays(camera, box), camera.dist)
+
+
+@dataclass(frozen=True)
+class LensMap:
+    """The way from a whole undistorted image to the distorted one.
+
+    Attributes:
+        positions: `distorted_positions` of its pixels.
+        seen: `seen_pixels`.
+    """
+
+    positions: Float64[np.ndarray, "height width 2"]
+    seen: Bool[np.ndarray, "height width"]
+
+    @classmethod
+    def of(cls, camera: Camera) -> LensMap:
+        """The map of a camera."""
+        whole = Box(0, 0, camera.width, camera.height)
+        positions = distorted_positions(camera, whole)
+        return cls(positions, _seen(camera, whole, positions))
+
+
+class LensMaps:
+    """Maps of cameras by name, kept for their next images as long as they are small."""
+
+    def __init__(self) -> None:
+        self.kept: dict[str, LensMap] = {}
+        self.bytes = 0
+
+    def of(self, name: str, camera: Camera) -> LensMap:
+        """The map of a camera, kept or made."""
+        if name in self.kept:
+            return self.kept[name]
+        made = LensMap.of(camera)
+        if self.bytes + made.positions.nbytes <= KEPT_BYTES:
+            self.kept[name] = made
+            self.bytes += made.positions.nbytes
+        return made
 
 
 def left_out(camera: Camera) -> float:
@@ -81,15 +126,22 @@ def left_out(camera: Camera) -> float:
 
 
 def undistort_image(
-    image: Float32[np.ndarray, "height width channels"], camera: Camera, box: Box
+    image: Float32[np.ndarray, "height width channels"], camera: Camera, box: Box, lens_map: LensMap | None = None
 ) -> Float32[np.ndarray, "h w channels"]:
     """Undistort the part `box` of an image.
 
     Finite pixels only, please: a NaN spreads over a spline's support.
 
     Pixels that the image does not cover take the value of its nearest border pixel.
+
+    Args:
+        image: whole, distorted.
+        camera: as it took the image.
+        box: in the undistorted image.
+        lens_map: the camera's, if it has been made.
     """
-    columns, rows = np.moveaxis(distorted_positions(camera, box) - PIXEL_CENTER, -1, 0)
+    positions = distorted_positions(camera, box) if lens_map is None else lens_map.positions[box.slices]
+    columns, rows = np.moveaxis(positions - PIXEL_CENTER, -1, 0)
     source = _source_box(rows, columns, image.shape[:2])
     part = image[source.slices].astype(np.float64)
     at = np.stack([rows - source.y0, columns - source.x0])
@@ -97,15 +149,17 @@ def undistort_image(
     return np.stack(channels, -1).astype(np.float32)
 
 
-def undistort_mask(mask: Float32[np.ndarray, "height width"], camera: Camera) -> Float32[np.ndarray, "height width"]:
+def undistort_mask(
+    mask: Float32[np.ndarray, "height width"], camera: Camera, lens_map: LensMap | None = None
+) -> Float32[np.ndarray, "height width"]:
     """Undistort a whole mask, 0 where the image does not reach.
 
     Bilinear, so that it stays within 0..1.
     """
-    whole = Box(0, 0, camera.width, camera.height)
-    columns, rows = np.moveaxis(distorted_positions(camera, whole) - PIXEL_CENTER, -1, 0)
+    lens_map = lens_map or LensMap.of(camera)
+    columns, rows = np.moveaxis(lens_map.positions - PIXEL_CENTER, -1, 0)
     found = ndimage.map_coordinates(mask, np.stack([rows, columns]), order=1, mode="nearest")
-    return np.where(seen_pixels(camera, whole), found, np.float32(0))
+    return np.where(lens_map.seen, found, np.float32(0))
 
 
 def _source_box(rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> Box:

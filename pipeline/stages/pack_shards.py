@@ -27,7 +27,7 @@ from pipeline.capture.head_data import head_motions, read_gaze, read_textures
 from pipeline.capture.images import read_exr_channel, read_image, read_mask
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_shard
-from pipeline.capture.undistortion import left_out
+from pipeline.capture.undistortion import LensMaps, left_out
 from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.texels import read_atlas
@@ -191,6 +191,7 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
 
     Those without foreground are left out, with a warning.
     """
+    maps, undistort = LensMaps(), inputs.on["lens_distortion"]
     for row in progress(list(images.itertuples()), "pack_shards"):
         image = read_image(inputs.capture / row.path, inputs.facts["transfer"], inputs.facts["black_level"])
         camera, mask, silhouette = inputs.cameras[row.camera], None, None
@@ -206,9 +207,10 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
             mask,
             camera,
             corrected_from_raw=inputs.colors.get(row.camera),
-            undistort=inputs.on["lens_distortion"],
+            undistort=undistort,
             silhouette=silhouette,
             margin_px=settings.margin_px,
+            lens_map=maps.of(row.camera, camera) if undistort else None,
         )
         if crop is None:
             log.warning("%s: no foreground, left out", row.path)

@@ -9,6 +9,7 @@ import pytest
 
 from pipeline.capture.undistortion import (
     Box,
+    LensMaps,
     distorted_positions,
     seen_pixels,
     undistort_image,
@@ -152,3 +153,20 @@ def test_positions_follow_the_camera_not_its_pose():
     moved = replace(camera, R=np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]), t=np.array([1.0, 2, 3]))
     box = Box(2, 3, 4, 5)
     np.testing.assert_array_equal(distorted_positions(camera, box), distorted_positions(moved, box))
+
+
+def test_kept_map_gives_what_a_fresh_one_gives(monkeypatch):
+    """And no more maps are kept than fit."""
+    camera, image = (
+        camera_with(LENSES["barrel"]),
+        np.random.default_rng(0).random((HEIGHT, WIDTH, 3)).astype(np.float32),
+    )
+    maps, box = LensMaps(), Box(7, 9, 31, 22)
+    kept = maps.of("a", camera)
+    assert maps.of("a", camera) is kept
+    np.testing.assert_allclose(
+        undistort_image(image, camera, box, kept), undistort_image(image, camera, box), atol=1e-6
+    )
+    np.testing.assert_array_equal(undistort_mask(image[..., 0], camera, kept), undistort_mask(image[..., 0], camera))
+    monkeypatch.setattr("pipeline.capture.undistortion.KEPT_BYTES", maps.bytes)
+    assert maps.of("b", camera) is not maps.of("b", camera)
