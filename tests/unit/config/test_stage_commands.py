@@ -17,12 +17,12 @@ BY_HAND = {
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_flags_are_those_of_the_stage(repo_root, stage):
-    """All that a stage must be told is told, and nothing else; threads and settings come from elsewhere."""
+    """All that a stage must be told is told, and nothing else; threads, processes and settings come from elsewhere."""
     tree = ast.parse((repo_root / f"pipeline/stages/{stage}.py").read_text())
     (run,) = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "run")
     known = {argument.arg for argument in run.args.kwonlyargs} - {"settings", *BY_HAND.get(stage, ())}
     flags = {part.partition("=")[0] for part in ARGUMENTS[stage].split()}
-    assert known - {"threads", "workers"} == flags
+    assert known - {"threads", "workers", "processes"} == flags
     assert ("threads" in known) == (stage in THREADED)
 
 

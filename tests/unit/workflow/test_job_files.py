@@ -14,7 +14,7 @@ from pipeline.base.errors import InputError
 from pipeline.budget.resolved_project import resolve_budgets
 from pipeline.config.loading import load_project
 from pipeline.workflow.job_files import JobFiles, compared_scores, read_kind, read_planned
-from pipeline.workflow.rule_words import NO_NAME, estimate_json, launcher, light_file, one_of, subject_pattern
+from pipeline.workflow.rule_words import NO_NAME, estimate_json, light_file, one_of, subject_pattern
 
 OWN_LIGHT = {"full": {}, "few": {"trace_irradiance": {"samples": "4"}}}
 
@@ -166,11 +166,6 @@ def test_light_is_one_file_of_its_name(project):
 def test_estimate_needs_a_budget(project):
     with pytest.raises(InputError, match=r"results/someone/budget\.csv: expected a budget"):
         estimate_json(resolve_budgets(project(), print), "someone")
-
-
-def test_launcher_of_several_processes_is_torchrun():
-    assert launcher(1) == "python"
-    assert launcher(3) == "torchrun --standalone --nproc_per_node 3"
 
 
 def test_comparison_is_of_the_subjects_that_are_named_or_of_all(project):
