@@ -193,21 +193,6 @@ def coated_mesh(
     return triangle_mesh(bsdf, vertices, faces, uv, normals)
 
 
-def print_scene(texture: np.ndarray, corners: Float64[np.ndarray, "4 3"]) -> Any:
-    """A flat print whose radiance is its texture.
-
-    So a matt print of that reflectance looks under even light. `corners` are top left, top right, bottom right, bottom
-    left as seen from the front; row 0 of the texture is the top edge.
-    """
-    mi = mitsuba()
-    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    faces = np.array([[0, 2, 1], [0, 3, 2]])
-    light = {"type": "area", "radiance": bitmap_texture(texture, "nearest")}
-    mesh = triangle_mesh({"type": "diffuse"}, corners, faces, uv, emitter=light)
-    # Depth 1 is emission alone.
-    return mi.load_dict({"type": "scene", "integrator": {"type": "path", "max_depth": 1}, "print": mesh})
-
-
 def mirror_ball_scene(
     center: Float64[np.ndarray, "3"], radius: float, light: Float64[np.ndarray, "3"], light_radius: float
 ) -> Any:

@@ -21,7 +21,7 @@ from pipeline.synthesis.sensor_model import write_8bit, write_exr
 from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.subject import Moment, Subject, vertex_normals
 from pipeline.synthesis.target_photography import (
-    PRINT_SAMPLES,
+    SILHOUETTE_SAMPLES,
     BallJob,
     BoardJob,
     ChartJob,
@@ -89,7 +89,7 @@ def _photograph_frame(job: FrameJob) -> pd.DataFrame:
         raw = studio.sensor_model.expose(developed[..., :3], studio.rig.raw_from_true[name], random)
         write_exr(studio.root / f"images/{name}/{job.frame:06d}.exr", raw)
         if opaque is not None:
-            developed[..., 3] = view.develop(scenes.render(opaque, view, PRINT_SAMPLES, seed))[..., 3]
+            developed[..., 3] = view.develop(scenes.render(opaque, view, SILHOUETTE_SAMPLES, seed))[..., 3]
         mask = np.where(developed[..., 3] >= COVERED, 255, 0).astype(np.uint8)
         write_8bit(studio.root / f"masks/{name}/{job.frame:06d}.png", mask)
         found = _detect(job, scene, name, camera)
