@@ -82,6 +82,12 @@ class SynthesizeCapture(Settings):
         ge=2,
         description="path edges from camera to light; 2 is direct light only, a translucent material takes hundreds",
     )
+    renderer: Literal["auto", "scalar", "llvm"] = Field(
+        "auto",
+        description="scalar: one path at a time; llvm: packets of paths in compiled kernels, several times as fast, if "
+        "there is an LLVM library of version 16 or newer; auto: llvm where there is, a trial image is right and there "
+        "are enough paths, else scalar. Images agree within noise. A translucent material always takes scalar",
+    )
     shot_gain: float = Field(1e-4, ge=0, description="noise variance per unit of signal [image value]")
     read_noise: float = Field(0.001, ge=0, description="noise deviation in the dark [image value]")
     saturation: float = Field(1.0, gt=0, description="largest value of an image above its black level [image value]")

@@ -23,10 +23,11 @@ from pipeline.base.errors import Complaints
 from pipeline.base.files import written_whole
 from pipeline.base.progress import progress
 from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.synthesis.capture_files import write_capture_yaml, write_gaze, write_tables, write_truth
+from pipeline.synthesis.capture_files import write_capture_yaml, write_gaze, write_renderer, write_tables, write_truth
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.head import build_head
 from pipeline.synthesis.photography import FrameJob, Job, all_jobs, take
+from pipeline.synthesis.renderer_choice import choose_renderer
 from pipeline.synthesis.stage_rig import build_stage_rig, light_patterns, segment_for
 from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.subject import Subject
@@ -54,8 +55,10 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
         segment, time_s = segment_for(frame, settings)
         moments.append(shown.at(time_s, segment))
     log.info("%d vertices, %d cameras, %d lights", len(shown.vertices), len(rig.cameras), len(rig.light_positions))
+    renderer, llvm_version = choose_renderer(settings)
+    log.info("renderer: %s", f"llvm {llvm_version}" if llvm_version else renderer)
     with written_whole(out) as root:
-        studio = Studio(root.resolve(), subject, settings, rig)
+        studio = Studio(root.resolve(), subject, settings, rig, renderer)
         frames = [
             FrameJob(studio, shown, frame, moment, intensities.loc[frame].to_numpy())
             for frame, moment in enumerate(moments)
@@ -66,6 +69,7 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
         write_tables(root, subject, rig, patterns, keypoints, settings)
         shown.write_template(root / "template", settings)
         write_truth(root, rig, shown, moments, settings.uvs)
+        write_renderer(root, renderer, llvm_version)
         if shown.eyes:
             write_gaze(root, moments)
         write_capture_yaml(root, subject, shown, rig, settings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -156,3 +157,9 @@ def write_truth(root: Path, rig: StageRig, subject: Subject, moments: list[Momen
     tracking |= {name: np.stack([moment.truth[name] for moment in moments]) for name in moments[0].truth}
     single = {name: a.astype(np.float32) if a.dtype == np.float64 else a for name, a in tracking.items()}
     write_arrays(root / "truth/tracking.safetensors", single)
+
+
+def write_renderer(root: Path, renderer: str, llvm_version: str) -> None:
+    """Write truth/renderer.json: what made the images of frames, whose noise and last digits depend on it."""
+    content = {"renderer": renderer, "mitsuba": version("mitsuba")}
+    write_json(root / "truth/renderer.json", content | ({"llvm": llvm_version} if llvm_version else {}))

@@ -47,9 +47,9 @@ class LensView:
         x, y, width, height = self.window
         at = self.lookup - PIXEL_CENTER  # OpenCV counts from pixel centres
         fine = cv2.remap(rendered, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        fine = fine.reshape(height, self.samples, width, self.samples, -1)
-        image = np.zeros((self.camera.height, self.camera.width, fine.shape[-1]), dtype=np.float32)
-        image[y : y + height, x : x + width] = fine.mean(axis=(1, 3))
+        averaged = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA).reshape(height, width, -1)
+        image = np.zeros((self.camera.height, self.camera.width, averaged.shape[-1]), dtype=np.float32)
+        image[y : y + height, x : x + width] = averaged
         return image
 
 
@@ -70,11 +70,12 @@ def view_window(camera: Camera, pixels: Float64[np.ndarray, "n 2"], samples: int
     normalized = camera.undistort(positions.reshape(-1, 2)).reshape(positions.shape)
     focal = samples * float(camera.K[0, 0] + camera.K[1, 1]) / 2
     fine = focal * normalized
-    film = 2 * (np.ceil(np.abs(fine).max(axis=(0, 1))).astype(int) + BORDER)
+    # One axis after the other: numpy is slow at extremes of pairs.
+    least, most = (np.array([extreme(fine[..., axis]) for axis in (0, 1)]) for extreme in (np.min, np.max))
+    film = 2 * (np.ceil(np.maximum(-least, most)).astype(int) + BORDER)
     fine = fine + film / 2
-    crop_low = np.floor(fine.min(axis=(0, 1))).astype(int) - BORDER
-    crop_low = crop_low.clip(0, None)
-    crop_high = np.minimum(np.ceil(fine.max(axis=(0, 1))).astype(int) + BORDER, film)
+    crop_low = (np.floor(least + film / 2).astype(int) - BORDER).clip(0, None)
+    crop_high = np.minimum(np.ceil(most + film / 2).astype(int) + BORDER, film)
     return LensView(
         camera=camera,
         window=(int(low[0]), int(low[1]), width, height),

@@ -1,4 +1,4 @@
-"""Scenes for Mitsuba 3 (https://mitsuba.readthedocs.io), variant scalar_rgb.
+"""Scenes for Mitsuba 3 (https://mitsuba.readthedocs.io), and pictures of them by its variant scalar_rgb.
 
 Each process renders on one thread. Mitsuba is imported inside functions only: it takes a second, and everything else in
 this package works without it. Rendered images are radiance, linear RGB, with coverage in the fourth channel.
@@ -6,13 +6,17 @@ this package works without it. Rendered images are radiance, linear RGB, with co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 
 from pipeline.synthesis.lens import LensView
+
+SCALAR, LLVM = "scalar_rgb", "llvm_ad_rgb"
+"""Variants of Mitsuba: one ray at a time, and packets of rays in compiled kernels, which needs an LLVM library."""
 
 COAT_IOR = 1.5
 """Refractive index of a subject's coat: typical of skin oil, varnish and polymers."""
@@ -31,15 +35,27 @@ SEEDS_PER_LIGHT = 1009
 def mitsuba() -> Any:
     """The module `mitsuba` with its variant chosen and one rendering thread.
 
-    So results do not depend on the host.
+    So results do not depend on the host. The variant is `scalar_rgb` but within `llvm_variant`.
     """
     import drjit
     import mitsuba as mi
 
-    if mi.variant() != "scalar_rgb":
-        mi.set_variant("scalar_rgb")
+    if mi.variant() not in (SCALAR, LLVM):
+        mi.set_variant(SCALAR)
         drjit.set_thread_count(1)
     return mi
+
+
+@contextmanager
+def llvm_variant() -> Iterator[None]:
+    """Let `mitsuba` be the vectorized variant; scenes of one variant are of no use to the other."""
+    mi = mitsuba()
+    before = mi.variant()
+    mi.set_variant(LLVM)
+    try:
+        yield
+    finally:
+        mi.set_variant(before)
 
 
 def sensor(view: LensView, samples: int) -> dict[str, Any]:
@@ -147,6 +163,11 @@ def bitmap_texture(texture: Float32[np.ndarray, "h w 3"], filter_type: str) -> d
     }  # fmt: skip
 
 
+def mesh_scene(meshes: Sequence[Any]) -> Any:
+    """Meshes without lights, to be asked what rays hit."""
+    return mitsuba().load_dict({"type": "scene", **{f"mesh_{index}": mesh for index, mesh in enumerate(meshes)}})
+
+
 def lit_scene(
     meshes: Sequence[Any],
     light_positions: Float64[np.ndarray, "n 3"],
@@ -193,21 +214,6 @@ def coated_mesh(
     return triangle_mesh(bsdf, vertices, faces, uv, normals)
 
 
-def print_scene(texture: np.ndarray, corners: Float64[np.ndarray, "4 3"]) -> Any:
-    """A flat print whose radiance is its texture.
-
-    So a matt print of that reflectance looks under even light. `corners` are top left, top right, bottom right, bottom
-    left as seen from the front; row 0 of the texture is the top edge.
-    """
-    mi = mitsuba()
-    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    faces = np.array([[0, 2, 1], [0, 3, 2]])
-    light = {"type": "area", "radiance": bitmap_texture(texture, "nearest")}
-    mesh = triangle_mesh({"type": "diffuse"}, corners, faces, uv, emitter=light)
-    # Depth 1 is emission alone.
-    return mi.load_dict({"type": "scene", "integrator": {"type": "path", "max_depth": 1}, "print": mesh})
-
-
 def mirror_ball_scene(
     center: Float64[np.ndarray, "3"], radius: float, light: Float64[np.ndarray, "3"], light_radius: float
 ) -> Any:
@@ -229,5 +235,8 @@ def mirror_ball_scene(
 def hit_distances(scene: Any, origin: Float64[np.ndarray, "3"], directions: Float64[np.ndarray, "n 3"]) -> np.ndarray:
     """Distance [n] to the first surface along each direction, infinity where there is none."""
     mi = mitsuba()
+    if mi.variant() == LLVM:
+        rays = mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*directions.T.astype(np.float32)))
+        return np.array(scene.ray_intersect_preliminary(rays).t, np.float64)
     start = origin.tolist()
     return np.array([float(scene.ray_intersect_preliminary(mi.Ray3f(start, d.tolist())).t) for d in directions])

@@ -13,15 +13,16 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.seeds import generator_for, seed_for
+from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import Camera
 from pipeline.synthesis import mitsuba_scenes as scenes
 from pipeline.synthesis.detector import detect_keypoints
+from pipeline.synthesis.frame_rendering import FrameRenderer, LitSubject, LlvmRenderer, ScalarRenderer, Shot
 from pipeline.synthesis.lens import LensView, view_points
 from pipeline.synthesis.sensor_model import write_8bit, write_exr
 from pipeline.synthesis.studio import Studio
-from pipeline.synthesis.subject import Moment, Subject, vertex_normals
+from pipeline.synthesis.subject import Moment, Subject
 from pipeline.synthesis.target_photography import (
-    PRINT_SAMPLES,
     BallJob,
     BoardJob,
     ChartJob,
@@ -29,7 +30,6 @@ from pipeline.synthesis.target_photography import (
     photograph_board,
     photograph_chart,
 )
-from pipeline.synthesis.translucency import Medium, translucent_mesh
 
 LOOKED_FOR, SAME_SURFACE_M = 300, 1e-3
 """Points of an eye, 2 mm apart, that say where in an image it is seen; and their tolerance.
@@ -68,72 +68,50 @@ def take(job: Job) -> pd.DataFrame | None:
 
 
 def _photograph_frame(job: FrameJob) -> pd.DataFrame:
+    settings, lit = job.studio.settings, job.intensities > 0
+    paths = settings.spp_fully_lit if lit.all() else settings.spp
+    subject = LitSubject(job.shown, job.moment, settings, job.studio.rig.lights_xyz[lit], job.intensities[lit], paths)
+    if job.studio.renderer == "scalar":
+        return _photograph_by(job, ScalarRenderer(subject))
+    with scenes.llvm_variant():
+        return _photograph_by(job, LlvmRenderer(subject))
+
+
+def _photograph_by(job: FrameJob, renderer: FrameRenderer) -> pd.DataFrame:
     studio, settings = job.studio, job.studio.settings
-    translucent = settings.material == "translucent"
-    scene = _lit_subject(job, translucent)
-    # Light may cross a translucent body as if it were not there, so its coverage comes from the opaque one.
-    opaque = _lit_subject(job, False) if translucent else None
-    paths = settings.spp_fully_lit if (job.intensities > 0).all() else settings.spp
-    detections = []
-    for name, sensor_camera in studio.rig.cameras.items():
-        camera = sensor_camera.downsampled(settings.downsample_from_sensor)
-        view = view_points(camera, job.moment.vertices, settings.supersampling)
+    cameras = {name: c.downsampled(settings.downsample_from_sensor) for name, c in studio.rig.cameras.items()}
+    shots = []
+    for name, camera in cameras.items():
         seed = seed_for(studio.subject, "paths", name, job.frame) % 2**31
-        developed = view.develop(_render_lit(job, scene, view, paths, seed))
-        for eye in _eyes_in_view(job.moment, scene, camera, settings.supersampling):
-            x, y, width, height = eye.window
-            window = slice(y, y + height), slice(x, x + width)
-            closer = max(1, round(paths * settings.spp_eyes / settings.spp))
-            developed[window] = eye.develop(_render_lit(job, scene, eye, closer, seed))[window]
+        shots.append(shots_of(camera, job.moment, renderer.scene, settings, seed))
+    rendered = iter(renderer.render([shot for of_camera in shots for shot in of_camera]))
+    detections = []
+    for (name, camera), of_camera in zip(cameras.items(), shots, strict=True):
+        developed = _developed(of_camera, [next(rendered) for _ in of_camera])
         random = generator_for(studio.subject, "sensor", name, job.frame)
         raw = studio.sensor_model.expose(developed[..., :3], studio.rig.raw_from_true[name], random)
         write_exr(studio.root / f"images/{name}/{job.frame:06d}.exr", raw)
-        if opaque is not None:
-            developed[..., 3] = view.develop(scenes.render(opaque, view, PRINT_SAMPLES, seed))[..., 3]
         mask = np.where(developed[..., 3] >= COVERED, 255, 0).astype(np.uint8)
         write_8bit(studio.root / f"masks/{name}/{job.frame:06d}.png", mask)
-        found = _detect(job, scene, name, camera)
-        detections.append(found)
+        detections.append(_detect(job, renderer.scene, name, camera))
     return pd.concat(detections, ignore_index=True)
 
 
-def _lit_subject(job: FrameJob, translucent: bool) -> Any:
-    """The subject under the lights that are on, as a Mitsuba scene."""
-    shown, settings, vertices = job.shown, job.studio.settings, job.moment.vertices
-    cut, normals = shown.unwrapped, vertex_normals(vertices, shown.faces)
-    medium = Medium(settings.mean_free_path_m, settings.scattering_albedo)
-    meshes = []
-    for material in shown.materials:
-        geometry = (vertices[cut.source], normals[cut.source], cut.faces[material.faces], cut.uv)
-        if translucent and material.solid:
-            meshes.append(translucent_mesh(medium, material.gloss_alpha, *geometry))
-        else:
-            meshes.append(scenes.coated_mesh(shown.texture, material.gloss_alpha, *geometry))
-    for surface in job.moment.surfaces:
-        geometry = (surface.vertices, surface.normals, surface.faces, surface.uv, surface.ior)
-        meshes.append(scenes.coated_mesh(surface.texture, surface.gloss_alpha, *geometry))
-    lights, intensities = _lit_lights(job)
-    if settings.light_choice == "all":
-        lights, intensities = lights[:1], intensities[:1]
-    integrator = "volpath" if translucent else "path"
-    return scenes.lit_scene(meshes, lights, intensities, settings.max_depth, integrator)
+def shots_of(camera: Camera, moment: Moment, scene: Any, settings: SynthesizeCapture, seed: int) -> list[Shot]:
+    """The whole subject in a camera's image, and close-ups of the eyes that it sees."""
+    whole = view_points(camera, moment.vertices, settings.supersampling)
+    eyes = _eyes_in_view(moment, scene, camera, settings.supersampling)
+    return [Shot(whole, seed), *(Shot(eye, seed, settings.spp_eyes / settings.spp) for eye in eyes)]
 
 
-def _lit_lights(job: FrameJob) -> tuple[np.ndarray, np.ndarray]:
-    lit = job.intensities > 0
-    return job.studio.rig.lights_xyz[lit], job.intensities[lit]
-
-
-def _render_lit(job: FrameJob, scene: Any, view: LensView, paths: int, seed: int) -> np.ndarray:
-    """Image of a scene of `_lit_subject` in a view, under all lights that are on.
-
-    About `paths` paths are traced per image pixel.
-    """
-    settings, (lights, intensities) = job.studio.settings, _lit_lights(job)
-    samples = paths / settings.supersampling**2
-    if settings.light_choice == "drawn":
-        return scenes.render(scene, view, max(1, round(samples)), seed)
-    return scenes.render_each_light(scene, view, lights, intensities, max(1, round(samples / len(lights))), seed)
+def _developed(shots: list[Shot], rendered: list[np.ndarray]) -> np.ndarray:
+    """The image of the first shot, with the windows of the others in it."""
+    image = shots[0].view.develop(rendered[0])
+    for shot, closer in zip(shots[1:], rendered[1:], strict=True):
+        x, y, width, height = shot.view.window
+        window = slice(y, y + height), slice(x, x + width)
+        image[window] = shot.view.develop(closer)[window]
+    return image
 
 
 def _eyes_in_view(moment: Moment, scene: Any, camera: Camera, samples: int) -> list[LensView]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis.sensor_model import SensorModel
@@ -12,12 +13,17 @@ from pipeline.synthesis.stage_rig import StageRig
 
 @dataclass(frozen=True)
 class Studio:
-    """Setting of every photograph: the capture's folder, its subject, rig and settings."""
+    """Setting of every photograph: the capture's folder, its subject, rig and settings.
+
+    Attributes:
+        renderer: of frames; calibration targets are the same for all.
+    """
 
     root: Path
     subject: str
     settings: SynthesizeCapture
     rig: StageRig
+    renderer: Literal["scalar", "llvm"] = "scalar"
 
     @property
     def sensor_model(self) -> SensorModel:

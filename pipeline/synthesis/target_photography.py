@@ -10,6 +10,7 @@ from pipeline.base.seeds import generator_for
 from pipeline.geometry.cameras import Camera
 from pipeline.synthesis import mitsuba_scenes as scenes
 from pipeline.synthesis.lens import view_points
+from pipeline.synthesis.prints import render_print
 from pipeline.synthesis.sensor_model import write_8bit, write_exr
 from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.targets import (
@@ -24,8 +25,8 @@ from pipeline.synthesis.targets import (
     sphere_points,
 )  # fmt: skip
 
-PRINT_SAMPLES = 4
-"""Paths per fine pixel of a print: its shading has no noise, so only edges need them."""
+SILHOUETTE_SAMPLES = 4
+"""Paths per fine pixel of a silhouette: it has no shading, so only edges need them."""
 
 HIGHLIGHT_SAMPLES = 16
 """Paths per fine pixel of a highlight. It has few pixels, and lights are measured by their centroid."""
@@ -68,13 +69,13 @@ class BallJob:
 def photograph_board(job: BoardJob) -> None:
     """Write an 8-bit picture of each pose of the board that the camera sees."""
     studio = job.studio
-    camera, texture = studio.rig.cameras[job.camera], board_texture(studio.settings)
+    camera, texture = studio.rig.cameras[job.camera], board_texture(studio.settings)[..., 1:2]
     for index, corners in enumerate(board_poses(studio.subject, studio.settings)):
         if not sees_board(camera, corners):
             continue
         radiance = _photograph_print(texture, corners, camera, studio.settings.supersampling)
         random = generator_for(studio.subject, "board sensor", job.camera, index)
-        image = studio.sensor_model.expose_gray(radiance[..., 1] + DARK, random)
+        image = studio.sensor_model.expose_gray(radiance[..., 0] + DARK, random)
         write_8bit(studio.root / f"calibration/charuco/{job.camera}/{index:03d}.jpg", image)
 
 
@@ -92,7 +93,7 @@ def _photograph_print(texture: np.ndarray, corners: np.ndarray, camera: Camera, 
     edges = np.linspace(0, 1, 20)[:, None]  # distorted edges bulge: follow them
     outline = np.concatenate([a + edges * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
     view = view_points(camera, outline, supersampling)
-    return view.develop(scenes.render(scenes.print_scene(texture, corners), view, PRINT_SAMPLES, seed=0))[..., :3]
+    return view.develop(render_print(texture, corners, view))
 
 
 def photograph_ball(job: BallJob) -> None:
@@ -111,7 +112,7 @@ def photograph_ball(job: BallJob) -> None:
         write_8bit(folder / f"{name}.png", studio.sensor_model.expose_gray(value, random))
     scene = scenes.mirror_ball_scene(center, radius, 1e3 * np.ones(3), settings.light_radius_m)
     view = view_points(camera, sphere_points(center, radius), settings.supersampling)
-    coverage = view.develop(scenes.render(scene, view, PRINT_SAMPLES, seed=0))[..., 3]
+    coverage = view.develop(scenes.render(scene, view, SILHOUETTE_SAMPLES, seed=0))[..., 3]
     random = generator_for(studio.subject, "ball sensor", job.position, job.camera)
     silhouette = studio.sensor_model.expose_gray(DARK + BACKDROP * (1 - coverage), random)
     write_8bit(folder / "silhouette.png", silhouette)

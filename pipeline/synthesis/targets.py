@@ -62,8 +62,11 @@ CHART_PATCHES = np.array(
 )  # fmt: skip
 """Linear Rec. 709 reflectance of the ColorChecker's patches, row by row from the brown one, top left."""
 
-REFLECTION_ROUNDS = 200
-"""Fixed-point rounds for a reflection on the ball. They contract at least 3x for a ball this small."""
+REFLECTION_ROUNDS = 40
+"""Fixed-point rounds for a reflection on the ball.
+
+They contract at least 3x for a ball this small: 3^-40 is less than a float64 resolves.
+"""
 
 
 def board_texture(settings: SynthesizeCapture) -> Float32[np.ndarray, "h w 3"]:

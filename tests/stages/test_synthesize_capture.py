@@ -1,6 +1,7 @@
 """A very small capture: complete, true to its own truth, and the same whatever the number of workers."""
 
 import hashlib
+import os
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from pipeline.base.files import read_json
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.synthesize_capture import run
+from pipeline.synthesis.renderer_choice import tried_version
 from tests.support.captures.synthesized import read_truth, synthesize
 
 pytest.importorskip("mitsuba")
@@ -182,3 +184,25 @@ def test_impossible_settings_are_named_at_once(tmp_path):
     for key in ("partial_lights_max", "ball_cameras", "board_marker_m"):
         assert key in str(error.value)
     assert not (tmp_path / "never").exists()
+
+
+def test_vectorized_renderer_takes_the_same_images(capture, tmp_path):
+    if not tried_version(dict(os.environ)):
+        pytest.skip("no LLVM library")
+    settings = SETTINGS.model_copy(update={"renderer": "llvm"})
+    synthesize(tmp_path / "llvm", settings)
+    assert read_json(tmp_path / "llvm/truth/renderer.json")["renderer"] == "llvm"
+    assert read_json(capture / "truth/renderer.json")["renderer"] == "scalar"
+    for name in ("keypoints_2d.parquet", "truth/tracking.safetensors", "calibration/color_chart/cam00.exr"):
+        assert (tmp_path / "llvm" / name).read_bytes() == (capture / name).read_bytes()
+    for camera in ("cam00", "cam01"):
+        for frame in range(2):
+            both = mask(capture, camera, frame) != mask(tmp_path / "llvm", camera, frame)
+            # Four places in a pixel decide of the scalar renderer's edges: one in ten edge pixels may change sides.
+            outline = cv2.morphologyEx(mask(capture, camera, frame), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+            assert both.sum() < 0.15 * (outline > 0).sum()
+            inside = cv2.erode(mask(capture, camera, frame), np.ones((3, 3), np.uint8)) > 0
+            pair = [image(root, camera, frame)[inside] for root in (capture, tmp_path / "llvm")]
+            # Light is drawn by four paths a pixel: noise of half the value, over some hundred pixels.
+            assert pair[1].mean() == pytest.approx(pair[0].mean(), rel=0.1)
+            assert np.corrcoef(pair[0].ravel(), pair[1].ravel())[0, 1] > 0.7

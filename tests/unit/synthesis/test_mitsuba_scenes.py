@@ -78,35 +78,6 @@ def test_intensities_add(camera):
     assert mean(np.array([2.0, 3.0])) == pytest.approx(separate, rel=0.005)
 
 
-def test_print_lies_where_the_distorted_camera_sees_it(camera):
-    texture = np.full((40, 40, 3), 0.1, dtype=np.float32)
-    texture[:20, 20:] = 0.8  # top right
-    view = view_points(camera, SQUARE, 4)
-    image = view.develop(scenes.render(scenes.print_scene(texture, SQUARE), view, 4, seed=0))
-    corners, _ = camera.project(np.array([[0.25, 0.25, 0], [-0.25, 0.25, 0], [-0.25, -0.25, 0], [0.25, -0.25, 0.0]]))
-    values = image[corners[:, 1].astype(int), corners[:, 0].astype(int), 0]
-    np.testing.assert_allclose(values, [0.8, 0.1, 0.1, 0.1], atol=1e-5)
-    # The bright quarter's centroid, found in the image, against the exact one of a fine grid on the plane.
-    grid = np.stack(np.meshgrid(np.linspace(0, 0.5, 200), np.linspace(0, 0.5, 200), [0.0]), axis=-1).reshape(-1, 3)
-    expected = area_weighted_mean(camera, grid)
-    weight = np.clip(image[..., 0] - 0.1 * image[..., 3], 0, None)
-    rows, columns = np.mgrid[: weight.shape[0], : weight.shape[1]]
-    found = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum() + 0.5
-    # 16 random samples per pixel along about 60 edge pixels leave some hundredths of a pixel.
-    np.testing.assert_allclose(found, expected, atol=0.03)
-
-
-def area_weighted_mean(camera, points):
-    """Mean image position of a plane patch z = 0, each point weighted by the image area around it."""
-    step = 1e-4
-    here, _ = camera.project(points)
-    right, _ = camera.project(points + np.array([step, 0, 0]))
-    up, _ = camera.project(points + np.array([0, step, 0]))
-    a, b = right - here, up - here
-    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    return (area[:, None] * here).sum(axis=0) / area.sum()
-
-
 def test_mirror_ball_shows_the_light_where_reflection_says(camera):
     center, light = np.array([0.1, 0.0, 0.1]), np.array([1.5, 1.2, 1.0])
     scene = scenes.mirror_ball_scene(center, 0.3, light, 0.05)
