@@ -161,3 +161,27 @@ def larger(typing_context, left, right):
         return builder.select(builder.fcmp_ordered(">", *arguments), *arguments)
 
     return float_lanes(float_lanes, float_lanes), generate
+
+
+@intrinsic
+@no_type_check
+def above(typing_context, value, bound):
+    """1 in each lane where `value` is larger than `bound`, 0 elsewhere."""
+
+    def generate(context, builder, signature, arguments):
+        ones, zeros = (ir.Constant(_VECTOR, [number] * LANES) for number in (1.0, 0.0))
+        return builder.select(builder.fcmp_ordered(">", *arguments), ones, zeros)
+
+    return float_lanes(float_lanes, float_lanes), generate
+
+
+@intrinsic
+@no_type_check
+def any_above(typing_context, value, bound):
+    """Whether `value` is larger than `bound` in any lane."""
+
+    def generate(context, builder, signature, arguments):
+        bits = builder.bitcast(builder.fcmp_ordered(">", *arguments), ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(LANES), 0))
+
+    return types.boolean(float_lanes, float_lanes), generate

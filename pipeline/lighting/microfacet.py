@@ -19,20 +19,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.lighting import reflection_kernels
 from pipeline.lighting.device_sums import sum_in_pieces, unpacked
-from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_SINE2, angle_between
+from pipeline.lighting.lobes import angle_between
 from pipeline.lighting.point_lights import PointLights
+from pipeline.lighting.reflection_kernels import DIELECTRIC_F0, LOBE_SCALE, SMALLEST_COSINE
 from pipeline.lighting.zonal_kernels import FAST_MATH, SMALLEST_DISTANCE2_M2
-
-DIELECTRIC_F0 = 0.04
-"""Reflectance of skin, cloth and plastic at normal incidence (refractive index 1.5). A factor per point scales it."""
-
-LOBE_SCALE = 4 * LOBE_CONSTANT / (math.sqrt(2) * DIELECTRIC_F0)
-"""Over alpha, D of the Gaussian at its middle: D G F / 4 is C / sigma there for light and camera straight above."""
-
-SMALLEST_COSINE = np.float32(1e-4)
-"""Light or camera closer to the surface's plane than this: nothing. The reflected light vanishes with the cosine of
-the light; the guard keeps the 1 / cosine of the masking term in float32's range."""
 
 
 def arriving_vectors(
@@ -103,7 +95,7 @@ def gather_reflections(
     arrays = [tensor.detach().contiguous().numpy() for tensor in inputs]
     channels, seen = lights.intensities.shape[1], lights.bits_for(len(points))
     value, slope = torch.empty(len(points), channels), torch.empty(len(points), channels, 4)
-    _gather_reflections(*arrays, seen, gaussian, value.numpy(), slope.numpy())
+    reflection_kernels.gather_reflections(*arrays, seen, gaussian, value.numpy(), slope.numpy())
     variable = torch.cat([normals, alpha[:, None]], -1)
     # First order about where it was evaluated: the value is exact, and so is the gradient.
     return value + (slope * (variable - variable.detach())[:, None]).sum(-1)
@@ -151,8 +143,7 @@ def gather_reflections_in_torch(
     return sum_in_pieces(reflections, (points.detach(), normals, to_camera.detach(), alpha, mask), len(lights))
 
 
-F0, ONE, PI = np.float32(DIELECTRIC_F0), np.float32(1.0), np.float32(math.pi)
-SCALE, TINY_SINE = np.float32(LOBE_SCALE), np.float32(math.sqrt(SMALLEST_SINE2))
+ONE = np.float32(1.0)
 
 
 @numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
@@ -173,71 +164,3 @@ def _arriving_vectors(points, normals, lights, intensities, seen, out):
                 out[p, c, 0] += intensities[j, c] * weight * x
                 out[p, c, 1] += intensities[j, c] * weight * y
                 out[p, c, 2] += intensities[j, c] * weight * z
-
-
-@numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
-@no_type_check
-def _gather_reflections(points, normals, to_camera, alpha, lights, intensities, seen, gaussian, value, slope):
-    channels = intensities.shape[1]
-    two = np.float32(2.0)
-    for p in numba.prange(points.shape[0]):
-        value[p] = 0
-        slope[p] = 0
-        nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
-        ox, oy, oz = to_camera[p, 0], to_camera[p, 1], to_camera[p, 2]
-        co, a = nx * ox + ny * oy + nz * oz, alpha[p]
-        if co <= SMALLEST_COSINE:
-            continue
-        a2 = a * a
-        root_o = math.sqrt(a2 + (ONE - a2) * co * co)
-        for j in range(lights.shape[0]):
-            if not seen[j, p >> 3] & (128 >> (p & 7)):
-                continue
-            x, y, z = lights[j, 0] - points[p, 0], lights[j, 1] - points[p, 1], lights[j, 2] - points[p, 2]
-            distance2 = max(x * x + y * y + z * z, SMALLEST_DISTANCE2_M2)
-            inverse = ONE / math.sqrt(distance2)
-            x, y, z = x * inverse, y * inverse, z * inverse
-            ci = nx * x + ny * y + nz * z
-            if ci <= SMALLEST_COSINE:
-                continue
-            # Unit vectors with positive cosines to n: w_i + w_o is not zero.
-            hx, hy, hz = x + ox, y + oy, z + oz
-            length = math.sqrt(hx * hx + hy * hy + hz * hz)
-            inverse = ONE / length
-            hx, hy, hz = hx * inverse, hy * inverse, hz * inverse
-            ch = nx * hx + ny * hy + nz * hz
-            # w_o . h is half the length of w_i + w_o, which keeps its digits where both graze the surface.
-            grazing = ONE - length / two
-            grazing2 = grazing * grazing
-            fresnel = F0 + (ONE - F0) * grazing2 * grazing2 * grazing
-            # cos^2 (alpha^2 - 1) + 1 with |n x h|^2 for 1 - cos^2: nothing cancels in the highlights of small alpha.
-            sx, sy, sz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
-            sine2 = sx * sx + sy * sy + sz * sz
-            # D with the derivatives of its logarithm; with those of f the gradient needs no second pass.
-            if gaussian:
-                sine = max(math.sqrt(sine2), TINY_SINE)
-                angle = math.atan2(sine, ch)
-                d, by_ch = SCALE / a * math.exp(-angle * angle / a2), two * angle / (sine * a2)
-                by_a2 = (angle * angle / a2 - ONE / two) / a2
-                hx, hy, hz = hx - ch * nx, hy - ch * ny, hz - ch * nz  # no angle changes with the normal's length
-            else:
-                t = sine2 + a2 * ch * ch
-                d, by_ch = a2 / (PI * t * t), -two * two * ch * (a2 - ONE) / t
-                by_a2 = ONE / a2 - two * ch * ch / t
-            root_i = math.sqrt(a2 + (ONE - a2) * ci * ci)
-            q = ci * root_o + co * root_i
-            f = d * fresnel * ci / (two * q) / distance2
-            by_ci = ONE / ci - (root_o + co * (ONE - a2) * ci / root_i) / q
-            by_co = -(ci * (ONE - a2) * co / root_o + root_i) / q
-            by_a2 -= (ci * (ONE - co * co) / root_o + co * (ONE - ci * ci) / root_i) / (two * q)
-            gx = f * (by_ch * hx + by_ci * x + by_co * ox)
-            gy = f * (by_ch * hy + by_ci * y + by_co * oy)
-            gz = f * (by_ch * hz + by_ci * z + by_co * oz)
-            ga = f * by_a2 * two * a
-            for c in range(channels):
-                light = intensities[j, c]
-                value[p, c] += light * f
-                slope[p, c, 0] += light * gx
-                slope[p, c, 1] += light * gy
-                slope[p, c, 2] += light * gz
-                slope[p, c, 3] += light * ga
