@@ -1,4 +1,4 @@
-"""Camera rays through the pixels of views, for the vectorized renderer: all traced pixels of all cameras in a row.
+"""Camera rays for the vectorized renderer: through all traced pixels of all cameras.
 
 Import it only where the variant runs, as `wavefront`.
 """
@@ -22,7 +22,13 @@ LANES = 2**21
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples of pixels: the index of each in its pixel, its point of `net_points`, and a random seed per pixel."""
+    """Samples of pixels.
+
+    Attributes:
+        index: of each in its pixel.
+        point: of `net_points`.
+        seed: random, one per pixel.
+    """
 
     index: Any
     point: Any
@@ -146,6 +152,6 @@ class CameraRays:
 
 
 def scrambled(point: Any, by_x: Any, by_y: Any) -> Any:
-    """Points of `net_points` in the unit square, exclusive or random bits (Kollig and Keller 2002)."""
+    """Points of `net_points` in the unit square, exclusive or random bits."""
     mi = mitsuba()
     return mi.Point2f(mi.Float((point.x ^ by_x) >> 8), mi.Float((point.y ^ by_y) >> 8)) * 2.0**-24
