@@ -178,7 +178,7 @@ def above(typing_context, value, bound):
 @intrinsic
 @no_type_check
 def any_above(typing_context, value, bound):
-    """Whether `value` is larger than `bound` in any lane."""
+    """True if `value` is larger than `bound` in any lane."""
 
     def generate(context, builder, signature, arguments):
         bits = builder.bitcast(builder.fcmp_ordered(">", *arguments), ir.IntType(LANES))

@@ -84,7 +84,10 @@ def acute_angle(sine, cosine):
 @kernel_part()
 @no_type_check
 def turned_round(points, normals, to_camera, alpha, start, size):
-    """Numbers of a block of points as [PLACES, LANES]; lanes past its end have no normal, and so no light."""
+    """Numbers of a block of points as [PLACES, LANES].
+
+    Lanes past its end have no normal, and so no light.
+    """
     block = np.zeros((PLACES, LANES), np.float32)
     block[9] = ONE
     for i in range(size):
@@ -99,7 +102,7 @@ def turned_round(points, normals, to_camera, alpha, start, size):
 @kernel(parallel=True)
 @no_type_check
 def gather_reflections(points, normals, to_camera, alpha, lights, intensities, seen, gaussian, value, slope):
-    """Radiance of each point and channel, and its derivatives with respect to the normal and alpha."""
+    """Radiance of each point and channel, and its derivatives by the normal and alpha."""
     channels, count = intensities.shape[1], points.shape[0]
     for block in prange((count + LANES - 1) // LANES):
         start = block * LANES

@@ -160,6 +160,9 @@ def write_truth(root: Path, rig: StageRig, subject: Subject, moments: list[Momen
 
 
 def write_renderer(root: Path, renderer: str, llvm_version: str) -> None:
-    """Write truth/renderer.json: what made the images of frames, whose noise and last digits depend on it."""
+    """Write truth/renderer.json: what made the images of frames.
+
+    Their noise depends on it.
+    """
     content = {"renderer": renderer, "mitsuba": version("mitsuba")}
     write_json(root / "truth/renderer.json", content | ({"llvm": llvm_version} if llvm_version else {}))

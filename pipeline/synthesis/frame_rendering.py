@@ -127,7 +127,7 @@ class LlvmRenderer:
         return [images[index] for index in range(len(shots))]
 
     def _pictures(self, shots: Sequence[Shot], share: float) -> list[np.ndarray]:
-        from pipeline.synthesis import wavefront
+        from pipeline.synthesis import camera_rays, wavefront
 
         subject, settings = self._subject, self._subject.settings
         vertices, faces = subject.moment.vertices, subject.shown.faces
@@ -135,7 +135,7 @@ class LlvmRenderer:
         lights = settings.supersampling**2 * len(subject.intensities)
         positions = max(CLOSE_POSITIONS if share > 1 else LEAST_POSITIONS, round(share * subject.paths / lights))
         views = [
-            wavefront.WavefrontView(shot.view, wavefront.traced_pixels(shot.view, vertices, faces), shot.seed)
+            camera_rays.WavefrontView(shot.view, camera_rays.traced_pixels(shot.view, vertices, faces), shot.seed)
             for shot in shots
         ]
         return wavefront.render_views(

@@ -1,4 +1,4 @@
-"""Scenes for Mitsuba 3 (https://mitsuba.readthedocs.io), and pictures of them by its variant scalar_rgb.
+"""Scenes for Mitsuba 3 (https://mitsuba.readthedocs.io), and its scalar renderer.
 
 Each process renders on one thread. Mitsuba is imported inside functions only: it takes a second, and everything else in
 this package works without it. Rendered images are radiance, linear RGB, with coverage in the fourth channel.

@@ -1,8 +1,8 @@
 """Pictures of flat prints, a board or a chart, under even light.
 
-Such a print's radiance is its texture, so its pinhole image is the texture under a homography (Hartley and Zisserman,
-Multiple View Geometry, 2004, section 8.1.1): no path is traced. Samples lie on a regular grid, which leaves less error
-at edges than as many random ones.
+Such a print's radiance is its texture, so its pinhole image is the texture under a homography (Hartley and Zisserman
+2004, section 8.1.1): no path is traced. Samples lie on a regular grid, which leaves less error at edges than as many
+random ones.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def _conda_libraries() -> list[Path]:
 
 
 def tried_version(environment: dict[str, str]) -> str:
-    """Version of the LLVM that Dr.Jit finds in an environment and that renders rightly, or nothing."""
+    """Version of the LLVM that Dr.Jit finds in an environment; nothing if it is not fit."""
     command = [sys.executable, "-c", "from pipeline.synthesis.renderer_choice import print_trial; print_trial()"]
     try:
         tried = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TRIAL_S, check=False)
@@ -104,7 +104,10 @@ def tried_version(environment: dict[str, str]) -> str:
 
 
 def print_trial() -> None:
-    """Print the version of LLVM, and the mean radiance of a picture over that by the scalar renderer, as JSON."""
+    """Print, as JSON, the version of LLVM and how bright its picture is.
+
+    That is the ratio of mean radiance to the scalar renderer's.
+    """
     scalar = _trial_picture()
     with scenes.llvm_variant():
         import drjit
@@ -131,7 +134,7 @@ def _trial_picture() -> np.ndarray:
     view = view_points(camera, np.concatenate([floor, wall]), 1)
     if scenes.mitsuba().variant() == scenes.SCALAR:
         return scenes.render(scenes.lit_scene(meshes, lights, intensities, 4), view, 256, seed=1)
-    from pipeline.synthesis import wavefront
+    from pipeline.synthesis import camera_rays, wavefront
 
-    whole = wavefront.WavefrontView(view, np.ones(view.crop[:1:-1], bool), seed=1)
+    whole = camera_rays.WavefrontView(view, np.ones(view.crop[:1:-1], bool), seed=1)
     return wavefront.render_views(scenes.mesh_scene(meshes), [whole], lights, intensities, 64, 4)[0]

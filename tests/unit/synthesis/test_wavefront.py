@@ -48,11 +48,11 @@ def square():
 
 
 def wavefront_image(view, samples, seed=3, traced=None):
-    from pipeline.synthesis import wavefront
+    from pipeline.synthesis import camera_rays, wavefront
 
     with scenes.llvm_variant():
-        traced = wavefront.traced_pixels(view, SQUARE, FACES) if traced is None else traced
-        entry = wavefront.WavefrontView(view, traced, seed)
+        traced = camera_rays.traced_pixels(view, SQUARE, FACES) if traced is None else traced
+        entry = camera_rays.WavefrontView(view, traced, seed)
         scene = scenes.mesh_scene([square()])
         return wavefront.render_views(scene, [entry, entry], LIGHTS, INTENSITIES, samples, 4)
 
@@ -88,10 +88,10 @@ def test_same_seed_same_picture_and_another_differs(llvm, view):
 
 
 def test_launches_do_not_change_the_picture(llvm, view, monkeypatch):
-    from pipeline.synthesis import wavefront
+    from pipeline.synthesis import camera_rays
 
     whole = wavefront_image(view, 2)
-    monkeypatch.setattr(wavefront, "LANES", 5000)
+    monkeypatch.setattr(camera_rays, "LANES", 5000)
     np.testing.assert_array_equal(wavefront_image(view, 2), whole)
 
 
@@ -104,7 +104,7 @@ def test_untraced_pixels_are_empty(llvm, view):
 
 
 def test_net_has_a_point_in_every_elementary_interval(llvm):
-    from pipeline.synthesis.wavefront import net_points
+    from pipeline.synthesis.camera_rays import net_points
 
     points = net_points(64) / 2**32
     for columns in (1, 2, 4, 8, 16, 32, 64):
