@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-LOBE_CONSTANT = 1 / (math.sqrt(2) * math.pi ** (2 / 3))
-"""The papers' published constant. It is not the normaliser on the sphere: the learned visibility absorbs the scale."""
-
-SMALLEST_SINE2 = 1e-14
-"""Added under the root of |p x q|^2. It bounds the slope of the root at p = q by 1e7 |p x q|, which vanishes there,
-and moves the angle by at most 1e-7 rad: a hundred-thousandth of the smallest roughness, 0.01."""
+from pipeline.lighting.lobe_kernels import LOBE_CONSTANT, SMALLEST_SINE2
 
 SMALLEST_NORM = 1e-12
 """Below this a vector has no direction: it is divided by this instead of its norm, and stays finite."""

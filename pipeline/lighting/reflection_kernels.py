@@ -1,4 +1,4 @@
-"""Kernel of the gloss that `pipeline.lighting.microfacet` sums, sixteen points at a time.
+"""Kernel that sums the gloss of microfacets for `microfacet`, sixteen points at a time.
 
 Points past the end of the last block, and points that do not see a light, are lanes that this light leaves dark. Their
 numbers stay finite: cosines and lengths have smallest values.
@@ -14,14 +14,14 @@ from numba import prange
 
 from pipeline.base.float_lanes import LANES, above, any_above, every, fused, larger, load, square_root, store
 from pipeline.base.kernel_cache import kernel, kernel_part
+from pipeline.lighting.lobe_kernels import LOBE_CONSTANT, SMALLEST_SINE2, acute_angle, falling
 from pipeline.lighting.zonal_kernels import SMALLEST_DISTANCE2_M2, dot, mark_seen
 
 DIELECTRIC_F0 = 0.04
 """Reflectance of skin, cloth and plastic at normal incidence (refractive index 1.5). A factor per point scales it."""
 
-LOBE_SCALE = 4 / (math.sqrt(2) * math.pi ** (2 / 3)) / (math.sqrt(2) * DIELECTRIC_F0)
-"""Over alpha, D of the Gaussian at its middle: D G F / 4 is C / sigma there for light and camera straight above, with C
-the papers' constant of a lobe."""
+LOBE_SCALE = 4 * LOBE_CONSTANT / (math.sqrt(2) * DIELECTRIC_F0)
+"""Over alpha, D of the Gaussian at its middle: D G F / 4 is C / sigma there for light and camera straight above."""
 
 SMALLEST_COSINE = np.float32(1e-4)
 """Light or camera closer to the surface's plane than this: nothing. The reflected light vanishes with the cosine of
@@ -31,54 +31,17 @@ GAUSSIAN_REACH = np.float32(18.0)
 """(angle / alpha)^2 beyond which the Gaussian counts as nothing: exp(-18) = 1.5e-8 is below float32's resolution of its
 middle. The sine, which is at hand before the angle, is never larger than it."""
 
-SMALLEST_SINE = np.float32(1e-7)
-"""Sine of the angle at the middle of a highlight, see `pipeline.lighting.lobes.SMALLEST_SINE2`."""
+SMALLEST_SINE = np.float32(math.sqrt(SMALLEST_SINE2))
+"""Sine of the angle at the middle of a highlight."""
 
 SMALLEST_LENGTH2 = np.float32(1e-12)
 """Of w_i + w_o, squared. Lanes whose light is seen are far above it: both cosines are positive."""
 
-HALVINGS = 5
-EXPONENTIAL = np.array([(-1.0) ** k / math.factorial(k) for k in range(9)], np.float32)
-"""exp(-x) is that of x / 2^HALVINGS, by its series, squared so often. Up to LARGEST_EXPONENT the series is cut off at
-0.75^9 / 9! = 2e-7; squaring multiplies that by 32."""
-
-LARGEST_EXPONENT = np.float32(24.0)
-
-ARC_TANGENT = np.array([(-1.0) ** k / (2 * k + 1) for k in range(7)], np.float32)
-"""Series of atan(t) / t in t^2. An angle below 90 degrees is four times that of t <= tan(22.5 degrees), where it is cut
-off at 0.172^7 / 15 = 3e-7."""
-
 F0, ONE, HALF, TWO, PI = (np.float32(number) for number in (DIELECTRIC_F0, 1, 0.5, 2, math.pi))
-SCALE, SHRINK = np.float32(LOBE_SCALE), np.float32(2.0**-HALVINGS)
+SCALE = np.float32(LOBE_SCALE)
 
 PLACES = 10
 """Numbers of a point: its position, normal, direction to the camera, and alpha."""
-
-
-@kernel_part(inline=True)
-@no_type_check
-def falling(x):
-    """exp(-x) of lanes from 0 on; beyond LARGEST_EXPONENT, that of it."""
-    y = (LARGEST_EXPONENT - larger(LARGEST_EXPONENT - x, every(np.float32(0.0)))) * SHRINK
-    total = every(EXPONENTIAL[8])
-    for k in range(8):
-        total = fused(total, y, EXPONENTIAL[7 - k])
-    for _ in range(HALVINGS):
-        total = total * total
-    return total
-
-
-@kernel_part(inline=True)
-@no_type_check
-def acute_angle(sine, cosine):
-    """Angle of lanes in [0, 90] degrees, radians."""
-    half = sine / (ONE + cosine)
-    quarter = half / (ONE + square_root(fused(half, half, every(ONE))))
-    square = quarter * quarter
-    total = every(ARC_TANGENT[6])
-    for k in range(6):
-        total = fused(total, square, ARC_TANGENT[5 - k])
-    return np.float32(4.0) * quarter * total
 
 
 @kernel_part()

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from pipeline.lighting.microfacet import arriving_vectors, gather_reflections
 from pipeline.lighting.point_lights import PointLights
+from pipeline.lighting.specular_lobes import gather_specular
 from pipeline.lighting.zonal import gather_light
 
 def run():
@@ -30,7 +31,9 @@ def run():
     gradients = torch.autograd.grad(light.square().sum(), inputs)
     points = points.detach()
     gloss = gather_reflections(points, normals, to_camera, alpha, PointLights(lights, power, seen))
-    for found in (light, *gradients, arriving_vectors(points, normals, PointLights(lights, power, seen)), gloss):
+    lobes = gather_specular(points, normals, alpha, PointLights(lights, power))
+    arriving = arriving_vectors(points, normals, PointLights(lights, power, seen))
+    for found in (light, *gradients, arriving, gloss, lobes):
         print(hashlib.sha256(found.detach().numpy().tobytes()).hexdigest())
 
 for _ in range(2):
@@ -47,5 +50,5 @@ def test_the_first_run_has_the_bits_of_the_next(tmp_path):
     command = [sys.executable, "-c", SCRIPT]
     printed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
     assert list(tmp_path.rglob("*.nbc"))
-    assert len(printed) == 10
-    assert printed[:5] == printed[5:]
+    assert len(printed) == 12
+    assert printed[:6] == printed[6:]
