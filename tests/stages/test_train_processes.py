@@ -26,10 +26,16 @@ SETTINGS = TrainAvatar(
 """Two steps together, of three images or one: three processes do the first step in two parts. Rates at which a sheet of
 so few texels is learned without jumps, which would blow up roundings."""
 
-LOSS_RTOL = 2 * STEPS * 2**-24
-"""Of the loss of each step. Sums in another order differ by a rounding, 2^-24. Adam's step is the ratio of two such
-sums, so each step moves the parameters by one more rounding of themselves; the loss, a mean of absolute differences
-between numbers of about one, follows them, and is rounded itself."""
+FIRST_STEPS = 20
+FIRST_LOSSES_RTOL = 2 * FIRST_STEPS * 2**-24
+"""Of the losses of the first steps. Sums in another order differ by a rounding, 2^-24. Adam's step is the ratio of two
+such sums, so each step moves the parameters by one more rounding of themselves; the loss, a mean of absolute
+differences between numbers of about one, follows them, and is rounded itself."""
+
+LATER_LOSSES_RTOL = 5e-3
+"""Of all losses. Sooner or later the gradient of some texel is nothing but rounding, of which Adam takes the sign: its
+parameter moves a whole learning rate the other way, 1e-2 of an albedo, of one texel of 64. An image
+that is left out or counted twice changes the loss by more at once."""
 
 PATIENCE_S = 120
 """Until a process that has just been started takes its first steps, on a machine that does much else."""
@@ -91,7 +97,9 @@ def test_three_processes_of_torchrun_follow_the_curve_of_one(alone, subject, tmp
     (_, expected, _), (_, found, said) = alone, train(subject, tmp_path, 3, torchrun=True)
     assert "3 x cpu" in said
     assert len(expected) == STEPS and expected.loss.iloc[-1] < 0.6 * expected.loss.iloc[0]
-    np.testing.assert_allclose(found.loss, expected.loss, rtol=LOSS_RTOL)
+    first = slice(0, FIRST_STEPS)
+    np.testing.assert_allclose(found.loss[first], expected.loss[first], rtol=FIRST_LOSSES_RTOL)
+    np.testing.assert_allclose(found.loss, expected.loss, rtol=LATER_LOSSES_RTOL)
 
 
 def wait_for_checkpoint(process, out):
