@@ -23,7 +23,7 @@ SETTINGS = TrainAvatar(steps=6, checkpoint_every=2, log_every=1, deferred="off",
 def inputs(tmp_path):
     """The sheet as a head: every frame is bent a little further, and says how the head moved."""
     write_subject(tmp_path)
-    given = {**stage_arguments(tmp_path), "settings": SETTINGS}
+    given = {**stage_arguments(tmp_path), "settings": SETTINGS, "processes": 1}
     frames = []
     for number, frame in read_frame_shards([given["shards"] / "frames"]).items():
         vertices = frame.vertices.copy()
