@@ -3,11 +3,11 @@
     python -m benchmarks.bench_effects [--out results/effects_comparison.csv] [--steps 300] [--scenes diffuse ...]
 
 Each scene of `benchmarks.effect_scenes` is photographed and planned. Three avatars are trained on it alike:
-`everything` (the papers' model with every effect on, whatever the plan says), `full` (the default settings under the
-plan) and `auto` (the plan decides learned transport and deferred shading, too). A row has the effects that are on, the
-PSNR of held-out images and what it loses against everything on, CPU seconds of preparing light and training on one
-thread, the jobs that the workflow has left after the plan, counted by Snakemake, and parameters. CPU seconds hardly
-depend on what else the machine does.
+`everything` (RFGCA's model with every effect on, whatever the plan says), `full` (that model with the effects of the
+scene as planned) and `auto` (the default settings: the plan decides learned transport and deferred shading, too). A row
+has the effects that are on, the PSNR of held-out images and what it loses against everything on, CPU seconds of
+preparing light and training on one thread, the jobs that the workflow has left after the plan, counted by Snakemake,
+and parameters. CPU seconds hardly depend on what else the machine does.
 
 Scenes are drawn twice: cameras, lights, patterns and noise. Settings are chosen on `--draw validation`; the table is of
 `report`, which no setting was chosen by.
@@ -35,8 +35,9 @@ from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.stages import evaluate_avatar, pack_shards, plan_effects, trace_irradiance, train_avatar
 
-EVERYTHING = {"specular": "on", "shadow": "on", "near_field": "on", "articulation": "on", "deferred": "on"}
-AVATARS = {"everything": EVERYTHING, "full": {}, "auto": {"shading": "auto", "deferred": "auto"}}
+PAPER = {"shading": "transfer", "deferred": "on"}
+EVERYTHING = PAPER | dict.fromkeys(("specular", "shadow", "near_field", "articulation"), "on")
+AVATARS = {"everything": EVERYTHING, "full": PAPER, "auto": {}}
 ALL_ON = PlanEffects(**dict.fromkeys([name for name in EFFECTS if name != "eyes"], "on"))
 
 

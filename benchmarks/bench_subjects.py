@@ -39,12 +39,17 @@ def seconds_by_rule(results: Path) -> dict[str, float]:
     return seconds
 
 
-def run(checkout: Path, subject: str, cores: int, configfile: str | None) -> dict[str, object]:
-    """Make the table of a subject anew."""
-    results = checkout / "results" / subject
+def run(checkout: Path, subject: str, cores: int, settings: Path | None) -> dict[str, object]:
+    """Make the table of a subject anew, by settings of its own or, for the time it takes, by those given."""
+    results, own = checkout / "results" / subject, checkout / "config" / "subjects" / f"{subject}.yaml"
+    if settings and not own.exists():
+        shutil.copyfile(settings, own)
+        try:
+            return run(checkout, subject, cores, None)
+        finally:
+            own.unlink()
     shutil.rmtree(results, ignore_errors=True)
     words = [f"results/{subject}/metrics.csv", "--cores", str(cores), "--quiet", "all"]
-    words += ["--configfile", configfile] if configfile else []
     if subject in CAPTURES:
         words += ["--config", f"captures={CAPTURES[subject]}"]
     else:
@@ -65,11 +70,11 @@ def main() -> None:
     parser.add_argument("--checkouts", type=Path, nargs="+", required=True, help="folders of the project, in order")
     parser.add_argument("--subjects", nargs="+", required=True)
     parser.add_argument("--cores", type=int, default=2)
-    parser.add_argument("--configfile", help="for a subject that has no file of its own")
+    parser.add_argument("--settings", type=Path, help="file for a subject that has none in config/subjects")
     args = parser.parse_args()
     for subject in args.subjects:
         for checkout in args.checkouts:
-            found = run(checkout, subject, args.cores, args.configfile)
+            found = run(checkout, subject, args.cores, args.settings)
             print(json.dumps({"subject": subject, "checkout": checkout.name, **found}), flush=True)
 
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.base.seeds import generator_for, seed_for
+from pipeline.base.splits import VALIDATION_FLAGS
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights
 from pipeline.geometry.cameras import write_cameras
@@ -204,11 +205,14 @@ def write_stage_files(
         "test_segment": rows.frame.map(dict(enumerate(segments))).isin(splits["test_segments"]), "test_pattern": False,
     }  # fmt: skip
     paths = {"path": [f"images/{x}.exr" for x in at], "mask_path": [f"masks/{x}.png" for x in at]}
+    held |= dict.fromkeys(VALIDATION_FLAGS, False)
     write_table(folder / "index/images.parquet", rows.assign(**paths, **held))
     lit = patterns.groupby("frame").light.count()
     booked = pd.DataFrame({"frame": lit.index, "segment": segments, "fully_lit": lit.to_numpy() == settings.lights})
     write_table(folder / "index/frames.parquet", booked[["frame", "segment"]])
-    write_table(folder / "frames.parquet", booked.assign(test_pattern=False))
+    test = booked.frame.isin(splits["test_frames"]) | booked.segment.isin(splits["test_segments"])
+    split = np.where(test, "test_frames", "train")
+    write_table(folder / "frames.parquet", booked.assign(test_pattern=False, validation=False, split=split))
     channels = {f"intensity_{c}": patterns.intensity for c in "rgb"}
     write_table(folder / "patterns.parquet", patterns.assign(**channels))
     write_cameras(calibration / "cameras.json", rig.cameras)

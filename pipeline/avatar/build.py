@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pipeline.avatar.appearance.ggx_gloss import GgxGloss
 from pipeline.avatar.appearance.indirect_light import AmbientLight, OneBounce
 from pipeline.avatar.appearance.lambert import Lambert
+from pipeline.avatar.appearance.lambert_and_transfer import LambertAndTransfer
 from pipeline.avatar.appearance.light_linear import LightLinear
 from pipeline.avatar.appearance.lobes import AngularLobe, CosineLobe, HalfVectorLobe
 from pipeline.avatar.appearance.models import (
@@ -36,7 +37,8 @@ START_ALBEDO = 0.4
 PRIMITIVES: dict[str, type[Primitives]] = {"gaussians": GaussiansOnTexels}
 
 DIFFUSE: dict[str, type[DiffuseModel]] = {
-    "transfer": ZonalTransfer, "harmonics": UnturnedHarmonics, "microfacet": Lambert, "linear": UnturnedHarmonics
+    "transfer": ZonalTransfer, "harmonics": UnturnedHarmonics, "microfacet": Lambert,
+    "combined": LambertAndTransfer, "linear": UnturnedHarmonics
 }  # fmt: skip
 
 NORMALS: dict[str, type[NormalModel]] = {

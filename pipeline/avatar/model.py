@@ -142,20 +142,18 @@ class Avatar(TexelStore):
     def layers(self, frame: PreparedFrame, center: Float[Tensor, " 3"]) -> Layers:
         """Layers that are blended for one camera. Light that the shadow network dims is a layer of its own."""
         specular, color, lobe, mirrors = self.built.specular, frame.shading.diffuse, {}, None
+        viewed = self.viewed(frame, center)
+        added, samples = specular.texel_light(frame, viewed, center), specular.samples(frame, viewed)
+        if samples is not None and viewed.normal_offset is not None:
+            around = (frame.parameters, frame.surface.axes, frame.surface.posed)
+            samples = replace(samples, normals=self.built.normals.bend(*around, viewed.normal_offset))
         if frame.eyes is not None:
             color = self.eyes.seen_from(frame, center, color)
-        viewed = self.viewed(frame, center)
-        added = specular.texel_light(frame, viewed, center)
+            mirrors = self.eyes.mirrors(frame.eyes, specular.mirrors(frame, viewed))
+            if mirrors is not None:
+                added, samples = self.eyes.without_gloss(added, samples)
         color = color if added is None else color + added
-        samples = specular.samples(frame, viewed)
         if samples is not None:
-            if frame.eyes is not None:
-                samples, mirrors = self.eyes.split_mirrors(frame.eyes, samples)
-            if viewed.normal_offset is not None:
-                around = (frame.parameters, frame.surface.axes, frame.surface.posed)
-                samples = replace(samples, normals=self.built.normals.bend(*around, viewed.normal_offset))
-            if frame.eyes is not None:  # or skin beside an eye would shine as the eye does
-                samples = replace(samples, normals=self.eyes.without(samples.normals))
             if specular.deferred:
                 lobe = {"normal": samples.normals, "roughness": samples.roughness[:, None]}
                 lobe["visibility"] = samples.visibility[:, None]

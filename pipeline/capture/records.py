@@ -13,12 +13,13 @@ class ImageRecord:
     """One foreground crop, undistorted and colour-corrected.
 
     Attributes:
-        test_camera, test_frame, test_segment, test_pattern: why the image is held out; it trains when none is true.
+        test_camera, test_frame, test_segment, test_pattern: why the image is held out for testing.
         x0, y0: first pixel of the crop in the undistorted full image.
         image: linear RGB, black level removed.
         mask: share of the subject in each pixel, 0..1.
         K: intrinsics of the crop, first pixel centre (0.5, 0.5); no distortion is left.
         R, t: camera-from-world, metres.
+        validation: choices are made on it; it trains when neither this nor any of the others is true.
     """
 
     camera: str
@@ -37,10 +38,11 @@ class ImageRecord:
     K: Float64[np.ndarray, "3 3"]
     R: Float64[np.ndarray, "3 3"]
     t: Float64[np.ndarray, " 3"]
+    validation: bool = False
 
     @property
     def is_test(self) -> bool:
-        """True if any split holds this image out."""
+        """True if this image is held out for testing."""
         return self.test_camera or self.test_frame or self.test_segment or self.test_pattern
 
 

@@ -15,12 +15,13 @@ import pyarrow as pa
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
+from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.config.pack_shards import Codec
 
 IMAGE_SCHEMA = pa.schema(
     [("camera", pa.string()), ("frame", pa.int64())]
-    + [(flag, pa.bool_()) for flag in ("test_camera", "test_frame", "test_segment", "test_pattern", "fully_lit")]
+    + [(flag, pa.bool_()) for flag in (*TEST_FLAGS, VALIDATION, "fully_lit")]
     + [(edge, pa.int32()) for edge in ("x0", "y0", "width", "height")]
     + [("image", pa.binary()), ("mask", pa.binary())]
     + [

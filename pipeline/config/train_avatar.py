@@ -16,6 +16,9 @@ Anchors = Literal["decoded", "tracked", "rigid"]
 Highlight = Literal["angular", "half", "cosine", "harmonics"]
 TransferStart = Literal["lambertian", "traced"]
 Device = Literal["auto", "cpu", "cuda"]
+ANALYTIC = ("microfacet", "combined")
+"""Shadings by Lambert and GGX, with every light shadowed by itself."""
+
 DepthSource = Literal["expected", "normalised", "median", "traced"]
 
 
@@ -52,11 +55,12 @@ class TrainAvatar(Settings):
         description="body (RFGCA): texels turn with the limbs; head (RGCA): a latent code of vertices and mean texture "
         "changes all texels, light is unturned SH of the head's frame; auto: what the capture is of",
     )
-    shading: Literal["auto", "transfer", "harmonics", "microfacet", "linear"] = Field(
-        "transfer",
-        description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH (RGCA 5; all heads), "
-        "Lambert and GGX, or, for heads, a network that is linear in the light (auto: transfer if learned_transport is "
-        "planned, else microfacet with traced visibility and one bounce)",
+    shading: Literal["auto", "transfer", "harmonics", "microfacet", "combined", "linear"] = Field(
+        "auto",
+        description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH (RGCA 5), Lambert and "
+        "GGX, these and zonal transfer of what they leave over (combined), or, for heads, a network that is linear in "
+        "the light; auto: microfacet, or where learned_transport is "
+        "planned transfer, for heads harmonics",
     )
     transfer_start: TransferStart = Field(
         "lambertian",
@@ -73,7 +77,7 @@ class TrainAvatar(Settings):
     shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")
     near_field: Mode = Field("auto", description="Lights at their distance; off: one direction per light and frame")
     articulation: Mode = Field("auto", description="Transfer that turns with the limbs; off: SH in the root's frame")
-    deferred: Mode = Field("on", description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
+    deferred: Mode = Field("auto", description="Evaluate the lobe per pixel (RFGCA 11-12), not per Gaussian")
     eyes: Mode = Field(
         "auto",
         description="Eyes as two spheres each that turn with the gaze (RGCA section 3.4), as fit_eyes finds them",
@@ -96,12 +100,15 @@ class TrainAvatar(Settings):
         description="Heads: what the Gaussians sit on: vertices decoded from the code (RGCA 4), those tracked, or the "
         "template at rest, moved rigidly",
     )
-    visibility: Literal["learned", "traced"] = Field(
-        "learned",
-        description="Where shadow is on: a factor per texel from a network (RFGCA 15-16), or traced per light",
+    visibility: Literal["auto", "learned", "traced"] = Field(
+        "auto",
+        description="Where shadow is on: a factor per texel from a network (RFGCA 15-16), or traced per light; auto: "
+        "traced for microfacet, else learned",
     )
-    indirect: Literal["none", "ambient", "bounce"] = Field(
-        "none", description="Light from other surfaces: a learned share of all light sent, or traced one bounce back"
+    indirect: Literal["auto", "none", "ambient", "bounce"] = Field(
+        "auto",
+        description="Light from other surfaces: a learned share of all light sent, or traced one bounce back; auto: "
+        "bounce for microfacet with shadows, else none",
     )
     parameters: Literal["texels", "decoded"] = Field(
         "texels",
@@ -196,7 +203,12 @@ class TrainAvatar(Settings):
             kind: what the capture is of.
         """
         avatar = kind if self.avatar == "auto" else self.avatar
-        if avatar == "head":
+        shading = self.shading
+        if shading == "auto":
+            shading = "transfer" if "learned_transport" in planned else "microfacet"
+        if avatar == "head" and shading == "transfer":
+            shading = "harmonics"
+        if avatar == "head" and shading not in ANALYTIC:
             planned = set(planned) - {"shadow"}  # RGCA 5: what hides a light is in the transfer
         modes = {
             name: "on" if name in planned else "off"
@@ -207,16 +219,13 @@ class TrainAvatar(Settings):
             modes["normals"] = "viewed" if avatar == "head" else "learned"
         if self.highlight == "auto":
             modes["highlight"] = "half" if avatar == "head" else "angular"
-        decided = self.model_copy(update=modes | {"avatar": avatar})
-        if avatar == "head" and self.shading in ("auto", "transfer"):
-            return decided.model_copy(update={"shading": "harmonics"})
-        if self.shading != "auto":
-            return decided
-        if "learned_transport" in planned:
-            return decided.model_copy(update={"shading": "transfer"})
-        # Where nothing is in the way of a light, nothing sends light to another part either.
-        indirect = "bounce" if decided.shadow == "on" else "none"
-        return decided.model_copy(update={"shading": "microfacet", "visibility": "traced", "indirect": indirect})
+        if self.visibility == "auto":
+            modes["visibility"] = "traced" if shading in ANALYTIC else "learned"
+        if self.indirect == "auto":
+            # Where nothing is in the way of a light, nothing sends light to another part either.
+            shadow = modes.get("shadow", self.shadow)
+            modes["indirect"] = "bounce" if shading in ANALYTIC and shadow == "on" else "none"
+        return self.model_copy(update=modes | {"avatar": avatar, "shading": shading})
 
     def reads_irradiance(self, planned: Collection[str], kind: Kind = "body") -> bool:
         """True if an avatar with these settings has a shadow network."""

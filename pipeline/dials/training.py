@@ -27,6 +27,7 @@ SHORT_TRAINING = CostedStage(
         "index/images.parquet",
         "shards/train",
         "shards/frames",
+        "shards/validation",
         "shards/test",
     ),
     outputs=OUTPUTS,

@@ -13,8 +13,6 @@ from pipeline.effects.appearance_fits import Explained, decibels
 from pipeline.effects.seen_texels import SeenTexels, texel_turns
 from pipeline.geometry.texels import Atlas, texel_frames
 
-FLAGS = ["test_camera", "test_frame", "test_segment", "test_pattern"]
-
 FOOTPRINT_STD = 0.6
 """Standard deviation of a Gaussian on the surface, in texel spacings: neighbours then sum to an even surface."""
 
@@ -33,13 +31,14 @@ def choose_images(
     """Choose training images of a few frames, evenly spread, some fully lit, by a few cameras.
 
     Args:
-        images: of the index: camera, frame, path and why held out.
+        images: of the index: camera, frame, path, test_camera, validation_camera.
         synced: frames.parquet of book_patterns.
         usable: frames that are tracked and have a light on.
     """
     synced = synced.set_index("frame")
     known = images[images.frame.isin(synced.index) & images.frame.isin(usable)]
-    train = known[~known[FLAGS].any(axis=1) & ~known.frame.map(synced.test_pattern).astype(bool)]
+    held_out = known.test_camera | known.validation_camera.fillna(False).astype(bool)
+    train = known[~held_out & (known.frame.map(synced.split) == "train")]
     lit = train.frame.map(synced.fully_lit).astype(bool)
     frames = [*spread(train.frame[lit], fully_lit), *spread(train.frame[~lit], partially_lit)]
     chosen = train[train.frame.isin(frames) & train.camera.isin(spread(train.camera, cameras))]

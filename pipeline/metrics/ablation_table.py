@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import InputError
-from pipeline.metrics.evaluation import LIT, PSNR_CEILING_DB
+from pipeline.metrics.evaluation import LIT, PSNR_CEILING_DB, SPLITS
 from pipeline.metrics.image_metrics import metrics_in
 from pipeline.metrics.significance import (
     NOTHING,
@@ -39,7 +39,7 @@ COLUMNS = [
 
 
 def compare(scores: pd.DataFrame, baseline: str) -> pd.DataFrame:
-    """Compare variants with a baseline, over all held-out images.
+    """Compare variants with a baseline, over all test images.
 
     One row per subject (and `ALL`, if there are several), variant, lighting and metric.
 
@@ -55,6 +55,7 @@ def compare(scores: pd.DataFrame, baseline: str) -> pd.DataFrame:
     Raises:
         InputError: if a subject has no such variant, or a variant was not scored on the images of the baseline.
     """
+    scores = scores[SPLITS["test"](scores)]
     scores = scores.assign(psnr_db=scores.psnr_db.clip(upper=PSNR_CEILING_DB))
     subjects = list(dict.fromkeys(scores.subject))
     rows, metrics = [], [metric.name for metric in metrics_in(scores)]

@@ -27,6 +27,7 @@ from scipy.ndimage import binary_dilation
 from pipeline.base.array_module import is_tensor
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.progress import progress
+from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.metrics.image_metrics import DEFAULT_METRICS, ImageMetric, ImagePair, boxes_in_words, metrics_in
 
 FOREGROUND_MASK = 0.5
@@ -39,12 +40,13 @@ PSNR_CEILING_DB = 100.0
 """What an exact match counts in a mean. Stored images are float16: near white their rounding alone is worth 77 dB, so
 no image that is not an exact match comes near; without a ceiling one exact (say, black) image makes a mean infinite."""
 
-FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
-"""Why an image is held out."""
+HELD_OUT = (*TEST_FLAGS, VALIDATION)
+"""Flags of images that do not train."""
 
 COLOR_SPACE = "sRGB"
 SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
-    "test": lambda t: t[list(FLAGS)].any(axis=1),
+    "test": lambda t: t[list(TEST_FLAGS)].any(axis=1),
+    VALIDATION: lambda t: t.validation,
     "test_cameras": lambda t: t.test_camera,
     "test_frames": lambda t: t.test_frame,
     "test_segments": lambda t: t.test_segment,
@@ -76,6 +78,7 @@ class ScoredImage(Protocol):
     test_frame: bool
     test_segment: bool
     test_pattern: bool
+    validation: bool
     fully_lit: bool
     image: Any
     mask: Any
@@ -107,18 +110,18 @@ def evaluate(
     """
     rows, number, frame = [], None, None
     for index, image in enumerate(progress(images, "evaluate")):
-        if not any(getattr(image, name) for name in FLAGS):
+        if not any(getattr(image, name) for name in HELD_OUT):
             continue
         if image.frame != number:  # one record for all images of a frame: renderers keep what depends on it only
             number, frame = image.frame, frames[image.frame]
         captured, rendered = scored_pair(render, image, frame)
         foreground = np.asarray(image.mask) >= FOREGROUND_MASK
-        flags = {name: getattr(image, name) for name in (*FLAGS, "fully_lit")}
+        flags = {name: getattr(image, name) for name in (*HELD_OUT, "fully_lit")}
         pair = ImagePair(rendered, captured, foreground, lpips)
         scores = {metric.name: metric.measure(pair) for metric in metrics}
         counts = {"foreground_pixels": int(foreground.sum())}
         rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **scores, **counts})
-    columns = ["index", "camera", "frame", *FLAGS, "fully_lit"]
+    columns = ["index", "camera", "frame", *HELD_OUT, "fully_lit"]
     flags = dict.fromkeys(columns[3:], bool)
     names = [metric.name for metric in metrics]
     return pd.DataFrame(rows, columns=[*columns, *names, "foreground_pixels"]).astype(flags)
@@ -153,8 +156,8 @@ def scored_srgb(
 
 
 def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
-    """The rows to look at, by PSNR; none if no image has one."""
-    ranked = per_image[per_image.psnr_db.notna()].sort_values("psnr_db", kind="stable")
+    """The rows of test images to look at, by PSNR; none if no image has one."""
+    ranked = per_image[SPLITS["test"](per_image) & per_image.psnr_db.notna()].sort_values("psnr_db", kind="stable")
     places = {"worst": 0, "median": len(ranked) // 2, "best": len(ranked) - 1}
     return {name: ranked.iloc[place] for name, place in places.items()} if len(ranked) else {}
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import InputError
+from pipeline.base.splits import VALIDATION
 from pipeline.metrics.ablation_table import compare
 from pipeline.metrics.comparison import split_picture
 from pipeline.metrics.evaluation import (
@@ -28,8 +29,8 @@ from pipeline.report.tables import Html, folded, html_table, number, p_text, par
 
 METRICS = {metric.name: metric for metric in IMAGE_METRICS}
 SPLIT_NAMES = {
-    "test": "all held-out images", "test_cameras": "new cameras", "test_frames": "new frames",
-    "test_segments": "new segments", "test_patterns": "new patterns",
+    "test": "all test images", VALIDATION: "validation images", "test_cameras": "new cameras",
+    "test_frames": "new frames", "test_segments": "new segments", "test_patterns": "new patterns",
     "held_out_segments": "new segments, known cameras", "held_out_lights": "new light, known cameras and segments",
 }  # fmt: skip
 LIT_NAMES = {"all": "all light", "full": "fully lit", "partial": "partially lit"}

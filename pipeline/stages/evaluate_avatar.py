@@ -3,8 +3,8 @@
 In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
 pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
 stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet, ablations.csv (a row per
-variant: its scores on all held-out images, on new segments and on new light, and what it costs) and
-images/VARIANT_{worst,median,best}.png.
+variant: its scores on all test images, on validation images, on new segments and on new light, and what it costs) and
+images/VARIANT_{worst,median,best}.png of test images.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, write_table
+from pipeline.base.splits import VALIDATION
 from pipeline.capture.images import write_png
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
@@ -61,7 +62,7 @@ def run(
 
     Args:
         atlas: atlas.safetensors of unwrap_atlas.
-        shards: folder with test/ and frames/ of pack_shards.
+        shards: folder with test/, validation/ and frames/ of pack_shards.
         effects: effects.json of plan_effects; what is on is logged beside the scores.
         avatars: folders of train_avatar; each folder's name is the variant.
         out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv and images/.
@@ -81,7 +82,8 @@ def run(
     frames = frames or (shards / "frames",) * len(avatars)
     if len(frames) != len(avatars):
         raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
-    images, lit = read_image_shards([shards / "test"]), {path: read_frame_shards([path]) for path in frames}
+    images = read_image_shards([shards / "test", shards / VALIDATION])
+    lit = {path: read_frame_shards([path]) for path in frames}
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     metrics = asked_metrics(settings.metrics)
     network = {"lpips_net": settings.lpips_net, "lpips_weights": weights}
@@ -94,9 +96,11 @@ def run(
         render = load_avatar(folder, atlas).render
         per_image = evaluate(render, images, lit[path], lpips, metrics)
         names = {"subject": subject, "variant": folder.name}
-        means.append(summarize(per_image).assign(**names, **protocol))
+        config = read_json(folder / "config.json")
+        built = {name: config.get(name, "") for name in ("built", "why")}
+        means.append(summarize(per_image).assign(**names, **built, **protocol))
         singles.append(per_image.assign(**names, **network))
-        ablations.append(names | measure_costs(folder, render, images, lit[path]) | scores_in_a_row(means[-1]))
+        ablations.append(names | measure_costs(config, render, images, lit[path]) | scores_in_a_row(means[-1]))
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", *(metric.name for metric in metrics)]].to_dict())
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
@@ -106,19 +110,21 @@ def run(
 
 
 def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
-    """METRIC_LIT of all held-out images, for each metric and lighting; METRIC_SPLIT of `TABLES`."""
+    """METRIC_LIT of all test images; METRIC_SPLIT of validation and of `TABLES`, all light."""
     rows, metrics = means[means.split == "test"].set_index("lit"), [metric.name for metric in metrics_in(means)]
     scores = {f"{metric}_{lit}": rows.loc[lit, metric] for metric in metrics for lit in LIT}
     rows = means[means.lit == "all"].set_index("split")
-    return scores | {f"{metric}_{split}": rows.loc[split, metric] for split in TABLES for metric in metrics}
+    return scores | {
+        f"{metric}_{split}": rows.loc[split, metric] for split in (VALIDATION, *TABLES) for metric in metrics
+    }
 
 
-def measure_costs(folder: Path, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
-    """Measure parameters, seconds of training, and milliseconds of a picture.
+def measure_costs(config: dict, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
+    """Measure milliseconds of a picture; add parameters and seconds of config.json.
 
     The time is the median from a new pose and light to a picture.
     """
-    config, taken = read_json(folder / "config.json"), []
+    taken = []
     for index in range(0, len(images), max(1, len(images) // TIMED_IMAGES)):
         image = images[index]
         frame = frames[image.frame]  # a record of its own each time: nothing of an earlier picture is used again

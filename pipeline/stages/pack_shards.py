@@ -4,8 +4,8 @@ Images become foreground crops, frames light and geometry.
 
 Images lose their black level, get the colour of the average camera and the geometry of a pinhole (each only if
 `plan_effects` found that it matters here) and are cut to the subject. Captures without masks get the silhouette of the
-tracked mesh. Out: {train,test}/CHUNK.arrow and frames/CHUNK.arrow, see `pipeline.capture.shards`. A variant with
-irradiance maps of its own needs frames of its own, and the same images.
+tracked mesh. Out: {train,validation,test}/CHUNK.arrow and frames/CHUNK.arrow, see `pipeline.capture.shards`. A variant
+with irradiance maps of its own needs frames of its own, and the same images.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.base.progress import progress
+from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.capture.crops import cut_crop, mesh_silhouette
 from pipeline.capture.head_data import head_motions, read_gaze, read_textures
 from pipeline.capture.images import read_exr_channel, read_image, read_mask
@@ -34,7 +35,6 @@ from pipeline.geometry.texels import read_atlas
 
 log = logging.getLogger("pack_shards")
 
-FLAGS = ("test_camera", "test_frame", "test_segment", "test_pattern")
 EFFECTS = ("color_correction", "lens_distortion")
 
 
@@ -93,6 +93,9 @@ def run(
     images = images[images.frame.isin(booked.index)].sort_values(["frame", "camera"])
     # The index knows the frames that the capture lists; book_patterns, all others that show the same pattern.
     images["test_pattern"] = images.frame.map(booked.test_pattern).astype(bool)
+    test = images[list(TEST_FLAGS)].any(axis=1)
+    chosen = images.validation_camera.fillna(False).astype(bool) | images.frame.map(booked.validation).astype(bool)
+    images[VALIDATION] = chosen & ~test
     tracked = read_arrays(tracking)
     inputs = Inputs(
         capture=capture,
@@ -112,11 +115,10 @@ def run(
     complain_about(inputs, images, effects)
     log.info("chunk %d: %d frames, %d images; on: %s", chunk, len(booked), len(images), [n for n in EFFECTS if on[n]])
     report_left_out(inputs)
-    held_out = images[list(FLAGS)].any(axis=1)
-    splits = () if only_frames else (("train", images[~held_out]), ("test", images[held_out]))
-    for split, part in splits:
+    splits = {"train": ~test & ~images.validation, VALIDATION: images.validation, "test": test}
+    for split, rows in () if only_frames else splits.items():
         packed = write_image_shard(
-            out / split / f"{chunk:04d}.arrow", crop_images(part, inputs, settings), settings.codec
+            out / split / f"{chunk:04d}.arrow", crop_images(images[rows], inputs, settings), settings.codec
         )
         log.info("%s: %d images", split, packed)
     write_frame_shard(out / "frames" / f"{chunk:04d}.arrow", (frame_record(n, inputs) for n in booked.index.tolist()))
@@ -215,7 +217,7 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
         if crop is None:
             log.warning("%s: no foreground, left out", row.path)
             continue
-        flags = {name: bool(getattr(row, name)) for name in FLAGS}
+        flags = {name: bool(getattr(row, name)) for name in (*TEST_FLAGS, VALIDATION)}
         box = {"x0": crop.box.x0, "y0": crop.box.y0, "width": crop.box.width, "height": crop.box.height}
         pinhole = {"K": crop.camera.K, "R": crop.camera.R, "t": crop.camera.t}
         fully_lit = bool(inputs.booked.fully_lit[row.frame])

@@ -22,7 +22,7 @@ import torch
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
-from pipeline.avatar.spec.planned import read_plan, resolve_spec
+from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
@@ -105,6 +105,7 @@ def run(
         if spec.head:
             learn_expressions(avatar, [inputs[number] for number in sorted(set(images.table.frame.iloc[chosen]))])
         work = f"{len(chosen)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
+        log.info("%s: %s", spec.in_words, reason_of(settings, effects))
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
         training = Training(avatar, settings, processes, subject)
         done = train(subject, training, images, chosen, inputs, out, fingerprint)
@@ -112,6 +113,7 @@ def run(
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
             facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
+            facts |= {"built": spec.in_words, "why": reason_of(settings, effects)}
             facts |= {"seconds": round(done.seconds, 1), "texels": len(texels.face), "parameters": parameters}
             save_avatar(out, avatar, facts)
             for name in (CHECKPOINT, BROKEN):

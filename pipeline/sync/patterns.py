@@ -1,4 +1,4 @@
-"""Synced tables of frames and lit LEDs: names of patterns, test splits, leaks and mending."""
+"""Synced tables of frames and lit LEDs: names of patterns, splits, leaks and mending."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from pipeline.base.splits import VALIDATION
 from pipeline.lighting.frame_lights import CHANNELS
+
+VALIDATION_EVERY = 8
+"""Of so many training frames, one is for validation: the others lose little by it, and a usual recording of dozens of
+frames still has several, of which a mean can be taken."""
 
 SAME_INTENSITY = 1e-6
 """Intensities this close, relative to the log's largest, are one: decimals of a table, not a choice of light."""
@@ -22,16 +27,18 @@ def synced_frames(
 ) -> pd.DataFrame:
     """Table of frames: when, in which segment, how lit, under which pattern and in which split.
 
-    Columns are frame, timestamp_s, segment, lights_on, fully_lit, pattern, test_pattern, split. `pattern` names the lit
-    lights with their intensities by the first frame that shows them; `test_pattern` says whether that is the pattern of
-    a frame that `splits.test_patterns` lists.
+    Columns are frame, timestamp_s, segment, lights_on, fully_lit, pattern, test_pattern, split, validation. `pattern`
+    names the lit lights with their intensities by the first frame that shows them; `test_pattern` says whether that is
+    the pattern of a frame that `splits.test_patterns` lists; `validation`, whether choices are made on the frame.
 
     Args:
         frames, images, patterns: tables of the index; `patterns` in the numbering of the images.
         lights: every LED of the stage that works; a frame that lights all of them is fully lit.
     """
     lit = patterns[patterns.light.isin(lights)].groupby("frame").light.nunique()
-    flags = images.groupby("frame")[["test_frame", "test_segment", "test_pattern"]].any()
+    named = images[["validation_frame", "validation_pattern"]].notna().all(axis=None)
+    columns = ["test_frame", "test_segment", "test_pattern", "validation_frame", "validation_pattern"]
+    flags = images[columns].fillna(False).astype(bool).groupby(images.frame).any()
     synced = frames[["frame", "timestamp_s", "segment"]].sort_values("frame").reset_index(drop=True)
     synced["lights_on"] = synced.frame.map(lit).fillna(0).astype(np.int64)
     synced["fully_lit"] = synced.lights_on == len(lights)
@@ -42,7 +49,32 @@ def synced_frames(
         [held_out.test_segment, held_out.test_frame, synced.test_pattern],
         ["test_segments", "test_frames", "test_patterns"], "train",
     )  # fmt: skip
+    chosen = held_out.validation_frame | synced.pattern.isin(synced.pattern[held_out.validation_pattern])
+    synced["validation"] = (synced.split == "train") & (chosen if named else choose_validation(synced))
+    synced.loc[synced.validation, "split"] = VALIDATION
     return synced
+
+
+def choose_validation(synced: pd.DataFrame) -> pd.Series:
+    """Frames for validation where the capture names none: an eighth of those that would train.
+
+    They are spread evenly over the fully lit frames, and over the patterns of the partially lit ones, whose frames are
+    held out together. Of less than eight, none is spared.
+
+    Args:
+        synced: frame, pattern, lights_on, fully_lit and split of every frame.
+    """
+    train = synced.split == "train"
+    partial = train & ~synced.fully_lit & (synced.lights_on > 0)
+    frames = spread_share(synced.frame[train & synced.fully_lit].unique())
+    patterns = spread_share(synced.pattern[partial].unique())
+    return synced.frame.isin(frames) | (partial & synced.pattern.isin(patterns))
+
+
+def spread_share(values: np.ndarray) -> np.ndarray:
+    """One of every `VALIDATION_EVERY` values, evenly spread over their order."""
+    count = len(values) // VALIDATION_EVERY
+    return values[((np.arange(count) + 0.5) * len(values) / max(count, 1)).astype(int)]
 
 
 def name_patterns(patterns: pd.DataFrame, frames: pd.Series) -> pd.Series:

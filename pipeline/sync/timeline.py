@@ -11,10 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.base.files import written_whole
+from pipeline.base.splits import VALIDATION
 from pipeline.lighting.frame_lights import CHANNELS
 from pipeline.sync.sync import SyncCheck
 
-SPLIT_COLORS = {"test_frames": "tab:orange", "test_segments": "tab:purple", "test_patterns": "tab:cyan"}
+SPLIT_COLORS = {
+    "test_frames": "tab:orange", "test_segments": "tab:purple", "test_patterns": "tab:cyan",
+    VALIDATION: "tab:olive",
+}  # fmt: skip
 GRADE_COLORS = {"good": "tab:green", "weak": "tab:gray", "failed": "red"}
 INCHES_PER_FRAME, NARROWEST_INCHES, WIDEST_INCHES = 0.12, 11.0, 40.0
 LETTERS_PER_INCH = 11

@@ -158,7 +158,7 @@ def test_closed_lids(case: HardCase) -> None:
     avatar = make_avatar(atlas, make_eyes())
     frame = avatar.prepare(FrameInputs(atlas, make_frame(atlas, AHEAD, np.array([[0.1, 0.1, 1.5]]))))
     eyes = avatar.eyes.chosen
-    _, layer = avatar.eyes.split_mirrors(frame.eyes, avatar.built.specular.samples(frame, ViewedParameters()))
+    layer = avatar.eyes.mirrors(frame.eyes, avatar.built.specular.samples(frame, ViewedParameters()))
     light = torch.cat([frame.eyes.lids.opening, frame.shading.diffuse[eyes].flatten(), layer[eyes].flatten()])
     image = make_image(np.array([0.0, 0.01, 1.0]), np.array([0.0, 0.01, 0.07]), 1.0, 96)
     picture = avatar.view(frame, camera_view(image))

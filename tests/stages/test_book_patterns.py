@@ -69,7 +69,7 @@ def stage(tmp_path_factory) -> Planted:
             shown = np.where(outline[..., None], 0.1 * seen[frame, c] * (camera != CAPPED), 0.9)
             write_exr(root / f"{camera}/{frame}.exr", shown + 0.05)
             flags = {"test_camera": False, "test_frame": frame == 7, "test_segment": frame >= 27,
-                     "test_pattern": frame == 13}  # fmt: skip
+                     "test_pattern": frame == 13, "validation_frame": False, "validation_pattern": False}  # fmt: skip
             files = {"path": f"{camera}/{frame}.exr", "mask_path": f"masks/{camera}.png"}
             rows.append({"camera": camera, "frame": frame, **files, **flags})
     (root / "index").mkdir()
@@ -114,8 +114,8 @@ def test_a_true_log(right):
     np.testing.assert_allclose(sync["subject_center_m"], 0, atol=0.02)
     np.testing.assert_allclose(sorted(sync["subject_semiaxes_m"]), [0.3, 0.3, 0.85], rtol=0.15)
     assert frames.columns.tolist() == [
-        "frame", "timestamp_s", "segment", "lights_on", "fully_lit", "pattern", "test_pattern", "split", "predicted",
-        "observed", "suspicious",
+        "frame", "timestamp_s", "segment", "lights_on", "fully_lit", "pattern", "test_pattern", "split", "validation",
+        "predicted", "observed", "suspicious",
     ]  # fmt: skip
     assert frames.fully_lit[::3].all()
     assert frames.lights_on.max() == 16

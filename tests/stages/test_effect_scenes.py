@@ -31,7 +31,7 @@ CALLED_FOR = {
     "near": {"near_field"},
 }
 
-FULL, AUTO = TrainAvatar(), TrainAvatar(shading="auto", deferred="auto")
+FULL, AUTO = TrainAvatar(shading="transfer", deferred="on"), TrainAvatar()
 
 
 @pytest.fixture(scope="module", params=SCENES)
@@ -89,7 +89,7 @@ def test_what_is_off_is_no_job_and_what_it_costs_is_what_it_adds(scene):
     atlas = read_atlas(folder / "atlas.safetensors")
 
     def count(on):
-        avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(TrainAvatar(deferred="auto"), on))
+        avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(TrainAvatar(shading="transfer"), on))
         return sum(parameter.numel() for parameter in avatar.parameters())
 
     everything = set(EFFECTS) - {"eyes"}  # the scenes have none

@@ -51,6 +51,7 @@ def results(tmp_path, monkeypatch):
     records = [record("c0", 0, test_camera=True), record("c0", 1, test_camera=True, test_frame=True)]
     records += [record("c1", 1, test_frame=True), record("c1", 2, test_segment=True)]
     write_image_shard(tmp_path / "shards/test/0000.arrow", records)
+    write_image_shard(tmp_path / "shards/validation/0000.arrow", [])
     ones = np.ones((2, 3), np.float32)
     share = np.ones(4, np.float32)
     frames = [FrameRecord(f, "a", f % 2 == 0, ones, share, share, ones, ones) for f in range(3)]
@@ -129,6 +130,7 @@ def test_the_table_says_what_was_planted(results):
         ("test_cameras", "all"): 2, ("test_cameras", "full"): 1, ("test_cameras", "partial"): 1,
         ("test_frames", "all"): 2, ("test_frames", "full"): 0, ("test_frames", "partial"): 2,
         ("test_segments", "all"): 1, ("test_segments", "full"): 1, ("test_segments", "partial"): 0,
+        ("validation", "all"): 0, ("validation", "full"): 0, ("validation", "partial"): 0,
         ("test_patterns", "all"): 0, ("test_patterns", "full"): 0, ("test_patterns", "partial"): 0,
         ("held_out_segments", "all"): 1, ("held_out_segments", "full"): 1, ("held_out_segments", "partial"): 0,
         ("held_out_lights", "all"): 1, ("held_out_lights", "full"): 0, ("held_out_lights", "partial"): 1,

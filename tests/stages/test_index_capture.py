@@ -192,6 +192,17 @@ class TestValid:
         images = pd.read_parquet(tmp_path / "out/images.parquet")
         assert set(images["frame"][images["test_pattern"]]) == {1}
 
+    def test_validation_images_are_marked_or_left_open(self, known: Path, tmp_path: Path) -> None:
+        run(capture=known, out=tmp_path / "without")
+        flags = ["validation_camera", "validation_frame", "validation_pattern"]
+        assert pd.read_parquet(tmp_path / "without/images.parquet")[flags].isna().all(axis=None)
+        capture = shutil.copytree(known, tmp_path / "capture")
+        edit_manifest(capture, lambda m: m["splits"].update(validation_frames=[1], validation_patterns=[]))
+        run(capture=capture, out=tmp_path / "out")
+        images = pd.read_parquet(tmp_path / "out/images.parquet")
+        assert set(images["frame"][images["validation_frame"]]) == {1}
+        assert not images[["validation_camera", "validation_pattern"]].any(axis=None)
+
     def test_patterns_of_a_stage_out_of_step_pass(self, known: Path, tmp_path: Path) -> None:
         """Whose frames run 1, 2, 3: book_patterns has to see them."""
         capture = shutil.copytree(known, tmp_path / "capture")

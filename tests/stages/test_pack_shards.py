@@ -43,6 +43,7 @@ def stage(tmp_path) -> Path:
         for frame in FRAMES:
             write_exr(tmp_path / f"c{camera}/{frame}.exr", shown(camera, frame) + np.float32(0.25), half=False)
             flags = {"test_camera": camera == 1, "test_frame": frame == 11, "test_segment": False}
+            flags["validation_camera"] = False
             files = {"path": f"c{camera}/{frame}.exr", "mask_path": "mask.png"}
             rows.append({"camera": f"c{camera}", "frame": frame, **files, **flags})
     (tmp_path / "index").mkdir()
@@ -69,7 +70,13 @@ def stage(tmp_path) -> Path:
         write_exr(
             tmp_path / f"irradiance/{frame:06d}.exr", {"Y": MAP + np.diag([0, i]), "falling": MAP / 2, "error": 0 * MAP}
         )
-    booked = {"frame": FRAMES[:3], "segment": "a", "fully_lit": [False, True, False], "test_pattern": False}
+    booked = {
+        "frame": FRAMES[:3],
+        "segment": "a",
+        "fully_lit": [False, True, False],
+        "test_pattern": False,
+        "validation": False,
+    }
     pd.DataFrame(booked).to_parquet(tmp_path / "frames.parquet")  # frame 13 was dropped by the bookkeeping
     lit = [(10, "B", 1.0), (11, "A", 2.0), (11, "B", 3.0)]
     patterns = pd.DataFrame([(f, n, i, i + 1, i + 2) for f, n, i in lit],
@@ -105,6 +112,17 @@ def test_every_frame_of_a_held_out_pattern_is_held_out(stage):
     assert [(r.camera, r.frame) for r in train] == [("c0", 10)]
     assert [(r.camera, r.frame) for r in test if r.test_pattern] == [("c0", 12), ("c1", 12)]
     assert all(r.is_test for r in test)
+
+
+def test_validation_images_have_shards_of_their_own_and_are_never_test_images(stage):
+    booked = pd.read_parquet(stage / "frames.parquet")
+    booked.assign(validation=booked.frame.isin([11, 12])).to_parquet(stage / "frames.parquet")
+    train, test, _ = pack(stage)
+    (validation,) = read_image_shards([stage / "shards/validation"])
+    assert (validation.camera, validation.frame, validation.validation, validation.is_test) == ("c0", 12, True, False)
+    assert [(r.camera, r.frame) for r in train] == [("c0", 10)]
+    assert [(r.camera, r.frame) for r in test] == [("c1", 10), ("c0", 11), ("c1", 11), ("c1", 12)]
+    assert not any(r.validation for r in [*train, *test])
 
 
 def test_with_all_effects_off_crops_are_the_images(stage):

@@ -17,6 +17,7 @@ checkpoint pack_shards:
         textures=mean_textures,
     output:
         train="results/{subject}/shards/train/{chunk}.arrow",
+        validation="results/{subject}/shards/validation/{chunk}.arrow",
         test="results/{subject}/shards/test/{chunk}.arrow",
         frames="results/{subject}/shards/frames/{chunk}.arrow",
     log:

@@ -27,6 +27,7 @@ rule measure_cost:
         effects="results/{subject}/effects.json",
         color="results/{subject}/calibration/color.json",
         train=lambda wildcards: job(wildcards).shards("shards/train"),
+        validation=lambda wildcards: job(wildcards).shards("shards/validation"),
         test=lambda wildcards: job(wildcards).shards("shards/test"),
         avatar=lambda wildcards: job(wildcards).avatars("avatar.safetensors")[0],
     output:

@@ -21,6 +21,7 @@ rule evaluate_avatar:
         index=ancient("results/{subject}/index/capture.json"),
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
+        validation=lambda wildcards: job(wildcards).shards("shards/validation"),
         test=lambda wildcards: job(wildcards).shards("shards/test"),
         frames=lambda wildcards: job(wildcards).frame_shards(),
         avatars=lambda wildcards: job(wildcards).avatars("avatar.safetensors"),

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.avatar.appearance.glossy import GlossySamples
 from pipeline.avatar.appearance.models import SpecularModel
 from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS, outside
 from pipeline.avatar.frames.prepared import PreparedFrame, ViewedParameters
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
+from pipeline.lighting.lobe_kernels import LOBE_CONSTANT
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.microfacet import gather_reflections
+from pipeline.lighting.reflection_kernels import DIELECTRIC_F0
 
 START_GGX_WIDTH = 0.4
 
@@ -35,6 +40,17 @@ class GgxGloss(SpecularModel):
         toward, lights = unit(center - points), frame.incident.lights
         reflected = gather_reflections(points, frame.surface.bent_normals, toward, width, lights)
         return self.store.log_gloss.exp()[:, None] * reflected
+
+    def mirrors(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples:
+        """Texels as lobes about the mirror direction.
+
+        A half vector of GGX has slopes of variance a^2 / 2, and the mirrored direction turns twice as far: sigma^2 = 2
+        a^2. The lobe's height makes its integral over directions what a dielectric mirrors at normal incidence, F0
+        times the gloss: v C / sigma 2 pi sigma^2 = g F0.
+        """
+        sigma = math.sqrt(2) * self.store.log_ggx_width.exp()
+        visibility = self.store.log_gloss.exp() * DIELECTRIC_F0 / (2 * math.pi * LOBE_CONSTANT * sigma)
+        return GlossySamples(frame.gaussians.means.detach(), frame.surface.bent_normals, sigma, visibility)
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
         """Widths outside of their bounds, and squared logarithms of the scale."""

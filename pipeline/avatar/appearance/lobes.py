@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from pipeline.avatar.appearance.glossy import GlossySamples, shade_halfway, shade_near_mirrors, shade_specular
+from pipeline.avatar.appearance.glossy import GlossySamples, shade_halfway, shade_specular
 from pipeline.avatar.appearance.layers import Layers
 from pipeline.avatar.appearance.models import SpecularModel
 from pipeline.avatar.appearance.penalties import HALFWAY_BOUNDS, ROUGHNESS_BOUNDS, outside
@@ -17,7 +17,7 @@ from pipeline.avatar.geometry.pixel_depth import depth_of_pixels, points_of_pixe
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
-from pipeline.lighting.lobes import angular_gaussian, cosine_gaussian
+from pipeline.lighting.lobes import cosine_gaussian
 from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.splat_types import CameraView
 
@@ -32,12 +32,10 @@ class SpecularLobe(SpecularModel):
     """A lobe with a roughness and a visibility per texel.
 
     Attributes:
-        mirror_lobe: G about a mirror direction. Near mirrors, as eyes are, know no other angle.
         bounds: of the roughness, radians.
         deferred: evaluated per pixel.
     """
 
-    mirror_lobe = staticmethod(angular_gaussian)
     bounds = ROUGHNESS_BOUNDS
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
@@ -80,10 +78,6 @@ class SpecularLobe(SpecularModel):
         points = points_of_pixels(row, column, depth[row, column], camera)
         pixels = GlossySamples(points, normal, roughness[:, 0] / weight, visibility[:, 0])
         return row, column, self.shade(pixels, frame, camera.center)
-
-    def reflect(self, mirrors: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
-        """Linear radiance of mirrors near each other, as eyes are; see `shade_near_mirrors`."""
-        return shade_near_mirrors(mirrors, center, frame.incident.lights, self.mirror_lobe)
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
         """Roughness outside of its bounds."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from pipeline.avatar.appearance.glossy import GlossySamples
+from pipeline.avatar.appearance.glossy import GlossySamples, shade_near_mirrors
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_fields import IncidentLight
 from pipeline.avatar.frames.prepared import PreparedFrame, Surface, ViewedParameters
@@ -20,6 +20,7 @@ from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import PosedTexels
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
+from pipeline.lighting.lobes import Lobe, angular_gaussian
 
 
 class Part:
@@ -71,9 +72,14 @@ class NormalModel(Part, ABC):
 
 
 class SpecularModel(Part):
-    """Light that depends on the view. Evaluated at texels, or as samples of a lobe; this one has neither."""
+    """Light that depends on the view. Evaluated at texels, or as samples of a lobe; this one has neither.
+
+    Attributes:
+        mirror_lobe: G about a mirror direction. Near mirrors, as eyes are, know no other angle.
+    """
 
     works_under_sky = True
+    mirror_lobe: Lobe = staticmethod(angular_gaussian)
 
     def texel_light(
         self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
@@ -84,6 +90,14 @@ class SpecularModel(Part):
     def samples(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples | None:
         """Texels as samples of the lobe; None for what has no lobe."""
         return None
+
+    def mirrors(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples | None:
+        """Texels as near mirrors, of which eyes are taken; None for what mirrors nothing."""
+        return self.samples(frame, viewed)
+
+    def reflect(self, mirrors: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
+        """Linear radiance of mirrors near each other, as eyes are; see `shade_near_mirrors`."""
+        return shade_near_mirrors(mirrors, center, frame.incident.lights, self.mirror_lobe)
 
     def under_sky(self) -> SpecularModel:
         """The same parameters under an environment map."""

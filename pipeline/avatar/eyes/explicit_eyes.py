@@ -166,15 +166,29 @@ class Eyes(nn.Module):
         skin = None if self.shadow_learned else lids.skin
         return lids, light_past_lids(skin, points, frames[..., 2], turns[self.eye], white_once(inputs.lights))
 
-    def split_mirrors(self, eyes: PosedEyes, samples: GlossySamples) -> tuple[GlossySamples, Float[Tensor, "texels 2"]]:
-        """Split samples of the lobe in those without the eyes, and the layer of what eyes mirror.
+    def mirrors(self, eyes: PosedEyes, samples: GlossySamples | None) -> Float[Tensor, "texels 2"] | None:
+        """Layer of what eyes mirror, of samples of all texels; None without.
 
-        The layer has visibility, and roughness as far as it is visible; neither where lids are shut over the eye.
+        It has visibility, and roughness as far as it is visible; neither where lids are shut over the eye.
         """
+        if samples is None:
+            return None
         visibility = samples.visibility[self.chosen] * (eyes.lids.opening > 0)
         seen = torch.stack([visibility, visibility * samples.roughness[self.chosen]], -1)
-        layer = seen.new_zeros(len(samples), 2).index_copy(0, self.chosen, seen)
-        return replace(samples, visibility=self.without(samples.visibility)), layer
+        return seen.new_zeros(len(samples), 2).index_copy(0, self.chosen, seen)
+
+    def without_gloss(
+        self, added: Float[Tensor, "texels channels"] | None, samples: GlossySamples | None
+    ) -> tuple[Float[Tensor, "texels channels"] | None, GlossySamples | None]:
+        """Light and samples of a glossy surface that leave out the eyes, whose mirrors show it.
+
+        The normals, too: blended, they would make skin beside an eye shine as the eye does.
+        """
+        added = None if added is None else self.without(added)
+        if samples is None:
+            return added, None
+        without = {name: self.without(getattr(samples, name)) for name in ("visibility", "normals")}
+        return added, replace(samples, **without)
 
     def without(self, values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
         """Values of the texels with those of eyes zero."""
@@ -202,7 +216,7 @@ class Eyes(nn.Module):
     def start(self, spec: AvatarSpec, parameters: Collection[str]) -> dict[str, Tensor | float]:
         """Values that eye texels start with, by parameter.
 
-        A lobe, and an open transfer, if there are any.
+        A lobe or the width of GGX, and an open transfer, if there are any.
 
         Where each texel has harmonics of its own light, eyes have those of the light that passes the lids, each lamp by
         itself, in a frame that turns with the eye. Their transfer starts as that of the bare spheres: what lids hide at
@@ -213,6 +227,8 @@ class Eyes(nn.Module):
         if "log_roughness" in parameters:
             values["log_roughness"] = math.log(START_ROUGHNESS)
             values["visibility"] = math.log(START_VISIBILITY / (1 - START_VISIBILITY))
+        if "log_ggx_width" in parameters:
+            values["log_ggx_width"] = math.log(START_ROUGHNESS)
         if self.lit_apart:
             bare = start_harmonics(self.surface(self.sizes).normals, spec.degrees)
             for name, start in zip(TRANSFER, bare, strict=True):

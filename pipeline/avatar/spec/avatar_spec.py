@@ -5,7 +5,17 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from pipeline.config.train_avatar import Anchors, DepthSource, Highlight, Kind, TransferStart
+from pipeline.config.train_avatar import ANALYTIC, Anchors, DepthSource, Highlight, Kind, TransferStart
+
+DIFFUSE_WORDS = {
+    "transfer": "zonal transfer", "harmonics": "harmonic transfer", "microfacet": "Lambert",
+    "combined": "Lambert and zonal transfer", "linear": "a light-linear network",
+}  # fmt: skip
+GLOSS_WORDS = {
+    "angular": "angular lobe", "half": "half-vector lobe", "cosine": "cosine lobe", "ggx": "GGX",
+    "harmonics": "specular harmonics",
+}  # fmt: skip
+INDIRECT_WORDS = {"ambient": "ambient light", "bounce": "one bounce"}
 
 
 @dataclass(frozen=True)
@@ -20,7 +30,8 @@ class AvatarSpec:
         avatar: "body" (RFGCA), or "head" (RGCA): parameters follow a latent code of vertices and mean texture.
         shading: "transfer": zonal transfer, turned with each Gaussian, and a spherical Gaussian (RFGCA 7-14);
             "harmonics": spherical harmonics that are not turned, and the same lobe (RGCA 5); "microfacet": Lambert and
-            GGX; "linear": a head's network that is linear in the light (row "Linear" of RGCA).
+            GGX; "combined": these, and zonal transfer of what they leave over; "linear": a head's network that is
+            linear in the light (row "Linear" of RGCA).
         transfer_start: where unturned harmonics start: "lambertian", or "traced" on the template at rest.
         highlight: the lobe of "transfer" and "harmonics": a spherical Gaussian of the "angle" to the mirror direction
             (RGCA 6), of twice the "half" vector's angle to the normal, or of the cosine; or, for a head, "harmonics"
@@ -54,7 +65,7 @@ class AvatarSpec:
     pixel_filter: Literal["box", "gaussian"] = "box"
     filter_std_px: float = 0.6
     avatar: Kind = "body"
-    shading: Literal["transfer", "harmonics", "microfacet", "linear"] = "transfer"
+    shading: Literal["transfer", "harmonics", "microfacet", "combined", "linear"] = "transfer"
     transfer_start: TransferStart = "lambertian"
     highlight: Highlight = "angular"
     visibility: Literal["learned", "traced"] = "learned"
@@ -83,6 +94,11 @@ class AvatarSpec:
         return 1 + (min(self.transfer_degree, 3) if self.shading == "linear" else self.transfer_degree)
 
     @property
+    def analytic(self) -> bool:
+        """Lambert and GGX are built."""
+        return self.shading in ANALYTIC
+
+    @property
     def head(self) -> bool:
         """A latent code drives the avatar."""
         return self.avatar == "head"
@@ -104,7 +120,7 @@ class AvatarSpec:
             return "linear"
         if not self.specular or (self.highlight == "harmonics" and self.shading == "transfer"):
             return "none"
-        return "ggx" if self.shading == "microfacet" else self.highlight
+        return "ggx" if self.analytic else self.highlight
 
     @property
     def shadow_model(self) -> str:
@@ -114,7 +130,7 @@ class AvatarSpec:
     @property
     def normal_model(self) -> str:
         """Name of the model of normals: learned only where something is shaded with them."""
-        if self.normals == "mesh" or not (self.lobe or self.shading == "microfacet"):
+        if self.normals == "mesh" or not (self.lobe or self.analytic):
             return "mesh"
         return "tangent" if self.head else "gaussian"
 
@@ -157,6 +173,21 @@ class AvatarSpec:
     def decoded(self) -> bool:
         """Any network of pose, expression or view is built."""
         return self.head or self.pose_decoder or self.view_decoder
+
+    @property
+    def in_words(self) -> str:
+        """Sentence that says what light is simulated, for tables."""
+        where = (" per pixel" if self.deferred else " per Gaussian") if self.lobe else ""
+        gloss, indirect = GLOSS_WORDS.get(self.specular_model), INDIRECT_WORDS.get(self.indirect)
+        parts = {
+            DIFFUSE_WORDS[self.shading]: True,
+            f"{gloss}{where}": gloss,
+            f"{self.shadow_model} shadows": self.shadow,
+            indirect: indirect,
+            "distant lights": not self.near_field,
+            "explicit eyes": self.eyes,
+        }
+        return f"{self.avatar} with {', '.join(part for part, there in parts.items() if there)}"
 
     def as_json(self) -> dict:
         """The fields by name, for config.json."""

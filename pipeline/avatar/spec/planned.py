@@ -34,7 +34,7 @@ def resolve_spec(settings: TrainAvatar, planned: Collection[str], kind: Kind = "
         kind: what the capture is of.
 
     Raises:
-        InputError: if they ask a body for what only heads have, or a head for what it has not.
+        InputError: if they ask a body for what only heads have.
     """
     decided = settings.decided(planned, kind)
     require_parts(decided)
@@ -46,8 +46,15 @@ def resolve_spec(settings: TrainAvatar, planned: Collection[str], kind: Kind = "
     return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")
 
 
+def reason_of(settings: TrainAvatar, effects: Path) -> str:
+    """Reason for the shading: the setting, or what the plan found about learned transport."""
+    if settings.shading != "auto":
+        return f"shading: {settings.shading} is asked for"
+    return str(read_json(effects)["learned_transport"].get("why", ""))
+
+
 def require_parts(decided: TrainAvatar) -> None:
-    """Refuse what a kind of capture does not have, by the InputErrors of `resolve_spec`."""
+    """Refuse what a body does not have, by the InputError of `resolve_spec`."""
     asked = {
         "shading: linear": decided.shading == "linear",
         "highlight: harmonics": decided.highlight == "harmonics",
@@ -56,5 +63,3 @@ def require_parts(decided: TrainAvatar) -> None:
     if decided.avatar == "body" and any(asked.values()):
         found = ", ".join(name for name, is_asked in asked.items() if is_asked)
         raise InputError(f"train_avatar: avatar: expected head, found body, with {found}, which only heads have")
-    if decided.avatar == "head" and decided.shading not in ("harmonics", "linear"):
-        raise InputError(f"train_avatar: shading: expected harmonics or linear for a head, found {decided.shading}")

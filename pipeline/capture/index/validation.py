@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints
 from pipeline.base.files import digest_file
+from pipeline.base.splits import VALIDATION_FLAGS
 from pipeline.capture.index import calibration_files, tables
 from pipeline.capture.index.csv_tables import complain_unknown
 from pipeline.capture.index.eye_tables import read_gaze_csv
@@ -137,12 +138,17 @@ def _check_splits(
         "test_frames": (frames["frame"], "the table of frames"),
         "test_segments": (frames["segment"], "the table of frames"),
         "test_patterns": (frames["frame"], "the table of frames"),
+        "validation_cameras": (cameras["camera"], "the table of cameras"),
+        "validation_frames": (frames["frame"], "the table of frames"),
+        "validation_patterns": (frames["frame"], "the table of frames"),
     }
     for key, (known, where) in listed_in.items():
-        complain_unknown(complaints, MANIFEST, f"splits.{key}", getattr(splits, key), list(known), where)
+        complain_unknown(complaints, MANIFEST, f"splits.{key}", getattr(splits, key) or [], list(known), where)
     held_out = [*splits.test_frames, *splits.test_patterns]
+    held_out += [*(splits.validation_frames or []), *(splits.validation_patterns or [])]
     training_frames = ~(frames["frame"].isin(held_out) | frames["segment"].isin(splits.test_segments))
-    if not training_frames.any() or cameras["camera"].isin(splits.test_cameras).all():
+    held_out_cameras = [*splits.test_cameras, *(splits.validation_cameras or [])]
+    if not training_frames.any() or cameras["camera"].isin(held_out_cameras).all():
         found = "every camera, or every frame, held out"
         complaints.add(MANIFEST, "splits", expected="some images that no split holds out, to train on", found=found)
 
@@ -157,7 +163,20 @@ def _images_table(images: pd.DataFrame, digests: dict[str, str], frames: pd.Data
         test_segment=segments.isin(splits.test_segments),
         # Of the frames that the capture names; book_patterns finds all that show the same pattern.
         test_pattern=images["frame"].isin(splits.test_patterns),
+        **_validation_columns(images, splits),
     )
+
+
+def _validation_columns(images: pd.DataFrame, splits: Splits) -> dict[str, pd.Series]:
+    """Flags of validation images, null where the capture does not say: `book_patterns` chooses some then."""
+    if not splits.names_validation:
+        return {name: pd.Series(pd.NA, images.index, "boolean") for name in VALIDATION_FLAGS}
+    chosen = (
+        images["camera"].isin(splits.validation_cameras or []),
+        images["frame"].isin(splits.validation_frames or []),
+        images["frame"].isin(splits.validation_patterns or []),
+    )
+    return {name: flags.astype("boolean") for name, flags in zip(VALIDATION_FLAGS, chosen, strict=True)}
 
 
 def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[str, Any]:

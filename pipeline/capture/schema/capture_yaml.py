@@ -106,7 +106,11 @@ class Calibration(Section):
 
 
 class Splits(Section):
-    """Images held out for testing; everything else trains. Lists may be empty, `test_patterns` may be left out.
+    """Images held out for testing and for validation; everything else trains.
+
+    Validation images are those that choices are made on. Lists may be empty, and all but the first three may be left
+    out. What is listed for both is for testing. Where no `validation_` list is given, some of the training frames are
+    held out, see `book_patterns`.
 
     A pattern, the lit lights with their intensities, is named by the number of any frame that shows it. Holding it out
     holds out every frame that shows it.
@@ -116,6 +120,17 @@ class Splits(Section):
     test_frames: list[int] = Field(description="frame numbers never trained on")
     test_segments: list[str] = Field(description="segments never trained on")
     test_patterns: list[int] = Field([], description="frame numbers whose light patterns are never trained on")
+    validation_cameras: list[str] | None = Field(None, description="cameras that choices are made on")
+    validation_frames: list[int] | None = Field(None, description="frame numbers that choices are made on")
+    validation_patterns: list[int] | None = Field(
+        None, description="frame numbers whose light patterns choices are made on"
+    )
+
+    @property
+    def names_validation(self) -> bool:
+        """True if any list of validation images is given, even an empty one."""
+        lists = (self.validation_cameras, self.validation_frames, self.validation_patterns)
+        return any(given is not None for given in lists)
 
 
 class Capture(Section):

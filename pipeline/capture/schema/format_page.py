@@ -40,9 +40,10 @@ complete example.
   place of `intensity`.
 - **Eyes** (optional): eyeballs are separate parts of the template; `template.eyes` lists their vertices. `gaze` says
   where each looks, in the frame of the template at rest: it does not turn with the head.
-- **Held out**: `splits` names cameras, frames, segments and patterns that no avatar is trained on. A pattern is
-  named by any frame that shows it and is held out wherever it returns. Training frames under the same light as a
-  partially lit test frame are found, too: `book_patterns.on_leak` says what then, error or warn.
+- **Held out**: `splits` names cameras, frames, segments and patterns that no avatar is trained on, for testing and,
+  with `validation_...`, for making choices. Where no validation list is given, an eighth of the training frames is
+  taken. A pattern is named by any frame that shows it and is held out wherever it returns. Training frames under the
+  same light as a partially lit test frame are found, too: `book_patterns.on_leak` says what then, error or warn.
 
 Whether log and images agree is checked from the images: an offset of a few frames, frames missing or twice, dead or
 stuck lights, a wrong pattern in a single frame. `book_patterns.on_desync` says what then: error, fix or ignore.

@@ -119,9 +119,12 @@ def moved_head() -> np.ndarray:
 
 
 def mirrors(eyes: dict[str, FittedEye] = EYES, **choices) -> Avatar:
-    """An avatar whose eyes do nothing but mirror."""
+    """An avatar whose eyes do nothing but mirror, by lobes of width SIGMA."""
     avatar = make_avatar(eye_atlas(), eyes, **choices)
     with torch.no_grad():
         avatar.albedo.zero_()
-        avatar.log_roughness.fill_(math.log(SIGMA))
+        if avatar.spec.lobe:
+            avatar.log_roughness.fill_(math.log(SIGMA))
+        else:
+            avatar.log_ggx_width.fill_(math.log(SIGMA / math.sqrt(2)))
     return avatar

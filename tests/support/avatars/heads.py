@@ -14,7 +14,7 @@ from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet import make_frame, make_image
 
 SMALL = {"code_size": 4, "decoder_channels": (8, 4), "pose_points": 4}
-SETTINGS = TrainAvatar(avatar="head", steps=4, deferred="off", weight_ssim=0.02, **SMALL)
+SETTINGS = TrainAvatar(avatar="head", shading="harmonics", steps=4, deferred="off", weight_ssim=0.02, **SMALL)
 PLANNED = {"shadow", "articulation", "near_field", "specular"}
 ALBEDO = np.array([0.7, 0.4, 0.2])
 

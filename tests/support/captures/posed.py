@@ -9,6 +9,7 @@ import pandas as pd
 import trimesh
 
 from pipeline.base.files import write_arrays, write_json, write_table
+from pipeline.base.splits import TEST_FLAGS, VALIDATION_FLAGS
 from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights
 from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.texels import Atlas, write_atlas
@@ -53,7 +54,10 @@ def write_posed_capture(folder: Path, *, ball: bool = True, light_distance: floa
     write_table(
         paths["patterns"], patterns.assign(intensity_r=[1.0, 2, 1], intensity_g=[1.0, 2, 1], intensity_b=[1.0, 2, 1])
     )
-    write_table(paths["frames"], pd.DataFrame({"frame": FRAMES[:3], "fully_lit": False, "test_pattern": False}))
+    write_table(
+        paths["frames"],
+        pd.DataFrame({"frame": FRAMES[:3], "fully_lit": False, "test_pattern": False, "validation": False}),
+    )
     return paths
 
 
@@ -65,7 +69,7 @@ def write_cameras_and_color(folder: Path, k1: float, gain: float) -> dict[str, P
     paths = {"index": folder / "index", "cameras": folder / "cameras.json", "color": folder / "color.json"}
     facts = {"downsample_from_sensor": 2, "transfer": "linear", "black_level": 0.0}
     write_json(folder / "index/capture.json", {"subject": "ball", "images": facts})
-    columns = ["camera", "frame", "path", "test_camera", "test_frame", "test_segment", "test_pattern"]
+    columns = ["camera", "frame", "path", *TEST_FLAGS, *VALIDATION_FLAGS]
     write_table(paths["index"] / "images.parquet", pd.DataFrame(columns=columns))
     write_table(paths["index"] / "gaze.parquet", pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]))
     intrinsics = np.array([[100.0, 0, 100], [0, 100, 50], [0, 0, 1]])

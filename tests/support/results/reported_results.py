@@ -41,6 +41,7 @@ def scores(variants: dict[str, float], subject: str = "someone", frames: int = 1
         for index in range(2 * frames):
             frame = index // 2
             flags = {"test_camera": True, "test_frame": frame == 3, "test_segment": False, "test_pattern": False}
+            flags["validation"] = False
             score = {"psnr_db": base[frame] + effect + 0.01 * rng.standard_normal(), "ssim": 0.9, "flip": 0.1}
             names = {"subject": subject, "variant": variant, "index": index, "camera": f"cam{index % 2}"}
             light = {"fully_lit": frame % 3 == 0, "lpips": np.nan, "foreground_pixels": 100}

@@ -23,7 +23,7 @@ from pipeline.geometry.texels import write_atlas
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 SMALL = {"code_size": 8, "decoder_channels": (8, 4), "pose_points": 4}
-DECODED = TrainAvatar(steps=4, parameters="decoded", shadow_width=4, **SMALL)
+DECODED = TrainAvatar(shading="transfer", deferred="on", steps=4, parameters="decoded", shadow_width=4, **SMALL)
 PLANNED = {"shadow", "articulation", "near_field", "specular", "deferred"}
 ALBEDO = np.array([0.7, 0.4, 0.2])
 FLOAT32_ROUNDING = 1e-5

@@ -74,19 +74,18 @@ def test_rows_build_what_they_say_and_nothing_else():
 
 
 def test_the_kind_of_the_capture_decides_and_bodies_stay_as_they_were():
-    for settings in (TrainAvatar(), TrainAvatar(avatar="body")):
+    for settings in (TrainAvatar(shading="transfer"), TrainAvatar(avatar="body", shading="transfer")):
         assert resolve_spec(settings, PLANNED).shading == "transfer"
         assert resolve_spec(settings, PLANNED).normals == "learned"
-    auto = resolve_spec(TrainAvatar(), PLANNED, "head")
+    auto = resolve_spec(TrainAvatar(shading="transfer"), PLANNED, "head")
     assert (auto.head, auto.shading, auto.shadow, auto.normals) == (True, "harmonics", False, "viewed")
     assert not resolve_spec(TrainAvatar(avatar="body"), PLANNED, "head").head
     assert TrainAvatar().reads_textures("head") and not TrainAvatar().reads_textures("body")
-    assert not TrainAvatar().reads_irradiance(PLANNED, "head") and TrainAvatar().reads_irradiance(PLANNED)
+    learned = PLANNED | {"learned_transport"}
+    assert not TrainAvatar().reads_irradiance(learned, "head") and TrainAvatar().reads_irradiance(learned)
     for wrong in ({"shading": "linear"}, {"highlight": "harmonics"}, {"normals": "viewed"}):
         with pytest.raises(InputError, match="which only heads have"):
             resolve_spec(TrainAvatar(**wrong), PLANNED)
-    with pytest.raises(InputError, match="expected harmonics or linear for a head, found microfacet"):
-        resolve_spec(TrainAvatar(avatar="head", shading="microfacet"), PLANNED)
 
 
 def test_a_new_head_on_its_tracked_vertices_is_the_body_with_unturned_harmonics():

@@ -12,25 +12,27 @@ EVERYTHING = set(EFFECTS)
 
 
 def test_default_is_the_papers_model_where_a_scene_calls_for_it():
-    """Learned transport and deferred shading are what `full` is, not what a scene calls for."""
-    spec = resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport", "deferred"})
+    spec = resolve_spec(TrainAvatar(), EVERYTHING)
     assert (spec.shading, spec.visibility, spec.indirect) == ("transfer", "learned", "none")
-    assert spec.specular
-    assert spec.shadow
-    assert spec.deferred
-    assert spec.near_field
+    assert spec.specular and spec.shadow and spec.deferred and spec.near_field
+    head = resolve_spec(TrainAvatar(), EVERYTHING, "head")
+    assert (head.shading, head.highlight, head.shadow) == ("harmonics", "half", False)
 
 
 def test_nothing_is_built_that_the_plan_left_out():
-    spec = resolve_spec(TrainAvatar(deferred="auto"), set())
-    assert not (spec.specular or spec.shadow or spec.deferred or spec.near_field)
-    assert spec.shading == "harmonics"
+    for settings, shading in ((TrainAvatar(), "microfacet"), (TrainAvatar(shading="transfer"), "harmonics")):
+        spec = resolve_spec(settings, set())
+        assert not (spec.specular or spec.shadow or spec.deferred or spec.near_field)
+        assert (spec.shading, spec.indirect) == (shading, "none")
 
 
 @pytest.mark.parametrize("planned", [set(), EVERYTHING])
 def test_what_is_said_is_obeyed(planned):
     spec = resolve_spec(
-        TrainAvatar(specular=False, shadow=True, near_field=True, articulation=True, deferred=False), planned
+        TrainAvatar(
+            shading="transfer", specular=False, shadow=True, near_field=True, articulation=True, deferred=False
+        ),
+        planned,
     )
     assert spec.shadow
     assert spec.near_field
@@ -39,22 +41,32 @@ def test_what_is_said_is_obeyed(planned):
     assert spec.shading == "transfer"
 
 
-def test_analytic_shading_takes_the_place_of_learned_transport():
-    auto = TrainAvatar(shading="auto")
-    assert resolve_spec(auto, EVERYTHING).shading == "transfer"
-    spec = resolve_spec(auto, EVERYTHING - {"learned_transport"})
-    assert (spec.shading, spec.visibility, spec.indirect) == ("microfacet", "traced", "bounce")
-    convex = resolve_spec(auto, {"specular"})
+@pytest.mark.parametrize("kind", ["body", "head"])
+def test_analytic_shading_takes_the_place_of_learned_transport(kind):
+    spec = resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport"}, kind)
+    assert (spec.avatar, spec.shading, spec.visibility, spec.indirect) == (kind, "microfacet", "traced", "bounce")
+    assert spec.shadow and spec.eyes and spec.specular_model == "ggx"
+    convex = resolve_spec(TrainAvatar(), {"specular"}, kind)
     assert (convex.shading, convex.traced, convex.indirect) == ("microfacet", False, "none")
 
 
+def test_specs_in_words():
+    words = resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport"}, "head").in_words
+    assert words == "head with Lambert, GGX, traced shadows, one bounce, explicit eyes"
+    words = resolve_spec(TrainAvatar(near_field="off", eyes="off"), EVERYTHING).in_words
+    assert words == "body with zonal transfer, angular lobe per pixel, learned shadows, distant lights"
+    assert resolve_spec(TrainAvatar(shading="transfer"), {"articulation"}).in_words == "body with zonal transfer"
+
+
 def test_traced_shadows_need_transfer_that_turns():
-    assert resolve_spec(TrainAvatar(visibility="traced"), {"shadow"}).shading == "transfer"
+    settings = TrainAvatar(shading="transfer", visibility="traced")
+    assert resolve_spec(settings, {"shadow"}).shading == "transfer"
 
 
 def test_irradiance_is_read_by_shadow_networks_alone():
-    assert TrainAvatar().reads_irradiance({"shadow"})
-    assert not TrainAvatar().reads_irradiance(set())
-    assert TrainAvatar(shadow="on").reads_irradiance(set())
-    assert not TrainAvatar(visibility="traced").reads_irradiance({"shadow"})
-    assert not TrainAvatar(shading="auto").reads_irradiance({"shadow"})
+    learned = {"shadow", "learned_transport"}
+    assert TrainAvatar().reads_irradiance(learned)
+    assert not TrainAvatar().reads_irradiance({"learned_transport"})
+    assert TrainAvatar(shading="transfer", shadow="on").reads_irradiance(set())
+    assert not TrainAvatar(visibility="traced").reads_irradiance(learned)
+    assert not TrainAvatar().reads_irradiance({"shadow"})

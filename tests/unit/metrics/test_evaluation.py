@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from pipeline.metrics.comparison import side_by_side
-from pipeline.metrics.evaluation import PSNR_CEILING_DB, SPLITS, evaluate, summarize
+from pipeline.metrics.evaluation import PSNR_CEILING_DB, SPLITS, evaluate, summarize, worst_median_best
 from pipeline.metrics.lpips import Lpips, build_features, linear_weights
 
 
@@ -25,6 +25,7 @@ class Image:
     test_frame: bool = False
     test_segment: bool = False
     test_pattern: bool = False
+    validation: bool = False
     fully_lit: bool = True
 
 
@@ -59,11 +60,24 @@ def test_only_held_out_images_are_scored_and_groups_are_complete():
         ("test_frames", "all"): 0, ("test_frames", "full"): 0, ("test_frames", "partial"): 0,
         ("test_segments", "all"): 1, ("test_segments", "full"): 0, ("test_segments", "partial"): 1,
         ("test_patterns", "all"): 2, ("test_patterns", "full"): 1, ("test_patterns", "partial"): 1,
-        **dict.fromkeys(product(("held_out_segments", "held_out_lights"), ("all", "full", "partial")), 0),
+        **dict.fromkeys(product(("validation", "held_out_segments", "held_out_lights"), ("all", "full", "partial")), 0),
     }  # fmt: skip
     assert rows.loc[("test_frames", "all"), ["psnr_db", "ssim", "lpips", "flip"]].isna().all()
     assert rows.loc[("test", "partial"), "psnr_db"] == pytest.approx(table.psnr_db[1:].mean())
     assert table.lpips.isna().all()
+
+
+def test_validation_images_are_scored_apart_from_test_images():
+    images = [
+        subject_image(0, frame=0, test_camera=False, validation=True),
+        subject_image(1, frame=1),
+        subject_image(2, frame=2, test_camera=False),
+    ]
+    table = evaluate(add_to(0.05), images, dict.fromkeys(range(3)))
+    assert table["index"].tolist() == [0, 1]
+    rows = summarize(table)[lambda t: t.lit == "all"].set_index("split").images
+    assert rows["validation"] == 1 and rows["test"] == 1 and rows["test_cameras"] == 1
+    assert {row["index"] for row in worst_median_best(table).values()} == {1}
 
 
 def test_new_light_and_new_expressions_are_told_apart():
@@ -177,7 +191,7 @@ def test_a_broken_rendering_is_an_error_that_names_the_image():
 
 def test_no_test_images_give_empty_rows():
     rows = summarize(evaluate(add_to(0.1), [subject_image(test_camera=False)], {0: None}))
-    assert len(rows) == 21
+    assert len(rows) == 24
     assert (rows.images == 0).all()
     assert rows.psnr_db.isna().all()
 

@@ -118,7 +118,7 @@ def test_protocol_of_the_default_metrics_names_their_boxes():
 
 def held_out(height: int, width: int) -> SimpleNamespace:
     """An image record of a camera that training never saw, all subject."""
-    flags = dict.fromkeys(("test_frame", "test_segment", "test_pattern", "fully_lit"), False)
+    flags = dict.fromkeys(("test_frame", "test_segment", "test_pattern", "validation", "fully_lit"), False)
     image, mask = scene(6, height, width).astype(np.float32), np.ones((height, width), np.float32)
     return SimpleNamespace(image=image, mask=mask, camera="cam00", frame=0, test_camera=True, **flags)
 

@@ -25,14 +25,21 @@ IMAGES = pd.DataFrame(
         "test_frame": [False, False, True, False, True],
         "test_segment": [False, False, False, False, True],
         "test_pattern": False,
+        "validation_frame": False,
+        "validation_pattern": False,
     }
 )
 
 
-def images(count: int, test_frames: tuple = (), test_patterns: tuple = ()) -> pd.DataFrame:
+def images(count: int, **held_out: tuple) -> pd.DataFrame:
+    """Images of one camera; `held_out` are frames by the plurals of their flags. Validation is named where any is."""
     frame = pd.Series(range(count))
-    return pd.DataFrame({"frame": frame, "camera": "c", "test_camera": False, "test_segment": False,
-                         "test_frame": frame.isin(test_frames), "test_pattern": frame.isin(test_patterns)})  # fmt: skip
+    table = pd.DataFrame({"frame": frame, "camera": "c", "test_camera": False, "test_segment": False})
+    named = any(name.startswith("validation") for name in held_out)
+    for name in ("test_frame", "test_pattern", "validation_frame", "validation_pattern"):
+        flags = frame.isin(held_out.get(f"{name}s", ()))
+        table[name] = flags if named or name.startswith("test") else pd.Series(pd.NA, frame.index, "boolean")
+    return table
 
 
 def frames(count: int) -> pd.DataFrame:
@@ -82,6 +89,41 @@ def test_a_fully_lit_pattern_leaks_if_it_is_itself_held_out():
     patterns = white([(0, "A", 1), (0, "B", 1), (1, "A", 2), (1, "B", 2)])
     synced = synced_frames(frames(2), images(2, test_patterns=(0,)), patterns, ["A", "B"])
     assert find_leaks(synced, patterns) == [(0, 1)]
+
+
+def test_named_validation_holds_out_frames_and_patterns_but_never_test_frames():
+    patterns = white([(0, "A", 1), (1, "B", 1), (2, "A", 1), (3, "B", 1), (4, "C", 1), (5, "C", 1)])
+    held_out = images(6, test_frames=(2,), validation_frames=(2, 4), validation_patterns=(3,))
+    synced = synced_frames(frames(6), held_out, patterns, ["A", "B", "C"])
+    assert synced.split.tolist() == ["train", "validation", "test_frames", "validation", "validation", "train"]
+    assert synced.validation.tolist() == [False, True, False, True, True, False]
+
+
+def test_without_names_an_eighth_of_each_kind_of_training_frames_is_for_validation():
+    """Of 60 frames every third is fully lit; ten partially lit patterns come round four times; 48 to 59 are tested."""
+    rows = [(f, light, 1.0) for f in range(60) for light in ("ABC" if f % 3 == 0 else "A")]
+    patterns = white(rows)
+    order = pd.Series(range(60))[np.arange(60) % 3 != 0]
+    level = dict(zip(order, 1.0 + np.arange(40) % 10, strict=True))
+    channels = ["intensity_r", "intensity_g", "intensity_b"]
+    patterns[channels] = patterns[channels].mul(patterns.frame.map(level).fillna(1.0), axis=0)
+    synced = synced_frames(frames(60), images(60, test_frames=tuple(range(48, 60))), patterns, ["A", "B", "C"])
+    chosen = synced[synced.validation]
+    assert (chosen.frame < 48).all() and (chosen.split == "validation").all()
+    assert chosen.fully_lit.sum() == 16 // 8
+    partial = chosen[~chosen.fully_lit]
+    assert partial.pattern.nunique() == 10 // 8
+    assert not synced[synced.split == "train"].pattern.isin(partial.pattern).any()
+    assert 0.05 < len(chosen) / 48 < 0.2
+
+
+@pytest.mark.parametrize(("count", "spared"), [(7, 0), (8, 1), (15, 1), (16, 2)])
+def test_of_few_frames_none_is_taken_from_training(count, spared):
+    patterns = white([(f, light, 1.0) for f in range(count) for light in "AB"])
+    synced = synced_frames(frames(count), images(count), patterns, ["A", "B"])
+    assert synced.validation.sum() == spared
+    named = synced_frames(frames(count), images(count, validation_frames=()), patterns, ["A", "B"])
+    assert not named.validation.any()
 
 
 def found(offsets: list[int], suspicious: tuple = ()) -> pd.DataFrame:

@@ -12,6 +12,7 @@ from pipeline.avatar.eyes.explicit_eyes import START_VISIBILITY
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.eyes.eye_shape import EyeShape, usual_shape
 from pipeline.lighting.lobes import LOBE_CONSTANT
+from pipeline.lighting.reflection_kernels import DIELECTRIC_F0
 from pipeline.synthesis.eyeball import CORNEA_OFFSET_M, CORNEA_RADIUS_M, EYE_RADIUS_M
 from pipeline.synthesis.mitsuba_scenes import mitsuba
 from tests.support.avatars.eyeballs import (
@@ -34,7 +35,8 @@ WITHIN_PX = 0.5
 share of a pixel varies by some percent over them, which moves a centroid by a tenth of a pixel."""
 
 HEAD = {"avatar": "head", "shading": "harmonics", "normals": "viewed", "code_size": 4, "decoder_channels": (4,)}
-KINDS = {"lobe per pixel": {"deferred": True}, "lobe per Gaussian": {"deferred": False}, "head": HEAD}
+GGX = {"shading": "microfacet"}
+KINDS = {"lobe per pixel": {"deferred": True}, "lobe per Gaussian": {"deferred": False}, "head": HEAD, "ggx": GGX}
 
 
 def single_glint(name, looks, head, light, shape):
@@ -83,13 +85,14 @@ def test_glints_at_the_resolution_of_subject_b():
     assert len(errors) >= 8 and max(errors) < WITHIN_PX
 
 
+@pytest.mark.parametrize("kind", [{}, GGX])
 @pytest.mark.parametrize(("looks", "light"), [(gaze(0, 0), 0), (gaze(15, 5), 0), (gaze(-12, 6), 0), (gaze(5, -9), 2)])
-def test_glints_of_the_same_eyes_in_mitsuba(looks, light):
+def test_glints_of_the_same_eyes_in_mitsuba(looks, light, kind):
     """Mitsuba's own smooth spheres, of rough metal, under one point light: centroids of the glints and how much light
     is in them, also where a glint is cut by the crease between the spheres."""
     shape, light = usual_shape(0.012), LIGHTS[light]
     image = make_image(CAMERA, MIDDLE, 0.5, 200)
-    rgb, _ = LoadedAvatar(mirrors(), eye_atlas()).render(make_frame(eye_atlas(), looks, light[None]), image)
+    rgb, _ = LoadedAvatar(mirrors(**kind), eye_atlas()).render(make_frame(eye_atlas(), looks, light[None]), image)
     for name, center in CENTERS.items():
         picture = rendered_spheres(image, center, looks, shape, light)
         y, x = np.unravel_index(picture.argmax(), picture.shape)
@@ -100,8 +103,10 @@ def test_glints_of_the_same_eyes_in_mitsuba(looks, light):
         clear = glint_points(center, looks, shape, CAMERA, light, clear=0.15)
         assert np.hypot(*(truth - found)) < (WITHIN_PX if clear else 1.0), name
         if clear:
-            # A lobe mirrors 2 pi sigma^2 v C / sigma of what metal does; alphas of a few texels are below 1.
-            share = 2 * np.pi * SIGMA * START_VISIBILITY * LOBE_CONSTANT * 2.0
+            # A lobe mirrors 2 pi sigma^2 v C / sigma of what metal does, GGX a dielectric's F0; alphas of a few texels
+            # are below 1.
+            lobe = 2 * np.pi * SIGMA * START_VISIBILITY * LOBE_CONSTANT
+            share = 2.0 * (DIELECTRIC_F0 if kind else lobe)
             assert rgb.numpy().mean(-1)[around].sum() == pytest.approx(share * picture[around].sum(), rel=0.2)
 
 

@@ -13,6 +13,10 @@ MANIFEST_BREAKS: dict[str, tuple[Break, list[str]]] = {
         manifest(lambda m: m["splits"].update(test_patterns=[0, 9])),
         ["splits.test_patterns: expected one that the table of frames lists, found 9"],
     ),
+    "unknown validation camera": (
+        manifest(lambda m: m["splits"].update(validation_cameras=["nowhere"])),
+        ["splits.validation_cameras: expected one that the table of cameras lists, found nowhere"],
+    ),
     "missing key": (manifest(lambda m: m.pop("fps")), ["fps: expected frames per second, found no such key"]),
     "missing section": (manifest(lambda m: m.pop("splits")), ["splits: expected a section with the keys test_cameras"]),
     "unknown key with hint": (
