@@ -25,7 +25,7 @@ OUTPUTS = {
     "fit_eyes": [""],
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
     "bake_textures": [".safetensors", ".png"],
-    "pack_shards": ["train/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
+    "pack_shards": ["train/{chunk}.arrow", "validation/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
 }
@@ -66,7 +66,7 @@ for path in sorted(Path(word) for key, values in flags.items() if key != "out" f
         if file.is_file() and not file.name.startswith("."):
             content.update(file.read_bytes())
             head |= b'"kind": "head"' in file.read_bytes()
-planned = {name: {"on": flags.get(name) != ["off"]} for name in ("shadow", "eyes")}
+planned = {name: {"on": flags.get(name) != ["off"]} for name in ("shadow", "eyes", "learned_transport")}
 text = json.dumps({**planned, "kind": "head" if head else "body", "content": content.hexdigest()})
 for output in OUTPUTS:
     output = output.replace("{chunk}", flags.get("chunk", [""])[0])
@@ -219,7 +219,7 @@ def test_eyes_are_fitted_only_where_an_avatar_has_them(workflow):
 
 
 def test_shadows_that_no_avatar_learns_have_no_job(workflow):
-    workflow.append("config/subjects/subjectA.yaml", "variants: {auto: {shading: auto}}\n")
+    workflow.append("config/subjects/subjectA.yaml", "variants: {full: {shading: microfacet}}\n")
     shutil.rmtree(workflow.folder / "results/subjectA/irradiance")
     assert workflow.ran(TARGET) == ["pack_shards", "pack_shards", "train_avatar", "evaluate_avatar"]
 
