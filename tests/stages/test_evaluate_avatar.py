@@ -61,7 +61,9 @@ def results(tmp_path, monkeypatch):
     for position, name in enumerate(errors):
         folder = tmp_path / "avatars" / name
         folder.mkdir(parents=True)
-        (folder / "config.json").write_text(json.dumps({"parameters": 10 + position, "seconds": 2.5}))
+        (folder / "config.json").write_text(
+            json.dumps({"parameters": 10 + position, "seconds": 2.5, "built": name, "why": "planted"})
+        )
     monkeypatch.setattr(evaluate_avatar, "load_avatar", lambda folder, atlas: PlantedAvatar(errors[folder.name]))
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "no cache"))
     return tmp_path
@@ -117,11 +119,12 @@ def test_the_table_says_what_was_planted(results):
     table = pd.read_csv(results / "metrics.csv")
     assert table.columns.tolist() == [
         "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
-        "color_space", "region", "lpips_net", "lpips_weights",
+        "built", "why", "color_space", "region", "lpips_net", "lpips_weights",
     ]  # fmt: skip
-    assert len(table) == 2 * 7 * 3
+    assert len(table) == 2 * 8 * 3
     assert set(table.subject) == {"someone"}
-    assert set(table.color_space) == {"sRGB"}
+    assert set(table.color_space) == {"sRGB"} and set(table.why) == {"planted"}
+    assert (table.built == table.variant).all()
     rows = table.set_index(["variant", "split", "lit"])
     assert rows.loc[("good", "test", "all")].psnr_db == pytest.approx(expected_psnr(0.01), abs=0.01)  # float16 of 0.25
     assert rows.loc[("bad", "test_frames", "partial")].psnr_db == pytest.approx(expected_psnr(0.1), abs=0.01)

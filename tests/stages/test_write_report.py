@@ -77,7 +77,9 @@ def test_every_part_is_there_with_what_was_planted(results):
     assert not [title for title, text in parts.items() if "Missing" in text]
     assert all(text.strip().startswith(title) for title, text in parts.items())
     assert "new cameras" in parts["Scores"] and "psnr: <planted>" in parts["Scores"]
-    assert "32 images" in parts["Scores"] and "holds out none of: new segments, new patterns" in parts["Scores"]
+    assert (
+        "32 images" in parts["Scores"] and "none of: validation images, new segments, new patterns" in parts["Scores"]
+    )
     assert "matte, against full" in parts["Ablations"] and "worse" in parts["Ablations"]
     assert re.search(r"all light PSNR \[dB\] \S+ ± \S+ −(0\.99|1\.00)", parts["Ablations"])
     assert all(text in parts["Effects"] for text in ("12.3", "12.34 % & more", "off", "9 s", "saved"))

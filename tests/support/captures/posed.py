@@ -56,7 +56,9 @@ def write_posed_capture(folder: Path, *, ball: bool = True, light_distance: floa
     )
     write_table(
         paths["frames"],
-        pd.DataFrame({"frame": FRAMES[:3], "fully_lit": False, "test_pattern": False, "validation": False}),
+        pd.DataFrame(
+            {"frame": FRAMES[:3], "fully_lit": False, "test_pattern": False, "validation": False, "split": "train"}
+        ),
     )
     return paths
 

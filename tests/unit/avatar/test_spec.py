@@ -55,7 +55,8 @@ def test_specs_in_words():
     assert words == "head with Lambert, GGX, traced shadows, one bounce, explicit eyes"
     words = resolve_spec(TrainAvatar(near_field="off", eyes="off"), EVERYTHING).in_words
     assert words == "body with zonal transfer, angular lobe per pixel, learned shadows, distant lights"
-    assert resolve_spec(TrainAvatar(shading="transfer"), {"articulation"}).in_words == "body with zonal transfer"
+    plain = resolve_spec(TrainAvatar(shading="transfer"), {"articulation", "near_field"})
+    assert plain.in_words == "body with zonal transfer"
 
 
 def test_traced_shadows_need_transfer_that_turns():
