@@ -28,7 +28,7 @@ from torch.optim.optimizer import register_optimizer_step_post_hook
 from benchmarks.training_ranges import REST, Part, marked, seconds_of_parts
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.base.files import read_json, write_json
-from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.train_avatar import ANALYTIC, TrainAvatar
 from pipeline.stages import train_avatar
 
 WARM_STEPS = 10
@@ -36,6 +36,9 @@ WARM_STEPS = 10
 
 VISITED = ("posed", "irradiance", "lights")
 """What every step asks of its frame; what else it asks for is there after the first of its steps."""
+
+TRACED = ("visibility_bits", "bounces")
+"""What a step of analytic shading asks for as well, traced at a frame's first visit."""
 
 
 @dataclass
@@ -80,11 +83,12 @@ def measure(results: Path, steps: int, variant: str = "full") -> dict[str, objec
 
     def visited(*arguments: object, **words: object) -> FrameInputs:
         seen.append(FrameInputs(*arguments, **words))
-        for name in VISITED:
+        for name in asked:
             getattr(seen[-1], name)
         return seen[-1]
 
     trained = read_json(results / "avatars" / variant / "config.json")
+    asked = VISITED + TRACED * (trained["spec"]["shading"] in ANALYTIC)
     settings = TrainAvatar(**{**trained["settings"], "steps": WARM_STEPS + 2 * steps, "device": "cpu"})
     eyes = results / "eyes.json"
     hook = register_optimizer_step_post_hook(clock.step)

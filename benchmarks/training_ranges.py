@@ -18,6 +18,8 @@ import torch
 from torch.autograd.profiler_util import FunctionEvent
 
 from pipeline.avatar.appearance import lobes
+from pipeline.avatar.appearance.ggx_gloss import GgxGloss
+from pipeline.avatar.appearance.indirect_light import OneBounce
 from pipeline.avatar.appearance.lambert import Lambert
 from pipeline.avatar.appearance.normals import GaussianNormals, MeshNormals, TangentNormals
 from pipeline.avatar.appearance.unturned_harmonics import UnturnedHarmonics
@@ -53,7 +55,9 @@ MARKED: tuple[tuple[object, str, str], ...] = (
     (light_fields, "gather_distant", "gathering light"),
     (ZonalTransfer, "shade", "transfer"),
     (UnturnedHarmonics, "shade", "transfer"),
-    (Lambert, "shade", "transfer"),
+    (Lambert, "shade", "Lambert"),
+    (GgxGloss, "texel_light", "gloss"),
+    (OneBounce, "shade", "bounce"),
     (ShadowNet, "forward", "shadow network"),
     (Avatar, "layers", "stacking layers"),
     (Avatar, "draw", "around splatting"),

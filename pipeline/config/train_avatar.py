@@ -59,8 +59,7 @@ class TrainAvatar(Settings):
         "auto",
         description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH (RGCA 5), Lambert and "
         "GGX, these and zonal transfer of what they leave over (combined), or, for heads, a network that is linear in "
-        "the light; auto: microfacet, or where learned_transport is "
-        "planned transfer, for heads harmonics",
+        "the light; auto: microfacet, or where learned_transport is planned combined, for heads harmonics",
     )
     transfer_start: TransferStart = Field(
         "lambertian",
@@ -192,6 +191,9 @@ class TrainAvatar(Settings):
     weight_gloss: float = Field(0.01, ge=0, description="Weight that keeps the gloss of GGX near a dielectric's")
     weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
+    weight_leftover: float = Field(
+        0.1, ge=0, description="For combined: weight that keeps the transfer beside Lambert near nothing"
+    )
 
     def decided(self, planned: Collection[str], kind: Kind = "body") -> TrainAvatar:
         """Settings with what a plan decided in place of every `auto`.
@@ -205,7 +207,8 @@ class TrainAvatar(Settings):
         avatar = kind if self.avatar == "auto" else self.avatar
         shading = self.shading
         if shading == "auto":
-            shading = "transfer" if "learned_transport" in planned else "microfacet"
+            learned = "harmonics" if avatar == "head" else "combined"
+            shading = learned if "learned_transport" in planned else "microfacet"
         if avatar == "head" and shading == "transfer":
             shading = "harmonics"
         if avatar == "head" and shading not in ANALYTIC:

@@ -28,7 +28,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
 
-SETTINGS = TrainAvatar(steps=6, steps_together=1, checkpoint_every=2, log_every=1)
+SETTINGS = TrainAvatar(shading="transfer", deferred="on", steps=6, steps_together=1, checkpoint_every=2, log_every=1)
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stag
 
 STEPS = 120
 SETTINGS = TrainAvatar(
+    shading="transfer", deferred="on",
     steps=STEPS, steps_together=2, cameras_per_step=3, checkpoint_every=6, log_every=1, preview_every=0, device="cpu",
     learning_rate_texture=1e-2, learning_rate_shape=3e-3, learning_rate_offset=1e-4,
 )  # fmt: skip

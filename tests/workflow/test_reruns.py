@@ -66,7 +66,7 @@ for path in sorted(Path(word) for key, values in flags.items() if key != "out" f
         if file.is_file() and not file.name.startswith("."):
             content.update(file.read_bytes())
             head |= b'"kind": "head"' in file.read_bytes()
-planned = {name: {"on": flags.get(name) != ["off"]} for name in ("shadow", "eyes", "learned_transport")}
+planned = {name: {"on": flags.get(name) != ["off"]} for name in ("shadow", "eyes")}
 text = json.dumps({**planned, "kind": "head" if head else "body", "content": content.hexdigest()})
 for output in OUTPUTS:
     output = output.replace("{chunk}", flags.get("chunk", [""])[0])
@@ -95,6 +95,7 @@ def made(copy_of_project, tmp_path_factory):
     for stage in OUTPUTS:
         (workflow.folder / f"pipeline/stages/{stage}.py").write_text(stand_in(stage, OUTPUTS[stage]))
     (workflow.folder / "config/subjects/subjectA.yaml").write_text(SUBJECT)
+    workflow.edit("config/config.yaml", "shading: auto", "shading: transfer")  # which reads irradiance maps
     ran = [*(OUTPUTS.keys() - HEADS_ONLY), "track_mesh", "trace_irradiance", "pack_shards"]
     assert sorted(workflow.ran(TARGET)) == sorted(ran)
     assert workflow.planned(TARGET) == {}

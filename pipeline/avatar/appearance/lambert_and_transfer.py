@@ -36,6 +36,10 @@ class LambertAndTransfer(ZonalTransfer):
         color, mono = start_transfer(spec.degrees)
         return torch.zeros_like(color), torch.zeros_like(mono)
 
+    def penalties(self, parameters: TexelParameters) -> dict[str, Tensor]:
+        """Mean squared coefficients, of a weight of their own."""
+        return {"leftover": super().penalties(parameters)["transfer"]}
+
     def shade(
         self, parameters: TexelParameters, surface: Surface, incident: IncidentLight
     ) -> Float[Tensor, "texels 3"]:

@@ -82,7 +82,8 @@ def test_the_kind_of_the_capture_decides_and_bodies_stay_as_they_were():
     assert not resolve_spec(TrainAvatar(avatar="body"), PLANNED, "head").head
     assert TrainAvatar().reads_textures("head") and not TrainAvatar().reads_textures("body")
     learned = PLANNED | {"learned_transport"}
-    assert not TrainAvatar().reads_irradiance(learned, "head") and TrainAvatar().reads_irradiance(learned)
+    papers = TrainAvatar(shading="transfer")
+    assert not papers.reads_irradiance(learned, "head") and papers.reads_irradiance(learned)
     for wrong in ({"shading": "linear"}, {"highlight": "harmonics"}, {"normals": "viewed"}):
         with pytest.raises(InputError, match="which only heads have"):
             resolve_spec(TrainAvatar(**wrong), PLANNED)

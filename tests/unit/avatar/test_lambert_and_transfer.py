@@ -57,8 +57,8 @@ def test_learned_light_passes_what_hides_a_lamp(side):
 
 
 def test_transfer_is_paid_for_from_nothing_on():
-    weights = TrainAvatar(weight_transfer=2.0)
+    weights = TrainAvatar(weight_leftover=2.0)
     avatar, frame = lit("combined", LIGHT[None])
-    assert regularization(avatar, frame, weights)["transfer"] == 0
+    assert regularization(avatar, frame, weights)["leftover"] == 0
     avatar, frame = lit("combined", LIGHT[None], lambda avatar: avatar.transfer_mono.fill_(0.1))
-    torch.testing.assert_close(regularization(avatar, frame, weights)["transfer"], torch.tensor(2 * 0.1**2))
+    torch.testing.assert_close(regularization(avatar, frame, weights)["leftover"], torch.tensor(2 * 0.1**2))

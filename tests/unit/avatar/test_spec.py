@@ -11,8 +11,15 @@ from pipeline.config.train_avatar import TrainAvatar
 EVERYTHING = set(EFFECTS)
 
 
-def test_default_is_the_papers_model_where_a_scene_calls_for_it():
+def test_bodies_get_both_models_and_heads_the_papers_where_transport_is_called_for():
     spec = resolve_spec(TrainAvatar(), EVERYTHING)
+    assert (spec.shading, spec.visibility, spec.indirect) == ("combined", "traced", "bounce")
+    assert spec.specular_model == "ggx" and not spec.shadow_net
+    assert spec.in_words == ("body with Lambert and zonal transfer, GGX, traced shadows, one bounce, explicit eyes")
+
+
+def test_papers_models():
+    spec = resolve_spec(TrainAvatar(shading="transfer"), EVERYTHING)
     assert (spec.shading, spec.visibility, spec.indirect) == ("transfer", "learned", "none")
     assert spec.specular and spec.shadow and spec.deferred and spec.near_field
     head = resolve_spec(TrainAvatar(), EVERYTHING, "head")
@@ -53,7 +60,7 @@ def test_analytic_shading_takes_the_place_of_learned_transport(kind):
 def test_specs_in_words():
     words = resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport"}, "head").in_words
     assert words == "head with Lambert, GGX, traced shadows, one bounce, explicit eyes"
-    words = resolve_spec(TrainAvatar(near_field="off", eyes="off"), EVERYTHING).in_words
+    words = resolve_spec(TrainAvatar(shading="transfer", near_field="off", eyes="off"), EVERYTHING).in_words
     assert words == "body with zonal transfer, angular lobe per pixel, learned shadows, distant lights"
     plain = resolve_spec(TrainAvatar(shading="transfer"), {"articulation", "near_field"})
     assert plain.in_words == "body with zonal transfer"
@@ -66,8 +73,9 @@ def test_traced_shadows_need_transfer_that_turns():
 
 def test_irradiance_is_read_by_shadow_networks_alone():
     learned = {"shadow", "learned_transport"}
-    assert TrainAvatar().reads_irradiance(learned)
-    assert not TrainAvatar().reads_irradiance({"learned_transport"})
+    papers = TrainAvatar(shading="transfer")
+    assert papers.reads_irradiance(learned) and not papers.reads_irradiance({"learned_transport"})
+    assert not TrainAvatar().reads_irradiance(learned)
     assert TrainAvatar(shading="transfer", shadow="on").reads_irradiance(set())
-    assert not TrainAvatar(visibility="traced").reads_irradiance(learned)
+    assert not TrainAvatar(shading="transfer", visibility="traced").reads_irradiance(learned)
     assert not TrainAvatar().reads_irradiance({"shadow"})

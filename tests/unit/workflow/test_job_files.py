@@ -81,13 +81,14 @@ class TestFrames:
 
 class TestPlanned:
     def test_maps_are_traced_where_shadows_are_on(self, project):
-        files = JobFiles(project(variants=OWN_LIGHT), "someone", chunk="0002")
-        learned = ["shadow", "learned_transport"]
-        assert files.traced_irradiance(learned, "body") == ["results/someone/irradiance/0002.parquet"]
-        assert files.traced_irradiance(["learned_transport"], "body") == []
-        assert files.traced_irradiance(["shadow"], "body") == []  # each light is traced in training
-        own = JobFiles(files.project, "someone", "few", "0002").traced_irradiance(learned, "body")
+        papers = {"shading": "transfer"}
+        files = JobFiles(project(variants=OWN_LIGHT, train_avatar=papers), "someone", chunk="0002")
+        assert files.traced_irradiance(["shadow"], "body") == ["results/someone/irradiance/0002.parquet"]
+        assert files.traced_irradiance([], "body") == []
+        own = JobFiles(files.project, "someone", "few", "0002").traced_irradiance(["shadow"], "body")
         assert own == ["results/someone/variants/few/irradiance/0002.parquet"]
+        default = JobFiles(project(), "someone", chunk="0002")
+        assert default.traced_irradiance(["shadow"], "body") == []  # each light is traced in training
 
     def test_textures_are_of_heads(self, project):
         files = JobFiles(project(variants={"full": {"avatar": "head"}}), "someone", chunk="0000")
