@@ -17,6 +17,7 @@ def scores_of(rng, subject: str, effects: dict[str, float], frames: int = 24) ->
     """PSNR of two cameras' images: a hard one is hard for all; variants add effect and noise."""
     images = pd.DataFrame({"camera": ["a", "b"] * frames, "frame": np.repeat(np.arange(frames), 2)})
     images["fully_lit"] = images.frame % 3 == 0
+    images = images.assign(test_camera=False, test_frame=True, test_segment=False, test_pattern=False)
     hard = 27 + 3 * rng.standard_normal(len(images))
     shared = {name: 0.2 * rng.standard_normal(frames)[images.frame] for name in effects}
     tables = [
@@ -47,6 +48,12 @@ def test_planted_differences_are_in_the_table_and_no_others_are_found():
     assert rows_of(table, variant="full").difference.isna().all()
     # The images differ by 3 dB, so the mean is uncertain; of the difference they are no part.
     assert row.mean_error > 3 * row.difference_error
+
+
+def test_validation_images_do_not_count():
+    scores = scores_of(np.random.default_rng(2), "ann", {"full": 0.0, "matte": -0.5})
+    chosen_on = scores[scores.frame < 6].assign(frame=lambda t: t.frame + 100, test_frame=False, psnr_db=99.0)
+    pd.testing.assert_frame_equal(compare(pd.concat([scores, chosen_on]), "full"), compare(scores, "full"))
 
 
 def test_mean_over_subjects_counts_each_the_same():
