@@ -51,7 +51,7 @@ def read_scene(results: Path, capture: Path, variant: str, zoom: float) -> Scene
         InputError: if the avatar has no explicit eyes.
     """
     loaded = load_avatar(results / "avatars" / variant, results / "atlas.safetensors")
-    if not (loaded.avatar.spec.eyes and loaded.avatar.spec.lobe):
+    if not (loaded.avatar.spec.eyes and (loaded.avatar.spec.lobe or loaded.avatar.spec.specular_model == "ggx")):
         raise InputError(f"{results}/avatars/{variant}: expected eyes that mirror, found none; see --variant")
     lights = read_table(results / "calibration/lights.parquet").set_index("light")[["x", "y", "z"]]
     sizes = pd.read_csv(capture / "cameras.csv").iloc[0]

@@ -86,11 +86,12 @@ def direction(yaw: float, pitch: float) -> np.ndarray:
 @contextmanager
 def without_mirrors(avatar: Avatar) -> Iterator[None]:
     """The avatar with eyes that mirror nothing."""
-    kept = avatar.visibility.detach().clone()
+    strength = avatar.visibility if avatar.spec.lobe else avatar.log_gloss
+    kept = strength.detach().clone()
     with torch.no_grad():
-        avatar.visibility[avatar.eyes.chosen] = -torch.inf
+        strength[avatar.eyes.chosen] = -torch.inf
         yield
-        avatar.visibility.copy_(kept)
+        strength.copy_(kept)
 
 
 def measure_glints(
