@@ -1,13 +1,15 @@
-"""Settings of avatars that differ from the full one in what one row of the tests is about."""
+"""Settings of avatars that differ from that of RFGCA in what one row of the tests is about."""
 
+PAPER = {"shading": "transfer", "deferred": "on"}
 VARIANTS = {
-    "pbr": {"shading": "microfacet", "visibility": "traced", "indirect": "bounce"},
-    "traced": {"visibility": "traced", "indirect": "bounce"},
-    "ambient": {"indirect": "ambient"},
-    "sh": {"shading": "harmonics"},
-    "no_shadow": {"shadow": False},
-    "mesh_normals": {"normals": "mesh"},
-    "no_deferred": {"deferred": False},
-    "degree_1": {"transfer_degree": 1},
-    "sh_degree_2": {"shading": "harmonics", "transfer_degree": 2},
+    "pbr": {"shading": "microfacet"},
+    "combined": {"shading": "combined"},
+    "traced": {**PAPER, "visibility": "traced", "indirect": "bounce"},
+    "ambient": {**PAPER, "indirect": "ambient"},
+    "sh": {**PAPER, "shading": "harmonics"},
+    "no_shadow": {**PAPER, "shadow": False},
+    "mesh_normals": {**PAPER, "normals": "mesh"},
+    "no_deferred": {**PAPER, "deferred": False},
+    "degree_1": {**PAPER, "transfer_degree": 1},
+    "sh_degree_2": {**PAPER, "shading": "harmonics", "transfer_degree": 2},
 }

@@ -20,7 +20,7 @@ from pipeline.avatar.training.training_images import Schedule
 from pipeline.base.files import read_arrays
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet
-from tests.support.avatars.variants import VARIANTS
+from tests.support.avatars.variants import PAPER, VARIANTS
 
 ALBEDO = np.array([0.7, 0.4, 0.2])
 PLANNED = {"shadow", "near_field", "articulation", "specular", "deferred", "learned_transport"}
@@ -88,7 +88,7 @@ def test_only_what_a_variant_needs_is_built(scene):
     atlas = scene[0]
 
     def names(**choices):
-        spec = resolve_spec(TrainAvatar(**choices), PLANNED)
+        spec = resolve_spec(TrainAvatar(**PAPER | choices), PLANNED)
         return {name.split(".")[0] for name, _ in Avatar(atlas, texel_spacing(atlas), spec).named_parameters()}
 
     full = names()
@@ -98,6 +98,7 @@ def test_only_what_a_variant_needs_is_built(scene):
     assert full - names(shadow=False) == {"shadow_net"}
     assert full - names(normals="mesh") == {"normal_offset"}
     assert names(indirect="ambient") - full == {"ambient"}
+    assert names(shading="combined") - names(**VARIANTS["pbr"]) == {"transfer_color", "transfer_mono"}
 
 
 def test_traced_shadows_and_gloss_are_linear_in_the_light(scene):
