@@ -11,9 +11,11 @@ and of colours that are still being learned. The mesh occludes from both sides, 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import torch
-from jaxtyping import Float, Float64, Int, Int32
+from jaxtyping import Float, Float32, Float64, Int, Int32
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
@@ -38,6 +40,14 @@ def cosine_directions(count: int, points: int) -> Float64[np.ndarray, "points co
     return np.stack([across * np.cos(turn), across * np.sin(turn), np.sqrt(1 - across**2)], -1)
 
 
+@lru_cache(maxsize=1)
+def spread_directions(count: int, points: int) -> Float32[np.ndarray, "points count 3"]:
+    """`cosine_directions` in single precision, as Embree takes rays; kept, for all frames have the same. Read-only."""
+    directions = cosine_directions(count, points).astype(np.float32)
+    directions.flags.writeable = False
+    return directions
+
+
 def trace_bounces(
     atlas: Atlas,
     occluders: Occluders,
@@ -57,13 +67,13 @@ def trace_bounces(
         face_normals: outward unit normals of all faces.
     """
     texels = len(points)
-    directions = (frames[:, None] @ cosine_directions(count, texels)[..., None])[..., 0].reshape(-1, 3)
-    above = np.repeat(face_normals[atlas.face], count, 0)
+    directions = (spread_directions(count, texels) @ frames.astype(np.float32).swapaxes(1, 2)).reshape(-1, 3)
+    above = np.repeat(face_normals[atlas.face].astype(np.float32), count, 0)
     hit = np.full(len(directions), texels, np.int32)
     face, barycentric = occluders.first_faces(np.repeat(points, count, 0), above, directions)
     rows = np.flatnonzero(face >= 0)
     face, barycentric = face[rows], barycentric[rows]
-    outside = (face_normals[face] * directions[rows]).sum(-1) < 0
+    outside = np.einsum("nd,nd->n", face_normals[face], directions[rows]) < 0
     uv = (atlas.uv[face] * barycentric[..., None]).sum(1)
     column, row = np.clip((uv * atlas.size).astype(np.int64), 0, atlas.size - 1).T
     hit[rows[outside]] = nearest_texels(atlas)[row, column][outside]

@@ -190,7 +190,7 @@ class Occluders:
         Also -1 for directions below the horizon of the point's face.
         """
         face, at = np.full(len(points), -1, np.int32), np.zeros((len(points), 3), np.float32)
-        rows = np.flatnonzero((directions * face_normals).sum(1) > 0)
+        rows = np.flatnonzero(np.einsum("nd,nd->n", directions, face_normals) > 0)
         origins = self.scaled(points[rows]) + ORIGIN_OFFSET * face_normals[rows]
         if len(rows):
             ways = directions[rows].astype(np.float32)
