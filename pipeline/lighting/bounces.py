@@ -42,7 +42,10 @@ def cosine_directions(count: int, points: int) -> Float64[np.ndarray, "points co
 
 @lru_cache(maxsize=1)
 def spread_directions(count: int, points: int) -> Float32[np.ndarray, "points count 3"]:
-    """`cosine_directions` in single precision, as Embree takes rays; kept, for all frames have the same. Read-only."""
+    """`cosine_directions` in single precision, as Embree takes rays.
+
+    Kept, for all frames have the same; read-only.
+    """
     directions = cosine_directions(count, points).astype(np.float32)
     directions.flags.writeable = False
     return directions
