@@ -37,7 +37,7 @@ def choose_images(
     """
     synced = synced.set_index("frame")
     known = images[images.frame.isin(synced.index) & images.frame.isin(usable)]
-    held_out = known.test_camera | known.validation_camera.fillna(False).astype(bool)
+    held_out = known.test_camera | known.validation_camera
     train = known[~held_out & (known.frame.map(synced.split) == "train")]
     lit = train.frame.map(synced.fully_lit).astype(bool)
     frames = [*spread(train.frame[lit], fully_lit), *spread(train.frame[~lit], partially_lit)]

@@ -94,7 +94,7 @@ def run(
     # The index knows the frames that the capture lists; book_patterns, all others that show the same pattern.
     images["test_pattern"] = images.frame.map(booked.test_pattern).astype(bool)
     test = images[list(TEST_FLAGS)].any(axis=1)
-    chosen = images.validation_camera.fillna(False).astype(bool) | images.frame.map(booked.validation).astype(bool)
+    chosen = images.validation_camera | images.frame.map(booked.validation).astype(bool)
     images[VALIDATION] = chosen & ~test
     tracked = read_arrays(tracking)
     inputs = Inputs(

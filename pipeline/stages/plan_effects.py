@@ -112,7 +112,7 @@ def run(
     effects = {
         name: {
             **decide(getattr(settings, name), evidence[name], getattr(settings, THRESHOLDS.get(name, ""), 0.0)),
-            "cost": effect_cost(name, texels.texel_count, len(tracking)),
+            "cost": effect_cost(name, texels.texel_count),
         }
         for name in EFFECTS
     }

@@ -22,7 +22,7 @@ import torch
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
-from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec
+from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec, unread_settings
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
@@ -106,6 +106,8 @@ def run(
             learn_expressions(avatar, [inputs[number] for number in sorted(set(images.table.frame.iloc[chosen]))])
         work = f"{len(chosen)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
         log.info("%s: %s", spec.in_words, reason_of(settings, effects))
+        if unread := unread_settings(settings, spec):
+            log.warning("set, but read by nothing that is built: %s", ", ".join(unread))
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
         training = Training(avatar, settings, processes, subject)
         done = train(subject, training, images, chosen, inputs, out, fingerprint)

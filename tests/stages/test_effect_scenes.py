@@ -89,11 +89,11 @@ def test_what_is_off_is_no_job_and_what_it_costs_is_what_it_adds(scene):
     atlas = read_atlas(folder / "atlas.safetensors")
 
     def count(on):
-        avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(TrainAvatar(shading="transfer"), on))
+        avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(AUTO, on))
         return sum(parameter.numel() for parameter in avatar.parameters())
 
     everything = set(EFFECTS) - {"eyes"}  # the scenes have none
-    for effect in ("shadow", "near_field", "articulation", "specular", "deferred"):
+    for effect in everything:
         added = count(everything) - count(everything - {effect})
         assert effects[effect]["cost"]["parameters"] == added, effect
 

@@ -194,8 +194,9 @@ class TestValid:
 
     def test_validation_images_are_marked_or_left_open(self, known: Path, tmp_path: Path) -> None:
         run(capture=known, out=tmp_path / "without")
-        flags = ["validation_camera", "validation_frame", "validation_pattern"]
-        assert pd.read_parquet(tmp_path / "without/images.parquet")[flags].isna().all(axis=None)
+        without = pd.read_parquet(tmp_path / "without/images.parquet")
+        assert without[["validation_frame", "validation_pattern"]].isna().all(axis=None)
+        assert not without["validation_camera"].any()
         capture = shutil.copytree(known, tmp_path / "capture")
         edit_manifest(capture, lambda m: m["splits"].update(validation_frames=[1], validation_patterns=[]))
         run(capture=capture, out=tmp_path / "out")

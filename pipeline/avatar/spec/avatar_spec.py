@@ -178,16 +178,18 @@ class AvatarSpec:
     def in_words(self) -> str:
         """Sentence that says what light is simulated, for tables."""
         where = (" per pixel" if self.deferred else " per Gaussian") if self.lobe else ""
-        gloss, indirect = GLOSS_WORDS.get(self.specular_model), INDIRECT_WORDS.get(self.indirect)
-        parts = {
-            DIFFUSE_WORDS[self.shading]: True,
-            f"{gloss}{where}": gloss,
-            f"{self.shadow_model} shadows": self.shadow,
-            indirect: indirect,
-            "distant lights": not self.near_field,
-            "explicit eyes": self.eyes,
-        }
-        return f"{self.avatar} with {', '.join(part for part, there in parts.items() if there)}"
+        parts = [DIFFUSE_WORDS[self.shading]]
+        if self.specular_model in GLOSS_WORDS:
+            parts.append(GLOSS_WORDS[self.specular_model] + where)
+        if self.shadow:
+            parts.append(f"{self.shadow_model} shadows")
+        if self.indirect in INDIRECT_WORDS:
+            parts.append(INDIRECT_WORDS[self.indirect])
+        if not self.near_field:
+            parts.append("distant lights")
+        if self.eyes:
+            parts.append("explicit eyes")
+        return f"{self.avatar} with {', '.join(parts)}"
 
     def as_json(self) -> dict:
         """The fields by name, for config.json."""

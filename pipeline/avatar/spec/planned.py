@@ -53,6 +53,35 @@ def reason_of(settings: TrainAvatar, effects: Path) -> str:
     return str(read_json(effects)["learned_transport"].get("why", ""))
 
 
+def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
+    """Settings that say something of their own, but that no part of what is built reads."""
+    transfer = spec.shading != "microfacet"
+    readers = {
+        "transfer_start": spec.shading in ("harmonics", "linear"),
+        "transfer_degree": transfer,
+        "learning_rate_transfer": transfer,
+        "weight_transfer": transfer and spec.shading != "combined",
+        "weight_leftover": spec.shading == "combined",
+        "weight_gloss": spec.specular_model == "ggx",
+        "highlight": spec.lobe or spec.viewed_harmonics,
+        "deferred": spec.lobe,
+        "depth": spec.pixel_depth is not None,
+        "normals": spec.lobe or (spec.analytic and spec.normals != "viewed"),
+        "visibility": spec.shadow,
+        "shadow_width": spec.shadow_net,
+        "articulation": transfer or spec.pose_decoder,
+        "parameters": spec.pose_decoder or spec.view_decoder,
+        "face": spec.pose_decoder,
+        "weight_normal_orient": spec.pixel_depth is not None,
+    }
+    readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels"), spec.decoded)
+    readers |= dict.fromkeys(("anchors", "weight_geometry", "weight_kl"), spec.head)
+    readers |= dict.fromkeys(("weight_normal", "normal_steps"), spec.normal_model != "mesh")
+    readers |= dict.fromkeys(("weight_eye_scale", "weight_eye_opacity", "weight_eye_visibility"), spec.eyes)
+    own = {name for name, value in TrainAvatar() if getattr(settings, name) != value}
+    return sorted(name for name in own if not readers.get(name, True))
+
+
 def require_parts(decided: TrainAvatar) -> None:
     """Refuse what a body does not have, by the InputError of `resolve_spec`."""
     asked = {

@@ -168,15 +168,13 @@ def _images_table(images: pd.DataFrame, digests: dict[str, str], frames: pd.Data
 
 
 def _validation_columns(images: pd.DataFrame, splits: Splits) -> dict[str, pd.Series]:
-    """Flags of validation images, null where the capture does not say: `book_patterns` chooses some then."""
+    """Flags of validation images. Those of frames are null where the capture names none: `book_patterns` chooses."""
+    frames = (splits.validation_frames, splits.validation_patterns)
+    by_frame = [images["frame"].isin(listed or []).astype("boolean") for listed in frames]
     if not splits.names_validation:
-        return {name: pd.Series(pd.NA, images.index, "boolean") for name in VALIDATION_FLAGS}
-    chosen = (
-        images["camera"].isin(splits.validation_cameras or []),
-        images["frame"].isin(splits.validation_frames or []),
-        images["frame"].isin(splits.validation_patterns or []),
-    )
-    return {name: flags.astype("boolean") for name, flags in zip(VALIDATION_FLAGS, chosen, strict=True)}
+        by_frame = [pd.Series(pd.NA, images.index, "boolean")] * len(frames)
+    flags = (images["camera"].isin(splits.validation_cameras or []), *by_frame)
+    return dict(zip(VALIDATION_FLAGS, flags, strict=True))
 
 
 def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[str, Any]:

@@ -108,9 +108,8 @@ class Calibration(Section):
 class Splits(Section):
     """Images held out for testing and for validation; everything else trains.
 
-    Validation images are those that choices are made on. Lists may be empty, and all but the first three may be left
-    out. What is listed for both is for testing. Where no `validation_` list is given, some of the training frames are
-    held out, see `book_patterns`.
+    Lists may be empty, and all but the first three may be left out. Where no `validation_` list is given, some of the
+    training frames are held out, see `book_patterns`. What is listed for both is for testing.
 
     A pattern, the lit lights with their intensities, is named by the number of any frame that shows it. Holding it out
     holds out every frame that shows it.

@@ -7,6 +7,7 @@ A test keeps the page in step with the models.
 
 from __future__ import annotations
 
+import inspect
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -66,7 +67,7 @@ def _section(path: str, model: type[BaseModel]) -> list[str]:
         for one in inner:
             label = f"{key} (method {_method(one)})" if len(inner) > 1 else key
             below += _section(label, one)
-    about = f"\n{(model.__doc__ or '').strip().splitlines()[0]}\n" if path else ""
+    about = f"\n{inspect.cleandoc(model.__doc__ or '')}\n" if path else ""
     return [f"\n## {title}\n{about}\n| key | type | meaning |\n|---|---|---|\n", *rows, *below]
 
 

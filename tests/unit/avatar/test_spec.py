@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.spec.planned import resolve_spec, unread_settings
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 
@@ -79,3 +79,22 @@ def test_irradiance_is_read_by_shadow_networks_alone():
     assert TrainAvatar(shading="transfer", shadow="on").reads_irradiance(set())
     assert not TrainAvatar(shading="transfer", visibility="traced").reads_irradiance(learned)
     assert not TrainAvatar().reads_irradiance({"shadow"})
+
+
+@pytest.mark.parametrize(
+    ("settings", "planned", "unread"),
+    [
+        (TrainAvatar(depth="median", transfer_degree=3, weight_gloss=1.0), {"specular"}, ["depth", "transfer_degree"]),
+        (TrainAvatar(shading="transfer", depth="median", transfer_degree=3), EVERYTHING, []),
+        (TrainAvatar(shading="transfer", weight_gloss=1.0), EVERYTHING, ["weight_gloss"]),
+        (TrainAvatar(weight_transfer=1.0, weight_leftover=1.0), EVERYTHING, ["weight_transfer"]),
+        (TrainAvatar(eyes="off", weight_eye_scale=1.0, weight_kl=1.0), EVERYTHING, ["weight_eye_scale", "weight_kl"]),
+    ],
+)
+def test_settings_that_nothing_reads_are_named(settings, planned, unread):
+    assert unread_settings(settings, resolve_spec(settings, planned)) == unread
+
+
+def test_default_settings_are_never_named_unread():
+    for kind in ("body", "head"):
+        assert unread_settings(TrainAvatar(), resolve_spec(TrainAvatar(), set(), kind)) == []
