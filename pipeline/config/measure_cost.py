@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from pipeline.config.settings import Settings
 
@@ -29,12 +27,3 @@ class MeasureCost(Settings):
     relative_tolerance: float = Field(
         0.1, ge=0, description="error above a dial's smallest one, over it, up to which a setting is good enough"
     )
-
-
-def changed_settings(subject: BaseModel) -> str:
-    """JSON of a subject's settings of `COSTED_STAGES` that differ from the defaults.
-
-    It is {stage: {setting: value}}.
-    """
-    changed = {stage: getattr(subject, stage).model_dump(mode="json", exclude_defaults=True) for stage in COSTED_STAGES}
-    return json.dumps(changed, sort_keys=True)

@@ -12,6 +12,7 @@ from pydantic import Field, StringConstraints
 
 from pipeline.config.bake_textures import BakeTextures
 from pipeline.config.book_patterns import BookPatterns
+from pipeline.config.budget_errors import BudgetErrors
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.config.calibrate_lights import CalibrateLights
@@ -81,6 +82,7 @@ class SubjectSettings(Settings):
     relight_avatar: RelightAvatar = RelightAvatar()
     check_budget: CheckBudget = CheckBudget()
     measure_cost: MeasureCost = MeasureCost()
+    budget_errors: BudgetErrors = BudgetErrors()
     write_report: WriteReport = WriteReport()
 
 

@@ -37,6 +37,7 @@ FILES = {
     "avatar": "avatars/{variant}",
     "scores": ".",
     "budget": "budget.csv",
+    "error_budget": "error_budget",
     "page": "report/index.html",
 }
 """Files and folders below results/SUBJECT, by name."""
@@ -49,7 +50,7 @@ ARGUMENTS = {
     "calibrate_lights": "capture index rig out=calibration",
     "review_calibration": "capture index calibration out=calibration",
     "book_patterns": "capture index lights cameras out=results",
-    "unwrap_atlas": "capture index out=results",
+    "unwrap_atlas": "capture index cameras out=results",
     "track_mesh": "capture index cameras lights patterns chunk chunk_size out=trackings",
     "review_tracking": "capture index calibration patterns tracking out=tracking_review",
     "plan_effects": "capture index atlas tracking patterns booked=frames lights cameras color out=effects",
@@ -63,13 +64,14 @@ ARGUMENTS = {
     "relight_avatar": "atlas avatar tracking textures index cameras environment lights=light_list out=relit",
     "check_budget": "results capture estimate chunk_size out=budget",
     "measure_cost": "results capture out=results chunk_size variant stage_settings",
+    "budget_errors": "results capture out=error_budget chunk_size variant stage_settings",
     "write_report": "results project_results subject_settings out=page",
     "compare_subjects": "scores=score_tables out=project_results",
 }
 """Stage -> its flags; `flag=name` where the file is called otherwise."""
 
 THREADED = ("calibrate_cameras", "calibrate_color", "calibrate_lights", "review_calibration", "review_tracking",
-            "trace_irradiance", "measure_cost")  # fmt: skip
+            "trace_irradiance", "measure_cost", "budget_errors")  # fmt: skip
 """Stages with a flag --threads."""
 
 

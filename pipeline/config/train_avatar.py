@@ -156,7 +156,7 @@ class TrainAvatar(Settings):
     weight_kl: float = Field(
         2e-4, ge=0, description="Heads: weight of the latent code's divergence from a standard normal (lambda_kl)"
     )
-    weight_mask: float = Field(0.1, ge=0, description="Weight of the L1 between alpha and mask (lambda_mask)")
+    weight_mask: float = Field(0.01, ge=0, description="Weight of the L1 between alpha and mask (lambda_mask)")
     weight_offset: float = Field(0.05, ge=0, description="Weight of the squared offset, in texel sizes (lambda_offset)")
     weight_scale: float = Field(0.01, ge=0, description="Weight of the bounds on scales and roughness (lambda_bound)")
     weight_normal: float = Field(0.05, ge=0, description="Weight of the squared normal offset (lambda_normal)")

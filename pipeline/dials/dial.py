@@ -60,6 +60,18 @@ class Subject:
         """True if the workflow made what only avatars of heads, or of eyes, read."""
         return (self.results / {"head": "textures", "eyes": "eyes.json"}[part]).exists()
 
+    def command_line(self, stage: str, change: Mapping[str, Any], files: Mapping[str, Value]) -> list[str]:
+        """Command line of a stage, with the subject's settings but for `change`.
+
+        Args:
+            files: those that are elsewhere than in the subject's results.
+        """
+        settings = SECTIONS[stage](**{**self.sections.get(stage, {}), **change})
+        lacking = {name: () for part, name in (("head", "textures"), ("eyes", "eyes")) if not self.has(part)}
+        words = stage_arguments(stage, {**self.named(), **files, **lacking})
+        threads = ["--threads", str(self.threads)] if stage in THREADED else []
+        return [sys.executable, "-m", f"pipeline.stages.{stage}", *words, *threads, *flags(settings)]
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -128,13 +140,9 @@ class CostedStage:
         }
 
     def _command_line(self, stage: str, subject: Subject, out: Path, change: Mapping[str, Any]) -> list[str]:
-        settings = SECTIONS[stage](**{**subject.sections.get(stage, {}), **change})
         places = {"out": out, "made": subject.made}
         own = {name: path.format(**places) if path else () for name, path in self.files.items()}
-        lacking = {name: () for part, name in (("head", "textures"), ("eyes", "eyes")) if not subject.has(part)}
-        words = stage_arguments(stage, {**subject.named(), **own, **lacking})
-        threads = ["--threads", str(subject.threads)] if stage in THREADED else []
-        return [sys.executable, "-m", f"pipeline.stages.{stage}", *words, *threads, *flags(settings)]
+        return subject.command_line(stage, change, own)
 
     def imports(self) -> list[list[str]]:
         """Command lines that do nothing but import the stages whose time counts."""

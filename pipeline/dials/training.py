@@ -10,9 +10,9 @@ from typing import get_args
 
 from pipeline.base.files import read_json, read_table
 from pipeline.config.train_avatar import DepthSource
-from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.dials.dial import CostedStage, Dial, Subject
 from pipeline.dials.trained import AFTER_TRACING, MADE, STEPS, one_chunk, picture_milliseconds, psnr_lost
+from pipeline.geometry.texels import read_atlas
 
 OUTPUTS = {
     "metrics": ("metrics.csv", None), "costs": ("ablations.csv", None), "trained": ("avatars/full/config.json", None)
@@ -59,7 +59,8 @@ ATLAS = CostedStage(
 
 def _atlas_sizes(subject: Subject) -> list[int]:
     """Texels a side: from half to one and a half times what the subject has, in multiples of 8."""
-    size = subject.sections.get("unwrap_atlas", {}).get("size", UnwrapAtlas().size)
+    given = subject.sections.get("unwrap_atlas", {}).get("size")
+    size = given or read_atlas(subject.results / "atlas.safetensors").size
     return sorted({max(8, 8 * round(share * size / 8)) for share in (0.5, 0.75, 1.0, 1.5)})
 
 

@@ -1,4 +1,4 @@
-"""Costs: accuracy against time, the hard cases, and each stage's time and memory."""
+"""Costs: accuracy against time, what each input costs, the hard cases, and each stage's time and memory."""
 
 from __future__ import annotations
 
@@ -40,6 +40,20 @@ def _dials(table: pd.DataFrame, name: str) -> Html:
     ]  # fmt: skip
     head = ["dial", "setting", "metric", "error", "allowed", "seconds", "peak [MB]", "work"]
     return html_table(f"{name} settings", head, rows, "sstnnnns")
+
+
+def error_budget(results: Results) -> Part:
+    """Decibels that each input costs, of captures whose truth is known."""
+    title, files = "What each input costs", ["error_budget/error_budget.csv", "error_budget/error_budget.png"]
+    if missing_files(results.folder, files):
+        what = "decibels that each input costs, for a capture whose truth is known"
+        return Part(title, "", what, results.make("error_budget"))
+    table = results.csv(files[0])
+    picture = results.pictures.figure(results.folder / files[1], "PSNR with true inputs, and with ours in their place")
+    scores = ["validation_db", "test_all_db", "test_full_db", "test_partial_db"]
+    rows = [[row["step"], *(number(row[name]) for name in scores)] for row in table.to_dict("records")]
+    head = ["step", "validation [dB]", "test [dB]", "fully lit [dB]", "partially lit [dB]"]
+    return Part(title, picture + html_table("error budget", head, rows, "snnnn"))
 
 
 HARD_CASE_COLUMNS = (

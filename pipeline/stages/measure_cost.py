@@ -11,19 +11,14 @@ settings once, then all again; what several dials ask for runs once for all of t
 
 from __future__ import annotations
 
-import json
 import logging
 import tempfile
 from pathlib import Path
-from typing import Any
-
-from pydantic import ValidationError
 
 from pipeline.base.command import run_as_command
-from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import write_table
 from pipeline.config.measure_cost import MeasureCost
-from pipeline.config.project import SECTIONS
+from pipeline.config.stage_settings import read_stage_settings
 from pipeline.dials.catalogue import DIALS
 from pipeline.dials.dial import Subject, possible_dials
 from pipeline.dials.jobs import judge, measure, merged, prepare
@@ -74,32 +69,6 @@ def run(
     from pipeline.figures.cost_plot import draw_costs  # Matplotlib, once there is something to draw.
 
     draw_costs(out / "accuracy_cost.png", table, settings.repeats)
-
-
-def read_stage_settings(text: str) -> dict[str, dict[str, Any]]:
-    """Stage -> settings that differ from its defaults.
-
-    Raises:
-        InputError: naming every stage and key that is not as the stage's settings want it.
-    """
-    complaints = Complaints("--stage-settings")
-    try:
-        given = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"--stage-settings: expected JSON, found: {error}") from error
-    if not isinstance(given, dict):
-        raise InputError(f"--stage-settings: expected {{stage: {{setting: value}}}}, found {text}")
-    for stage, values in given.items():
-        try:
-            SECTIONS[stage].model_validate(values)
-        except KeyError:
-            complaints.add("--stage-settings", stage, expected=f"one of {', '.join(SECTIONS)}", found="no such stage")
-        except ValidationError as error:
-            for problem in error.errors(include_url=False):
-                key = ".".join(map(str, (stage, *problem["loc"])))
-                complaints.add("--stage-settings", key, expected=problem["msg"], found=repr(problem["input"]))
-    complaints.raise_if_any()
-    return given
 
 
 def main() -> None:

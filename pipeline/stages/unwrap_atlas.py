@@ -24,18 +24,23 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, written_whole
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.geometry.atlas import chart_ids, rasterize_faces, reasons_against, tangent_weights, unwrap_faces, uv_areas
+from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh import area_vectors, is_closed, signed_volume, weld_vertices
 from pipeline.geometry.skin import Template, read_template
 from pipeline.geometry.texels import Atlas, write_atlas
+from pipeline.metrics.output_errors import pixel_size_m
 
 log = logging.getLogger("unwrap_atlas")
+
+USED_BY_NEW_CHARTS = 0.45
+"""Share of a map that new charts cover: 0.41 to 0.5 on bodies and heads."""
 
 PICTURE_PIXELS = 1024
 """Least side of the chart picture: thin triangles stay visible."""
 
 
 def run(
-    *, capture: Path, index: Path, out: Path, settings: UnwrapAtlas = UnwrapAtlas(),
+    *, capture: Path, index: Path, out: Path, cameras: Path | None = None, settings: UnwrapAtlas = UnwrapAtlas(),
 ) -> None:  # fmt: skip
     """Lay the template's surface out on a square map and tabulate its texels.
 
@@ -43,17 +48,36 @@ def run(
         capture: the capture's folder; template paths are relative to it.
         index: folder written by index_capture.
         out: results folder of the subject; gets atlas.safetensors, atlas.png and template.glb.
+        cameras: cameras.json at sensor resolution: the map's size follows what a pixel covers, if it is not given.
         settings: numbers and modes.
     """
-    described = read_json(index / "capture.json")["template"]
+    content = read_json(index / "capture.json")
+    described = content["template"]
     path = capture / described["mesh"]
     template = read_template(path, described["scale_to_m"])
+    if settings.size is None:
+        if cameras is None:
+            raise InputError("unwrap_atlas.size: expected a number, as --cameras is not given, found none")
+        pixel_m = pixel_size_m(read_cameras(cameras)) * float(content["images"]["downsample_from_sensor"])
+        size = fitting_size(template, settings.texel_pixels * pixel_m, settings.most)
+        log.info("%.2f mm per pixel at the subject: %d texels per side", 1e3 * pixel_m, size)
+        settings = settings.model_copy(update={"size": size})
     atlas = build_atlas(template, settings, path)
     measures = measure_atlas(atlas)
     log.info("%s", measures)
     write_atlas(out / "atlas.safetensors", atlas)
     _draw(out / "atlas.png", atlas, measures)
     _write_mesh(out / "template.glb", atlas)
+
+
+def fitting_size(template: Template, texel_m: float, most: int) -> int:
+    """Texels per side of a map whose texels are about so large on the surface, in multiples of 8."""
+    area_m2 = np.linalg.norm(area_vectors(template.vertices_rest, template.faces), axis=1).sum()
+    if template.uv is not None and not reasons_against(template.vertices_rest, template.faces, template.uv, most):
+        used = float(np.abs(uv_areas(np.clip(template.uv, 0, 1)[template.faces])).sum())
+    else:
+        used = USED_BY_NEW_CHARTS
+    return int(np.clip(8 * round(float(np.sqrt(area_m2 / used)) / texel_m / 8), 64, most))
 
 
 def build_atlas(template: Template, settings: UnwrapAtlas, path: Path) -> Atlas:

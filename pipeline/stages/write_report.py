@@ -27,7 +27,7 @@ log = logging.getLogger("write_report")
 PARTS: list[Callable[[Results], Part]] = [
     scores.headline, scores.pictures, recording.relit, scores.ablations, recording.effects, project.effects_comparison,
     recording.calibration, recording.patterns, recording.tracking, recording.atlas, costs.accuracy_cost,
-    project.cost_scaling, costs.hard_cases, costs.stages, provenance,
+    costs.error_budget, project.cost_scaling, costs.hard_cases, costs.stages, provenance,
 ]  # fmt: skip
 """In the order of the page: the result first, then what it rests on."""
 

@@ -16,11 +16,12 @@ import pytest
 import pipeline.stages.measure_cost
 import pipeline.stages.trace_irradiance
 from pipeline.base.errors import InputError
-from pipeline.config.measure_cost import MeasureCost, changed_settings
+from pipeline.config.measure_cost import COSTED_STAGES, MeasureCost
 from pipeline.config.project import SubjectSettings
+from pipeline.config.stage_settings import changed_settings, read_stage_settings
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject
-from pipeline.stages.measure_cost import read_stage_settings, run
+from pipeline.stages.measure_cost import run
 from tests.support.captures.posed import write_posed_capture
 
 PROGRAM = """
@@ -141,9 +142,8 @@ def test_stage_settings_that_make_no_sense(text, complaint) -> None:
 
 def test_workflow_hands_over_what_a_subject_changes() -> None:
     subject = SubjectSettings(track_mesh={"outline_rounds": 2}, train_avatar={"steps": 7}, unwrap_atlas={"size": 64})
-    changed = {
-        stage: settings for stage, settings in read_stage_settings(changed_settings(subject)).items() if settings
-    }
+    read = read_stage_settings(changed_settings(subject, COSTED_STAGES))
+    changed = {stage: settings for stage, settings in read.items() if settings}
     assert changed == {"track_mesh": {"outline_rounds": 2}, "train_avatar": {"steps": 7}, "unwrap_atlas": {"size": 64}}
 
 

@@ -12,6 +12,7 @@ import trimesh
 
 from pipeline.base.errors import InputError
 from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.skin import read_template
 from pipeline.geometry.texels import read_atlas, texel_frames
 from pipeline.stages.unwrap_atlas import measure_atlas, run
@@ -37,7 +38,9 @@ def box_capture(folder: Path, uv: str | None, *, inwards: bool = False) -> tuple
     mesh = trimesh.Trimesh(np.array(sides), triangles, visual=visual, process=False)
     (folder / "index").mkdir()
     (folder / "box.glb").write_bytes(mesh.export(file_type="glb"))
-    (folder / "index/capture.json").write_text(json.dumps({"template": {"mesh": "box.glb", "scale_to_m": 0.5}}))
+    (folder / "index/capture.json").write_text(
+        json.dumps({"template": {"mesh": "box.glb", "scale_to_m": 0.5}, "images": {"downsample_from_sensor": 2}})
+    )
     return folder, folder / "index"
 
 
@@ -95,4 +98,22 @@ def test_the_written_mesh_and_picture_show_the_map(tmp_path: Path) -> None:
 def test_faces_that_look_inwards_are_refused(tmp_path: Path) -> None:
     capture, index = box_capture(tmp_path, "six", inwards=True)
     with pytest.raises(InputError, match="look outwards"):
-        run(capture=capture, index=index, out=tmp_path / "out")
+        run(capture=capture, index=index, out=tmp_path / "out", settings=UnwrapAtlas(size=256))
+
+
+@pytest.mark.parametrize(("uv", "within"), [("six", 0.05), (None, 0.3)])
+def test_size_follows_what_a_pixel_covers(tmp_path: Path, uv: str | None, within: float) -> None:
+    """Three cameras 4 m away: a pixel of their images, two of the sensor's, covers 2 * 4 m / 400 = 2 cm."""
+    capture, index = box_capture(tmp_path, uv)
+    turns = [np.eye(3), np.roll(np.eye(3), 1, 0), np.roll(np.eye(3), 2, 0)]
+    K = np.array([[400.0, 0, 200], [0, 400, 200], [0, 0, 1]])
+    cameras = {str(n): Camera(R, np.array([0, 0, 4.0]), K, np.zeros(5), 400, 400) for n, R in enumerate(turns)}
+    write_cameras(tmp_path / "cameras.json", cameras)
+    given = {"capture": capture, "index": index, "cameras": tmp_path / "cameras.json"}
+    run(**given, out=tmp_path / "out", settings=UnwrapAtlas(texel_pixels=0.5))
+    atlas = read_atlas(tmp_path / "out/atlas.safetensors")
+    assert measure_atlas(atlas).mean_texel_mm == pytest.approx(10, rel=within)
+    run(**given, out=tmp_path / "most", settings=UnwrapAtlas(texel_pixels=0.01, most=96))
+    assert read_atlas(tmp_path / "most/atlas.safetensors").size == 96
+    with pytest.raises(InputError, match=r"unwrap_atlas.size: expected a number, as --cameras is not given"):
+        run(capture=capture, index=index, out=tmp_path / "none")

@@ -22,8 +22,8 @@ from tests.support.results.reported_results import OF_THE_PROJECT, OPTIONAL, plo
 EFFECTS_TITLE = "Effects, planned against all on"
 TITLES = (
     "Scores", "Captured and rendered", "In other light", "Ablations", "Effects", EFFECTS_TITLE, "Calibration",
-    "Light patterns and sync", "Tracking", "Atlas", "Accuracy against time", "Scaling of cost", "Hard cases",
-    "Time and memory", "Provenance",
+    "Light patterns and sync", "Tracking", "Atlas", "Accuracy against time", "What each input costs", "Scaling of cost",
+    "Hard cases", "Time and memory", "Provenance",
 )  # fmt: skip
 
 
@@ -88,6 +88,7 @@ def test_every_part_is_there_with_what_was_planted(results):
     assert "in sync: as declared" in parts["Light patterns and sync"]
     assert "1.25 px" in parts["Tracking"] and "2.00 at worst" in parts["Tracking"]
     assert "16.00 ± 0.10" in parts["Accuracy against time"]
+    assert re.search(r"our tracking 29\.00 28\.50", parts["What each input costs"])
     assert all(
         text in parts["Hard cases"] for text in ("2 cases, 1 pass, 1 do not", "a < b", "1e−09 (1e−06)", "not finite")
     )
@@ -131,8 +132,8 @@ def test_what_is_not_there_is_named_with_its_command(results):
     page = Reader(report(results))
     missing = {anchor for anchor, text in page.sections.items() if "Missing:" in text}
     assert missing == {
-        "captured-and-rendered", "in-other-light", "calibration", "tracking", "accuracy-against-time", "hard-cases",
-        "time-and-memory", "scaling-of-cost", "effects--planned-against-all-on",
+        "captured-and-rendered", "in-other-light", "calibration", "tracking", "accuracy-against-time",
+        "what-each-input-costs", "hard-cases", "time-and-memory", "scaling-of-cost", "effects--planned-against-all-on",
     }  # fmt: skip
     assert "make results/someone/accuracy_cost.csv" in page.sections["accuracy-against-time"]
     assert "camera <b> is uncertain" in page.sections["calibration"]

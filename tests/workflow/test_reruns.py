@@ -34,6 +34,7 @@ ON_REQUEST = {
     "review_calibration",
     "review_tracking",
     "measure_cost",
+    "budget_errors",
     "relight_avatar",
     "write_report",
     "compare_subjects",

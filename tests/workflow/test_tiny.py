@@ -168,6 +168,7 @@ def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
         "results/tiny/calibration/review",
         "results/tiny/tracking/review",
         "results/tiny/accuracy_cost.csv",
+        "results/tiny/error_budget",
         "scaling",
         "hard-cases",
     ]

@@ -1,4 +1,6 @@
-from pipeline.config.measure_cost import COSTED_STAGES, changed_settings
+from pipeline.config.budget_errors import RETRAINED_STAGES
+from pipeline.config.measure_cost import COSTED_STAGES
+from pipeline.config.stage_settings import changed_settings
 
 
 # Takes all cores: whatever ran beside it would be measured, too. Nothing needs it; ask for its table by name.
@@ -52,13 +54,50 @@ rule measure_cost:
         arguments=arguments_for(
             "measure_cost",
             variant=lambda wildcards: job(wildcards).variants[0],
-            stage_settings=lambda wildcards: changed_settings(job(wildcards).settings),
+            stage_settings=lambda wildcards: changed_settings(job(wildcards).settings, COSTED_STAGES),
         ),
         settings=settings_for("measure_cost"),
     message:
         "{wildcards.subject}: measuring what accuracy costs in time"
     shell:
         "python -m pipeline.stages.measure_cost {params.arguments:q} --threads {threads} "
+        "{params.settings:q} > {log:q} 2>&1"
+
+
+# Of synthesised captures, whose truth is known. Nothing needs it; ask for its folder by name.
+rule budget_errors:
+    input:
+        capture="results/{subject}/index/capture.json",
+        frames="results/{subject}/frames.parquet",
+        color="results/{subject}/calibration/color.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        cameras="results/{subject}/calibration/cameras.json",
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
+        # All that its stages read is there once an avatar is.
+        metrics="results/{subject}/metrics.csv",
+    output:
+        directory("results/{subject}/error_budget"),
+    log:
+        "results/{subject}/logs/budget_errors.log",
+    benchmark:
+        "results/{subject}/benchmarks/budget_errors.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+    params:
+        code=lambda wildcards: [code_for(stage)(wildcards) for stage in ("budget_errors", *RETRAINED_STAGES)],
+        arguments=arguments_for(
+            "budget_errors",
+            variant=lambda wildcards: job(wildcards).variants[0],
+            stage_settings=lambda wildcards: changed_settings(job(wildcards).settings, RETRAINED_STAGES),
+        ),
+        settings=settings_for("budget_errors"),
+    message:
+        "{wildcards.subject}: measuring how many decibels each input costs"
+    shell:
+        "python -m pipeline.stages.budget_errors {params.arguments:q} --threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 

@@ -66,6 +66,7 @@ rule review_tracking:
 rule unwrap_atlas:
     input:
         capture="results/{subject}/index/capture.json",
+        cameras="results/{subject}/calibration/cameras.json",
     output:
         atlas="results/{subject}/atlas.safetensors",
         picture=report(

@@ -20,7 +20,7 @@ CAPTURED, RENDERED = (0.9, 0.1, 0.1), (0.1, 0.8, 0.1)
 """sRGB of the two: red and green, so that a screenshot tells which is shown."""
 
 PROTOCOL = {"color_space": "sRGB", "region": "psnr: <planted>", "lpips_net": "alex", "lpips_weights": "none"}
-OPTIONAL = ("accuracy_cost.csv", "accuracy_cost.png", "calibration/review", "tracking/review", "relit")
+OPTIONAL = ("accuracy_cost.csv", "accuracy_cost.png", "error_budget", "calibration/review", "tracking/review", "relit")
 OF_THE_PROJECT = ("hard_cases.csv", "effects_comparison.csv", "scaling")
 
 
@@ -64,6 +64,12 @@ def write_results(folder: Path, variants: dict[str, float] | None = None) -> Pat
     times = {"seconds_spread": 0.2, "seconds_low": 1.0, "seconds_high": 1.2, "cpu_seconds": 1.0, "work": 1e6}
     rows = [{"setting": str(n), "error": 1 / n, "seconds": 1.0 * n, "chosen": n == 16} for n in (4, 16, 64)]
     pd.DataFrame([cost | times | row for row in rows]).to_csv(folder / "accuracy_cost.csv", index=False)
+    plot(folder / "error_budget/error_budget.png")
+    steps = pd.DataFrame({"step": ["all true", "our tracking"], "true": ["tracking", ""]})
+    steps["validation_db"] = [31.0, 29.0]
+    for lit in ("all", "full", "partial"):
+        steps[f"test_{lit}_db"] = [30.5, 28.5]
+    steps.to_csv(folder / "error_budget/error_budget.csv", index=False)
     cases = {"case": ["q = -p", "a < b"], "group": "lobes", "value_error": [1e-9, 2e-3], "value_bound": 1e-6}
     more = {"gradient_error": 1e-8, "gradient_bound": 1e-5, "verdict": ["PASS", "FAIL"], "naive_error": [np.inf, 1]}
     pd.DataFrame(cases | more).to_csv(folder.parent / "hard_cases.csv", index=False)

@@ -273,6 +273,7 @@ def test_all_dials_of_the_design_are_there() -> None:
 def test_what_errors_are_relative_to_is_said(subject) -> None:
     images = pd.DataFrame({"camera": [f"cam{n}" for n in range(6)] * 2, "test_camera": ([False] * 5 + [True]) * 2})
     images.to_parquet(subject.results / "index/images.parquet")
+    subject = replace(subject, sections={"unwrap_atlas": {"size": 256}})
     named = {dial.name: dial.against(subject) for dial in DIALS if dial.stage.name in ("train_avatar", "unwrap_atlas")}
     assert named["transfer_degree"] == "reference 8, steps 200"
     assert named["atlas_size"] == "reference 384, steps 200"
