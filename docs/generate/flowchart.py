@@ -7,7 +7,7 @@ FLOW: dict[str, tuple[str, ...]] = {
     "index_capture": ("synthesize_capture",),
     "calibrate_cameras": ("index_capture",),
     "calibrate_color": ("index_capture",),
-    "unwrap_atlas": ("index_capture",),
+    "unwrap_atlas": ("calibrate_cameras",),
     "calibrate_lights": ("calibrate_cameras",),
     "book_patterns": ("calibrate_lights",),
     "track_mesh": ("book_patterns",),
@@ -25,8 +25,9 @@ is left out. A test of the workflow holds it against the rules."""
 
 PLACES: dict[str, tuple[float, float]] = {
     "synthesize_capture": (1, 0), "index_capture": (1, 1),
-    "calibrate_cameras": (0, 2), "unwrap_atlas": (1, 2), "calibrate_color": (2, 2),
-    "calibrate_lights": (0, 3), "book_patterns": (0, 4), "track_mesh": (0, 5), "plan_effects": (2, 6),
+    "calibrate_cameras": (0, 2), "calibrate_color": (2, 2),
+    "calibrate_lights": (0, 3), "unwrap_atlas": (1, 3), "book_patterns": (0, 4),
+    "track_mesh": (0, 5), "plan_effects": (2, 6),
     "trace_irradiance": (0, 7), "fit_eyes": (1, 7), "bake_textures": (2, 7),
     "pack_shards": (2, 8), "train_avatar": (1, 9), "evaluate_avatar": (0.5, 10), "relight_avatar": (1.5, 10),
 }  # fmt: skip

@@ -50,7 +50,7 @@ ARGUMENTS = {
     "calibrate_lights": "capture index rig out=calibration",
     "review_calibration": "capture index calibration out=calibration",
     "book_patterns": "capture index lights cameras out=results",
-    "unwrap_atlas": "capture index cameras out=results",
+    "unwrap_atlas": "capture index cameras=rig out=results",
     "track_mesh": "capture index cameras lights patterns chunk chunk_size out=trackings",
     "review_tracking": "capture index calibration patterns tracking out=tracking_review",
     "plan_effects": "capture index atlas tracking patterns booked=frames lights cameras color out=effects",

@@ -42,8 +42,8 @@ ATLAS = CostedStage(
     name="unwrap_atlas",
     files={"results": "{out}", "atlas": "{out}/atlas.safetensors", **MADE},
     inputs=(
-        "index/capture.json", "tracking/0000.safetensors", "calibration/lights.parquet", "patterns.parquet",
-        "frames.parquet", "effects.json", "calibration/color.json",
+        "index/capture.json", "calibration/rig.json", "tracking/0000.safetensors", "calibration/lights.parquet",
+        "patterns.parquet",        "frames.parquet", "effects.json", "calibration/color.json",
     ),
     outputs=OUTPUTS,
     metrics=(psnr_lost("partial"), psnr_lost("all"), picture_milliseconds()),

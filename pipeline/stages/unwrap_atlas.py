@@ -48,7 +48,8 @@ def run(
         capture: the capture's folder; template paths are relative to it.
         index: folder written by index_capture.
         out: results folder of the subject; gets atlas.safetensors, atlas.png and template.glb.
-        cameras: cameras.json at sensor resolution: the map's size follows what a pixel covers, if it is not given.
+        cameras: rig.json, at sensor resolution, in any frame: what a pixel covers decides the map's size, if that is
+            not given.
         settings: numbers and modes.
     """
     content = read_json(index / "capture.json")

@@ -195,6 +195,6 @@ def test_plots_stand_on_white_in_the_dark(visit):
 def test_links_lead_to_their_parts(visit):
     page = visit(PHONE)
     links = page.locator("nav a")
-    assert links.count() == page.locator("section").count() == 15
+    assert links.count() == page.locator("section").count() == 16
     links.last.click()
     assert 0 <= page.locator("#provenance").bounding_box()["y"] < PHONE[1]

@@ -66,7 +66,7 @@ rule review_tracking:
 rule unwrap_atlas:
     input:
         capture="results/{subject}/index/capture.json",
-        cameras="results/{subject}/calibration/cameras.json",
+        rig="results/{subject}/calibration/rig.json",
     output:
         atlas="results/{subject}/atlas.safetensors",
         picture=report(
