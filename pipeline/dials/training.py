@@ -43,7 +43,7 @@ ATLAS = CostedStage(
     files={"results": "{out}", "atlas": "{out}/atlas.safetensors", **MADE},
     inputs=(
         "index/capture.json", "calibration/rig.json", "tracking/0000.safetensors", "calibration/lights.parquet",
-        "patterns.parquet",        "frames.parquet", "effects.json", "calibration/color.json",
+        "patterns.parquet", "frames.parquet", "effects.json", "calibration/color.json",
     ),
     outputs=OUTPUTS,
     metrics=(psnr_lost("partial"), psnr_lost("all"), picture_milliseconds()),
