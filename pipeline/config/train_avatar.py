@@ -189,7 +189,11 @@ class TrainAvatar(Settings):
         1e-4, ge=0, description="Weight of what eyes lack of a specular visibility of 1, squared (lambda_ev)"
     )
     weight_gloss: float = Field(0.01, ge=0, description="Weight that keeps the gloss of GGX near a dielectric's")
-    weight_negative: float = Field(0.01, ge=0, description="Weight of negative colour and negative albedo, squared")
+    weight_negative: float = Field(
+        10.0,
+        ge=0,
+        description="Weight of negative colour and negative albedo, squared (lambda_c-): there is no such light",
+    )
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
     weight_leftover: float = Field(
         0.1, ge=0, description="For combined: weight that keeps the transfer beside Lambert near nothing"
