@@ -13,7 +13,10 @@ from pipeline.config.project import SECTIONS
 
 
 def changed_settings(subject: BaseModel, stages: Sequence[str]) -> str:
-    """JSON of a subject's settings of some stages that differ from the defaults: {stage: {setting: value}}."""
+    """JSON of a subject's settings of some stages, those that differ from the defaults.
+
+    It is {stage: {setting: value}}.
+    """
     changed = {stage: getattr(subject, stage).model_dump(mode="json", exclude_defaults=True) for stage in stages}
     return json.dumps(changed, sort_keys=True)
 

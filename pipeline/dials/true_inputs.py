@@ -28,7 +28,7 @@ TRUTH: Mapping[Part, str] = {
 
 @dataclass(frozen=True)
 class Inputs:
-    """What was found of a subject, and what is true of it.
+    """Files of what was found of a subject, and of what is true.
 
     Attributes:
         found: file of each part, as the workflow wrote it.

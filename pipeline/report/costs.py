@@ -1,4 +1,7 @@
-"""Costs: accuracy against time, what each input costs, the hard cases, and each stage's time and memory."""
+"""Costs: accuracy against time, and what each input costs.
+
+Also the hard cases, and each stage's time and memory.
+"""
 
 from __future__ import annotations
 

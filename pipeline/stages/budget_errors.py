@@ -1,6 +1,7 @@
-"""Say how many decibels each input costs: first all true, then ours in its place, one after the other.
+"""Say how many decibels each input costs.
 
-For captures with a truth, as synthesised ones have. For each step the images are packed, an avatar is trained and
+First all inputs are true, then ours take their place, one after the other. For captures with a truth, as synthesised
+ones have. For each step the images are packed, an avatar is trained and
 scored anew, with the subject's settings: the last step is what the workflow has. Out: error_budget.csv, a row per
 step, and error_budget.png.
 """
@@ -81,7 +82,10 @@ def require_truth(subject: Subject, parts: Sequence[Part]) -> None:
 
 
 def train_on(subject: Subject, true: Sequence[Part], folder: Path) -> dict[str, float]:
-    """PSNR of an avatar for which some inputs are true: of validation images, and of test images by their light."""
+    """PSNR of an avatar for which some inputs are true.
+
+    It is that of validation images, and of test images by their light.
+    """
     inputs = Inputs.of(subject)
     own: dict[str, Value] = {part: str(inputs.write(part, folder / "true")) for part in true}
     own |= {"shards": str(folder / "shards"), "scores": str(folder)}

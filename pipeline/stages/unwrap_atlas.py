@@ -72,7 +72,7 @@ def run(
 
 
 def fitting_size(template: Template, texel_m: float, most: int) -> int:
-    """Texels per side of a map whose texels are about so large on the surface, in multiples of 8."""
+    """Texels per side, in multiples of 8, so that a texel is about so large on the surface."""
     area_m2 = np.linalg.norm(area_vectors(template.vertices_rest, template.faces), axis=1).sum()
     if template.uv is not None and not reasons_against(template.vertices_rest, template.faces, template.uv, most):
         used = float(np.abs(uv_areas(np.clip(template.uv, 0, 1)[template.faces])).sum())
