@@ -21,19 +21,28 @@ def changed_settings(subject: BaseModel, stages: Sequence[str]) -> str:
     return json.dumps(changed, sort_keys=True)
 
 
+def read_changes(flag: str, text: str) -> dict[str, Any]:
+    """Stage -> changed settings, from the JSON that a flag gives, as they stand.
+
+    Raises:
+        InputError: if the text is no JSON object.
+    """
+    try:
+        changed = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{flag}: expected JSON, found: {error}") from error
+    if not isinstance(changed, dict):
+        raise InputError(f"{flag}: expected {{stage: {{setting: value}}}}, found {text}")
+    return changed
+
+
 def read_stage_settings(text: str) -> dict[str, dict[str, Any]]:
     """Stage -> settings that differ from its defaults.
 
     Raises:
         InputError: naming every stage and key that is not as the stage's settings want it.
     """
-    complaints = Complaints("--stage-settings")
-    try:
-        given = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"--stage-settings: expected JSON, found: {error}") from error
-    if not isinstance(given, dict):
-        raise InputError(f"--stage-settings: expected {{stage: {{setting: value}}}}, found {text}")
+    complaints, given = Complaints("--stage-settings"), read_changes("--stage-settings", text)
     for stage, values in given.items():
         try:
             SECTIONS[stage].model_validate(values)

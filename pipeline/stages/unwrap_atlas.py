@@ -35,6 +35,9 @@ log = logging.getLogger("unwrap_atlas")
 USED_BY_NEW_CHARTS = 0.45
 """Share of a map that new charts cover: 0.41 to 0.5 on bodies and heads."""
 
+LEAST_SIZE = 64
+"""Texels per side at least, where pixels decide: below, charts hardly fit beside each other."""
+
 PICTURE_PIXELS = 1024
 """Least side of the chart picture: thin triangles stay visible."""
 
@@ -78,7 +81,7 @@ def fitting_size(template: Template, texel_m: float, most: int) -> int:
         used = float(np.abs(uv_areas(np.clip(template.uv, 0, 1)[template.faces])).sum())
     else:
         used = USED_BY_NEW_CHARTS
-    return int(np.clip(8 * round(float(np.sqrt(area_m2 / used)) / texel_m / 8), 64, most))
+    return int(np.clip(8 * round(float(np.sqrt(area_m2 / used)) / texel_m / 8), LEAST_SIZE, most))
 
 
 def build_atlas(template: Template, settings: UnwrapAtlas, path: Path) -> Atlas:

@@ -8,13 +8,13 @@ named as missing, with the command that makes them.
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Callable
 from pathlib import Path
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
+from pipeline.config.stage_settings import read_changes
 from pipeline.config.write_report import WriteReport
 from pipeline.report import costs, project, recording, scores
 from pipeline.report.part import Part, write_parts
@@ -48,7 +48,7 @@ def run(
         out: HTML file to write.
         subject_settings: JSON, what differs from the defaults in the subject's settings, for the page.
     """
-    changed = read_changes(subject_settings)
+    changed = read_changes("--subject-settings", subject_settings)
     limit = FIRST_LIMIT
     while True:
         shown = Results(results, project_results, changed, settings, Pictures(limit))
@@ -65,21 +65,6 @@ def run(
             log.info("%s: missing: %s", part.title, part.missing)
     write_parts(out, f"{shown.subject}: from capture to avatar", subtitle(shown), parts)
     log.info("%s: %.1f MB", out.name, out.stat().st_size / 1e6)
-
-
-def read_changes(text: str) -> dict:
-    """Read changed settings from JSON.
-
-    Raises:
-        InputError: if the text is no JSON object.
-    """
-    try:
-        changed = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"--subject-settings: expected JSON, found: {error}") from error
-    if not isinstance(changed, dict):
-        raise InputError(f"--subject-settings: expected {{stage: {{setting: value}}}}, found {text}")
-    return changed
 
 
 def subtitle(results: Results) -> str:
