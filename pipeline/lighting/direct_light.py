@@ -31,16 +31,15 @@ def direct_light(
     surface: SurfacePoints,
     normals: Float64[np.ndarray, "points 3"],
     lights: FrameLights,
-    rows: np.ndarray | None = None,
 ) -> Float64[np.ndarray, " points"]:
     """Direct light on a matte surface, in luminance: what white reflects, times pi.
 
-    sum_j I_j / d_j^2 max(0, n . w_j) Vis_j. `rows`: see `pipeline.lighting.visibility.Occluders`.
+    sum_j I_j / d_j^2 max(0, n . w_j) Vis_j.
     """
     points = surface.carried(vertices)
     edges = vertices[surface.corners[:, 1:]] - vertices[surface.corners[:, :1]]
     face_normals = unit_or(np.cross(edges[:, 0], edges[:, 1]), 0.0)
-    luminances, occluders = lights.intensities @ LUMINANCE, Occluders(vertices, faces, rows)
+    luminances, occluders = lights.intensities @ LUMINANCE, Occluders(vertices, faces)
     traced = trace_irradiance(occluders, points, face_normals, Lights(lights.positions, luminances), normals=normals)
     to_light = lights.positions - points[:, None]
     squared = np.maximum((to_light**2).sum(-1), (MIN_DISTANCE * occluders.half_extent) ** 2)

@@ -19,7 +19,7 @@ from pipeline.lighting.frame_lights import CHANNELS, read_frame_lights
 from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, light_scene, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
-from pipeline.lighting.visibility import Occluders, face_rows
+from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.visibility_bits import (
     VisibilityBits,
     bits_are_cheaper,
@@ -87,11 +87,6 @@ class FrameTracer:
     cache: Path | None = None
 
     @cached_property
-    def rows(self) -> np.ndarray:
-        """The faces as embreex reads them fastest."""
-        return face_rows(self.atlas.faces)
-
-    @cached_property
     def blocks(self) -> TexelBlocks:
         """Blocks of the map that the texels lie in."""
         return TexelBlocks(self.atlas.texel)
@@ -106,7 +101,7 @@ class FrameTracer:
         posed, lights, settings = vertices.astype(np.float64), self.stage.at(frame), self.settings
         # A degenerate face has no horizon: a normal of zero leaves its texels dark, without rays.
         points, normals, face_normals = texel_surface(self.atlas, posed)
-        occluders, count = Occluders(posed, self.atlas.faces, self.rows), settings.samples_or_none
+        occluders, count = Occluders(posed, self.atlas.faces), settings.samples_or_none
         known, rays = self.visibility(occluders, points, face_normals, posed, lights)
         if known is not None:
             return replace(irradiance_from_bits(known, occluders, points, face_normals, lights, normals), rays=rays)

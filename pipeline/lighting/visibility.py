@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -68,10 +69,17 @@ def face_rows(faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
     """Faces as an array of tuples [f].
 
     embreex reads a mesh entry by entry through Python, which makes a number object of each, and of each row of indices
-    an array first, unless objects and tuples are what it finds.
+    an array first, unless objects and tuples are what it finds. Making them is half of building a scene, so they are
+    kept for the next frame of the same mesh.
     """
-    rows = np.empty(len(faces), object)
-    rows[:] = list(map(tuple, faces.tolist()))
+    return _rows_of(np.ascontiguousarray(faces, np.int64).tobytes())
+
+
+@lru_cache(maxsize=4)
+def _rows_of(faces: bytes) -> np.ndarray:
+    corners = np.frombuffer(faces, np.int64).reshape(-1, 3)
+    rows = np.empty(len(corners), object)
+    rows[:] = list(map(tuple, corners.tolist()))
     return rows
 
 
@@ -82,15 +90,9 @@ class Occluders:
     releases the interpreter's lock.
     """
 
-    def __init__(
-        self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], rows: np.ndarray | None = None
-    ) -> None:
-        """Args:
-            vertices, faces: the mesh.
-            rows: `face_rows` of the faces, if they are at hand: building then takes half as long.
-
-        Raises:
-            ValueError: if a vertex is not finite (Embree would silently lose its faces), or there are no faces.
+    def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
+        """Raises:
+        ValueError: if a vertex is not finite (Embree would silently lose its faces), or there are no faces.
         """
         if not len(faces) or not np.isfinite(vertices).all():
             raise ValueError(f"expected faces with finite vertices, found {len(faces)} faces")
@@ -99,7 +101,7 @@ class Occluders:
         self.half_extent = float(np.ptp(used, axis=0).max() / 2) or 1.0
         self._scene = EmbreeScene(robust=True)
         corners = self.scaled(vertices).astype(np.float32).astype(object)
-        TriangleMesh(self._scene, corners, face_rows(faces) if rows is None else rows)
+        TriangleMesh(self._scene, corners, face_rows(faces))
         # The first query builds the tree; done here so that threads find it built.
         self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 1, 0]], np.float32), query="OCCLUDED")
 

@@ -19,7 +19,6 @@ from pipeline.geometry.sampling import EDGE_PX, sample_bilinear
 from pipeline.geometry.surface_points import SurfacePoints
 from pipeline.lighting.direct_light import direct_light, smooth_normals
 from pipeline.lighting.frame_lights import FrameLights
-from pipeline.lighting.visibility import face_rows
 from pipeline.tracking.color_views import ColorView
 from pipeline.tracking.cue_kernels import add_albedo_sums, add_color_differences, look_up_colors
 from pipeline.tracking.nearly_projected import project_nearly
@@ -61,11 +60,11 @@ class ImageCue:
         positions = self.points.carried(vertices)
         shape = (len(self.views), *positions.shape[:2])
         seen, observed = np.zeros(shape, bool), np.zeros((*shape, 3))
-        light, rows = np.zeros(shape[1:]), face_rows(self.faces)
+        light = np.zeros(shape[1:])
         for frame in np.flatnonzero(np.any([view.usable for view in self.views], axis=0)):
             mesh = vertices[frame]
             normals = smooth_normals(mesh, self.faces, self.weld, self.points)
-            light[frame] = direct_light(mesh, self.faces, self.points, normals, self.lights[frame], rows)
+            light[frame] = direct_light(mesh, self.faces, self.points, normals, self.lights[frame])
             for number, view in enumerate(self.views):
                 if view.usable[frame]:
                     depth = draw_depth(view.camera, mesh, self.faces)
