@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Int32
 
 from pipeline.base.array_module import Array, array_module, is_tensor
 from pipeline.base.errors import InputError
@@ -124,6 +124,16 @@ def read_atlas(path: Path) -> Atlas:
         if arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
             raise InputError(f"{path}: {name}: expected indices below {limit}, found others; run unwrap_atlas again")
     return Atlas(size, **{field.name: arrays[field.name] for field in fields(Atlas) if field.name != "size"})
+
+
+def adjoining_texels(atlas: Atlas) -> Int32[np.ndarray, "t 9"]:
+    """Indices of each texel and of the eight around it; t, one past the last, for those not in its chart."""
+    around = np.full((atlas.size + 2, atlas.size + 2), atlas.texel_count, np.int32)
+    row, column = atlas.texel.T + 1
+    around[row, column] = np.arange(atlas.texel_count)
+    found = np.stack([around[row + down, column + right] for down in (-1, 0, 1) for right in (-1, 0, 1)], 1)
+    charts = np.append(atlas.chart, -1)
+    return np.where(charts[found] == atlas.chart[:, None], found, atlas.texel_count).astype(np.int32)
 
 
 def texel_frames(

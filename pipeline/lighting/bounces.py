@@ -23,21 +23,21 @@ from pipeline.geometry.texels import Atlas
 from pipeline.lighting.visibility import Occluders
 
 GOLDEN = (1 + 5**0.5) / 2
+PLASTIC = 1.32471795724474602596
+"""The real root of x^3 = x + 1: multiples of (1 / PLASTIC, 1 / PLASTIC^2) fill a square evenly (Roberts 2018)."""
 
 
 def cosine_directions(count: int, points: int) -> Float64[np.ndarray, "points count 3"]:
     """Unit directions about +z with density cosine / pi.
 
-    The same for all points but for a turn about z.
-
     A Fibonacci spiral on the disc, raised to the hemisphere (Malley's method; Pharr et al., Physically Based
-    Rendering, 13.6.3). The turns of neighbouring points are far apart, so that their errors average out in a picture.
+    Rendering, 13.6.3). Every point has it turned about z and shifted along its arm. Turns and shifts of neighbouring
+    points are far apart, so that their errors average out in a picture.
     """
-    k = np.arange(count) + 0.5
-    radius = np.sqrt(k / count)
-    turn = 2 * np.pi * (k / GOLDEN**2 + (np.arange(points) / GOLDEN % 1)[:, None])
-    across = np.broadcast_to(radius, turn.shape)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), np.sqrt(1 - across**2)], -1)
+    shift, turned = (0.5 + np.arange(points)[:, None] / np.array([PLASTIC, PLASTIC**2])[:, None, None]) % 1
+    squared_radius = (np.arange(count) + shift) / count
+    turn, across = 2 * np.pi * (np.arange(count) / GOLDEN**2 + turned), np.sqrt(squared_radius)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), np.sqrt(1 - squared_radius)], -1)
 
 
 @lru_cache(maxsize=1)
@@ -91,9 +91,23 @@ def nearest_texels(atlas: Atlas) -> Int[np.ndarray, "size size"]:
 
 
 def bounced_irradiance(
-    radiance: Float[Tensor, "t channels"], hits: Int[Tensor, "t rays"]
+    radiance: Float[Tensor, "t channels"], hits: Int[Tensor, "t rays"], adjoining: Int[Tensor, "t 9"] | None = None
 ) -> Float[Tensor, "t channels"]:
-    """Irradiance at every texel from all others of the given radiance. `hits` as `trace_bounces` makes them."""
-    padded = torch.cat([radiance, torch.zeros_like(radiance[:1])])
-    summed = torch.nn.functional.embedding_bag(hits, padded, mode="sum")
-    return summed * (torch.pi / hits.shape[1])
+    """Irradiance at every texel from all others of the given radiance.
+
+    Args:
+        radiance: linear, of the texels.
+        hits: as `trace_bounces` makes them.
+        adjoining: as `pipeline.geometry.texels.adjoining_texels` makes them: the mean over them is taken, as light off
+            other surfaces hardly changes from a texel to the next, and their rays differ.
+    """
+    irradiance = _sum_rows(radiance, hits) * (torch.pi / hits.shape[1])
+    if adjoining is None:
+        return irradiance
+    return _sum_rows(irradiance, adjoining) / (adjoining < len(radiance)).sum(1, keepdim=True)
+
+
+def _sum_rows(values: Float[Tensor, "t channels"], rows: Int[Tensor, "t n"]) -> Float[Tensor, "t channels"]:
+    """Sum of chosen rows; one past the last is zero."""
+    padded = torch.cat([values, torch.zeros_like(values[:1])])
+    return torch.nn.functional.embedding_bag(rows, padded, mode="sum")

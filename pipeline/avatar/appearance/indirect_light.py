@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.models import IndirectModel
+from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_fields import IncidentLight
 from pipeline.avatar.frames.prepared import Surface
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
@@ -37,6 +38,10 @@ class AmbientLight(IndirectModel):
 class OneBounce(IndirectModel):
     """Light of the texels that traced rays hit."""
 
+    def trace(self, inputs: FrameInputs) -> None:
+        """Trace the texels that rays hit."""
+        _ = inputs.bounces
+
     def shade(
         self, surface: Surface, incident: IncidentLight, diffuse: Tensor, shadow: Tensor | None
     ) -> Float[Tensor, "texels 3"]:
@@ -44,4 +49,5 @@ class OneBounce(IndirectModel):
         source = diffuse.detach().clamp_min(0)
         if shadow is not None:
             source = source * shadow.detach()[:, None]
-        return self.store.albedo / torch.pi * bounced_irradiance(source, incident.inputs.bounces)
+        arriving = bounced_irradiance(source, incident.inputs.bounces, self.store.adjoining)
+        return self.store.albedo / torch.pi * arriving

@@ -123,6 +123,9 @@ class IndirectModel(Part):
 
     works_under_sky = True
 
+    def trace(self, inputs: FrameInputs) -> None:
+        """Trace what `shade` needs of a pose; the inputs keep it."""
+
     def shade(
         self, surface: Surface, incident: IncidentLight, diffuse: Tensor, shadow: Tensor | None
     ) -> Float[Tensor, "texels 3"] | None:

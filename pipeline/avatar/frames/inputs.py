@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -22,9 +22,9 @@ from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.visibility_bits import trace_bits
 
-BOUNCE_RAYS = 32
-"""Rays per texel for light that other surfaces send. A tenth of them meet the body, whose light is a tenth of the
-direct light: their sampling error is below 1 % of a texel's colour, and splatting averages over neighbours."""
+BOUNCE_RAYS = 16
+"""Rays per texel for light that other surfaces send, of which nine texels share theirs. On a recorded body its pictures
+differ by -56 dB from those of 512 rays, as with 32 rays that are not shared; the captured ones differ by -34 dB."""
 
 
 @dataclass(eq=False)
@@ -62,7 +62,7 @@ class FrameInputs:
     @cached_property
     def visibility_bits(self) -> UInt8[np.ndarray, "lights bytes"]:
         """Texels that see each lit light, packed as in `PointLights`."""
-        points, _, face_normals, occluders = self._surface()
+        points, _, face_normals, occluders = occluding_surface(self)
         return trace_bits(
             occluders, points, face_normals[self.atlas.face], self.record.light_positions.astype(np.float64)
         ).bits
@@ -70,7 +70,7 @@ class FrameInputs:
     @cached_property
     def bounces(self) -> Int[Tensor, "texels rays"]:
         """The texel that each ray from each texel hits, see `pipeline.lighting.bounces`."""
-        points, frames, face_normals, occluders = self._surface()
+        points, frames, face_normals, occluders = occluding_surface(self)
         return self._tensor(trace_bounces(self.atlas, occluders, points, frames, face_normals, BOUNCE_RAYS))
 
     @cached_property
@@ -133,10 +133,17 @@ class FrameInputs:
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.tensor(array, device=self.device)
 
-    def _surface(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Occluders]:
-        vertices = self.record.vertices.astype(np.float64)
-        normals = unit_or(area_vectors(vertices, self.atlas.faces), 0.0)  # no direction is above a degenerate face
-        return *texel_frames(self.atlas, vertices), normals, Occluders(vertices, self.atlas.faces)
+
+@lru_cache(maxsize=3)
+def occluding_surface(inputs: FrameInputs) -> tuple[np.ndarray, np.ndarray, np.ndarray, Occluders]:
+    """Points and tangent frames of a frame's texels, face normals, and the mesh to trace.
+
+    In float64. Kept for the frame at hand, and those that are traced ahead: for all, it would double what training
+    holds.
+    """
+    vertices = inputs.record.vertices.astype(np.float64)
+    normals = unit_or(area_vectors(vertices, inputs.atlas.faces), 0.0)  # no direction is above a degenerate face
+    return *texel_frames(inputs.atlas, vertices), normals, Occluders(vertices, inputs.atlas.faces)
 
 
 def white_once(lights: PointLights) -> PointLights:

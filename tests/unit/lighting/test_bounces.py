@@ -1,13 +1,19 @@
 """One bounce between a floor and a ceiling, against the closed form of the view factor."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from pipeline.geometry.texels import Atlas
-from pipeline.lighting.bounces import bounced_irradiance, cosine_directions, nearest_texels, trace_bounces
+from pipeline.geometry.texels import Atlas, adjoining_texels
+from pipeline.lighting.bounces import (
+    bounced_irradiance,
+    cosine_directions,
+    nearest_texels,
+    trace_bounces,
+)
 from pipeline.lighting.visibility import Occluders
 from tests.support.avatars.sheet import make_sheet
 
@@ -84,3 +90,25 @@ def test_directions_follow_the_cosine():
 def test_a_full_map_keeps_its_own_texels():
     sheet = make_sheet(8)
     assert (nearest_texels(sheet)[sheet.texel[:, 0], sheet.texel[:, 1]] == np.arange(64)).all()
+
+
+def test_shared_rays_are_the_mean_over_texels_of_the_same_chart():
+    """A full 4 x 4 map of two charts, columns 0 and 1 against 2 and 3, by hand."""
+    sheet = replace(make_sheet(4), chart=np.tile([0, 0, 1, 1], 4).astype(np.int32))
+    hits = torch.full((16, 2), 16, dtype=torch.int32)
+    hits[5] = 0  # row 1, column 1: both rays meet texel 0
+    radiance = torch.zeros(16, 3)
+    radiance[0] = torch.tensor([1.0, 2.0, 4.0])
+    plain = bounced_irradiance(radiance, hits)
+    shared = bounced_irradiance(radiance, hits, torch.as_tensor(adjoining_texels(sheet)))
+    assert torch.allclose(plain[5], math.pi * radiance[0]) and plain[np.arange(16) != 5].abs().max() == 0
+    for texel, share in {0: 1 / 4, 1: 1 / 4, 4: 1 / 6, 5: 1 / 6, 8: 1 / 6, 2: 0, 6: 0, 12: 0}.items():
+        assert torch.allclose(shared[texel], share * math.pi * radiance[0]), texel
+
+
+def test_rays_of_texels_side_by_side_together_are_as_good_as_so_many_of_one():
+    """Mean of the cosine over 9 points of 16 rays each, against 2 / 3: as 144 rays, not as 16 that agree."""
+    directions = cosine_directions(16, 9)
+    heights = directions[..., 2].reshape(-1)
+    assert abs(heights.mean() - 2 / 3) < 1 / 144
+    assert len(np.unique(heights.round(9))) == 144
