@@ -80,6 +80,18 @@ class Avatar(TexelStore):
         other.built = replace(self.built, **parts)
         return other
 
+    @torch.no_grad()
+    def trace(self, inputs: FrameInputs) -> FrameInputs:
+        """Trace what `prepare` would trace of a frame, and return the inputs, which keep it.
+
+        It may run on a thread of its own: most of it is Embree, which releases the interpreter's lock.
+        """
+        self.built.shadow.bits(inputs)
+        self.built.indirect.trace(inputs)
+        if self.eyes is not None:
+            self.eyes.traced(inputs)
+        return inputs
+
     def prepare(self, inputs: FrameInputs, **expression: Tensor) -> PreparedFrame:
         """Place and light everything of a frame that no camera changes (RFGCA 5-10, 15).
 

@@ -16,7 +16,10 @@ early. Light further out is compared with black.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import groupby
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -29,6 +32,10 @@ from pipeline.base.color import srgb_from_linear
 from pipeline.base.progress import progress
 from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.metrics.image_metrics import DEFAULT_METRICS, ImageMetric, ImagePair, boxes_in_words, metrics_in
+
+FRAMES_AHEAD = 2
+"""Frames traced ahead of the one that is rendered: tracing one takes about as long as rendering and scoring twice the
+pictures of it."""
 
 FOREGROUND_MASK = 0.5
 """A pixel counts as subject if at least half of it is."""
@@ -100,20 +107,27 @@ Render = Callable[[Any, Any], tuple[Any, Any]]
 def evaluate(
     render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any],
     lpips: Callable[[Any, Any], Any] | None = None, metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
+    trace: Callable[[Any], Any] = lambda frame: frame,
 ) -> pd.DataFrame:  # fmt: skip
     """Render and score every image that a split holds out: one row each, in their order.
 
     LPIPS is NaN if `lpips` is None. Images without foreground get NaN for PSNR.
 
+    Args:
+        render: makes the picture that is scored.
+        images, frames: of shards.
+        lpips, metrics: scores that are taken.
+        trace: frame record -> what `render` takes of a frame. It runs on threads of its own for the frames that
+            come next, while the one before is rendered.
+
     Raises:
         ValueError: if a rendering has another shape than its image, or is not finite.
     """
-    rows, number, frame = [], None, None
-    for index, image in enumerate(progress(images, "evaluate")):
-        if not any(getattr(image, name) for name in HELD_OUT):
-            continue
-        if image.frame != number:  # one record for all images of a frame: renderers keep what depends on it only
-            number, frame = image.frame, frames[image.frame]
+    rows = []
+    held_out = [(i, image.frame) for i, image in enumerate(images) if any(getattr(image, name) for name in HELD_OUT)]
+    made = with_frames(held_out, lambda number: trace(frames[number]))
+    for index, frame in progress(made, "evaluate", total=len(held_out)):
+        image = images[index]
         captured, rendered = scored_pair(render, image, frame)
         foreground = np.asarray(image.mask) >= FOREGROUND_MASK
         flags = {name: getattr(image, name) for name in (*HELD_OUT, "fully_lit")}
@@ -125,6 +139,21 @@ def evaluate(
     flags = dict.fromkeys(columns[3:], bool)
     names = [metric.name for metric in metrics]
     return pd.DataFrame(rows, columns=[*columns, *names, "foreground_pixels"]).astype(flags)
+
+
+def with_frames(numbered: Sequence[tuple[int, int]], make: Callable[[int], Any]) -> Iterator[tuple[int, Any]]:
+    """Indices of images, each with its frame, made from its number.
+
+    Images of one frame that follow each other share it: renderers keep what depends on it only. The next frames are
+    made on threads of their own, as many as `FRAMES_AHEAD`.
+    """
+    runs = [(number, [index for index, _ in run]) for number, run in groupby(numbered, lambda pair: pair[1])]
+    with ThreadPoolExecutor(FRAMES_AHEAD) as pool:
+        coming = deque(pool.submit(make, number) for number, _ in runs[:FRAMES_AHEAD])
+        for place, (_, run) in enumerate(runs):
+            frame = coming.popleft().result()
+            coming.extend(pool.submit(make, number) for number, _ in runs[place + FRAMES_AHEAD :][:1])
+            yield from ((index, frame) for index in run)
 
 
 def scored_pair(render: Render, image: ScoredImage, frame: Any) -> tuple[np.ndarray, np.ndarray]:

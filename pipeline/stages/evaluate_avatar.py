@@ -93,8 +93,9 @@ def run(
     if not settings.pictures:  # those of an earlier run would stand beside scores that are not theirs
         shutil.rmtree(out / "images", ignore_errors=True)
     for folder, path in zip(avatars, frames, strict=True):
-        render = load_avatar(folder, atlas).render
-        per_image = evaluate(render, images, lit[path], lpips, metrics)
+        avatar = load_avatar(folder, atlas)
+        render = avatar.render
+        per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace)
         names = {"subject": subject, "variant": folder.name}
         config = read_json(folder / "config.json")
         built = {name: config.get(name, "") for name in ("built", "why")}

@@ -28,6 +28,9 @@ class PlantedAvatar:
     def __init__(self, error: float) -> None:
         self.error = error
 
+    def trace(self, frame: FrameRecord) -> FrameRecord:
+        return frame
+
     def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[torch.Tensor, torch.Tensor]:
         assert frame.frame == image.frame
         mask = torch.tensor(image.mask)

@@ -140,13 +140,11 @@ class Eyes(nn.Module):
         """
         motion = inputs.head_from_world, frame_gaze(inputs, self.parts, self.axes)
         (sizes, places, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
+        lids, harmonics = self.traced(inputs)
         quaternions = quaternion_from_matrix(frames.detach().double().cpu().numpy())
         rows = (points, frames, torch.as_tensor(quaternions).to(points))
         old = (decoded.posed.points, decoded.posed.tangent_frames, decoded.posed.quaternions)
         placed = PosedTexels(*(a.index_copy(0, self.chosen, b) for a, b in zip(old, rows, strict=True)))
-        if inputs not in self._traced:
-            self._traced[inputs] = self._trace(inputs, points.detach(), frames.detach(), turns.detach())
-        lids, harmonics = self._traced[inputs]
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
         frozen = {
@@ -156,15 +154,18 @@ class Eyes(nn.Module):
         parameters = replace(decoded.parameters, **frozen)
         return replace(decoded, parameters=parameters, posed=placed), PosedEyes(turns, *balls, lids, harmonics)
 
-    def _trace(
-        self, inputs: FrameInputs, points: Tensor, frames: Tensor, turns: Tensor
-    ) -> tuple[LidOcclusion, Tensor | None]:
+    @torch.no_grad()
+    def traced(self, inputs: FrameInputs) -> tuple[LidOcclusion, Tensor | None]:
         """Lids and, where eyes are lit apart, the light that passes them: traced once for a frame, and kept."""
-        lids = trace_lids(inputs.mesh[0], self.skin_faces, points, frames)
-        if not self.lit_apart:
-            return lids, None
-        skin = None if self.shadow_learned else lids.skin
-        return lids, light_past_lids(skin, points, frames[..., 2], turns[self.eye], white_once(inputs.lights))
+        if inputs not in self._traced:
+            motion = inputs.head_from_world, frame_gaze(inputs, self.parts, self.axes)
+            (_, _, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
+            lids, harmonics = trace_lids(inputs.mesh[0], self.skin_faces, points, frames), None
+            if self.lit_apart:
+                skin, lights = None if self.shadow_learned else lids.skin, white_once(inputs.lights)
+                harmonics = light_past_lids(skin, points, frames[..., 2], turns[self.eye], lights)
+            self._traced[inputs] = lids, harmonics
+        return self._traced[inputs]
 
     def mirrors(self, eyes: PosedEyes, samples: GlossySamples | None) -> Float[Tensor, "texels 2"] | None:
         """Layer of what eyes mirror, of samples of all texels; None without.

@@ -38,16 +38,23 @@ class LoadedAvatar:
 
     def __init__(self, avatar: Avatar, atlas: Atlas) -> None:
         self.avatar, self.atlas = avatar.eval(), atlas
-        self._frame: tuple[FrameRecord, PreparedFrame] | None = None  # cameras of one frame share its light and shadow
+        self._frame: tuple[object, PreparedFrame] | None = None  # cameras of one frame share its light and shadow
+
+    def trace(self, frame: FrameRecord) -> FrameInputs:
+        """Trace a frame for `render`, so that it need not; it may be done on another thread."""
+        return self.avatar.trace(self._inputs(frame))
 
     @torch.no_grad()
-    def render(self, frame: FrameRecord, image: ImageRecord) -> tuple[Tensor, Tensor]:
+    def render(self, frame: FrameRecord | FrameInputs, image: ImageRecord) -> tuple[Tensor, Tensor]:
         """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
-        device = self.avatar.albedo.device
         if self._frame is None or self._frame[0] is not frame:
-            self._frame = (frame, self.avatar.prepare(FrameInputs(self.atlas, frame, device=device)))
-        picture = self.avatar.view(self._frame[1], camera_view(image, device))
+            inputs = frame if isinstance(frame, FrameInputs) else self._inputs(frame)
+            self._frame = (frame, self.avatar.prepare(inputs))
+        picture = self.avatar.view(self._frame[1], camera_view(image, self.avatar.albedo.device))
         return picture.rgb, picture.alpha
+
+    def _inputs(self, frame: FrameRecord) -> FrameInputs:
+        return FrameInputs(self.atlas, frame, device=self.avatar.albedo.device)
 
 
 def camera_view(image: ImageRecord | Camera, device: torch.device | str = "cpu") -> CameraView:
