@@ -35,7 +35,7 @@ from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.stages import evaluate_avatar, pack_shards, plan_effects, trace_irradiance, train_avatar
 
-PAPER = {"shading": "transfer", "deferred": "on", "weight_mask": 0.1, "weight_negative": 0.01}
+PAPER = {"shading": "transfer", "deferred": "on", "weight_mask": 0.1, "weight_negative": 0.01, "weight_smooth": 0.0}
 EVERYTHING = PAPER | dict.fromkeys(("specular", "shadow", "near_field", "articulation"), "on")
 AVATARS = {"everything": EVERYTHING, "full": PAPER, "auto": {}}
 ALL_ON = PlanEffects(**dict.fromkeys([name for name in EFFECTS if name != "eyes"], "on"))

@@ -194,6 +194,12 @@ class TrainAvatar(Settings):
         ge=0,
         description="Weight of negative colour and negative albedo, squared (lambda_c-): there is no such light",
     )
+    weight_smooth: float = Field(
+        0.6,
+        ge=0,
+        description="Weight of the total variation of albedo, normals and gloss over the atlas, divided by the number "
+        "of training images: texels are finer than pixels, and few images do not tell all of them",
+    )
     weight_transfer: float = Field(30.0, ge=0, description="Weight that keeps the transfer near the Lambertian lobe")
     weight_leftover: float = Field(
         0.1, ge=0, description="For combined: weight that keeps the transfer beside Lambert near nothing"

@@ -109,7 +109,7 @@ def run(
         if unread := unread_settings(settings, spec):
             log.warning("set, but read by nothing that is built: %s", ", ".join(unread))
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
-        training = Training(avatar, settings, processes, subject)
+        training = Training(avatar, settings, processes, subject, len(chosen))
         done = train(subject, training, images, chosen, inputs, out, fingerprint)
         if processes.is_main:
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
@@ -144,7 +144,8 @@ def train(
     require_same_start(at.step, processes)
     if (out / CHECKPOINT).exists():
         log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
-    schedule = Schedule(subject, images.table.frame.iloc[chosen].tolist(), settings.cameras_per_step)
+    frame_of_image = images.table.frame.iloc[chosen].tolist()
+    schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together)
     left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
     with StopRequests() as stop, open_log(out, images, chosen, frames, training, at) as training_log:
         for first in progress(left, "train_avatar") if processes.is_main else left:

@@ -18,6 +18,7 @@ import pipeline.stages.train_avatar as stage
 from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.avatar.training.training import Training
+from pipeline.avatar.training.training_images import Schedule
 from pipeline.avatar.training.training_log import MOST_PREVIEWS, preview_spacing
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
@@ -181,9 +182,13 @@ def test_a_pixel_that_is_not_finite_is_traced_to_its_step(tmp_path, monkeypatch)
     """The message has the step, its images, the term, and a state: that of a clean capture before that step."""
     settings = SETTINGS.model_copy(update={"checkpoint_every": 1})
     images = sheet_images(sheet_frames())
-    spoiled = images[0].image.copy()
+    frame_of_image = [image.frame for image in images]
+    first = Schedule("sheet", frame_of_image, settings.cameras_per_step, settings.steps_together)[0][0]
+    chosen = next(index for index, frame in enumerate(frame_of_image) if frame != frame_of_image[first])
+    spoiled = images[chosen].image.copy()
     spoiled[12, 12] = np.nan
-    for name, content in (("clean", images), ("spoiled", [dataclasses.replace(images[0], image=spoiled), *images[1:]])):
+    broken = [*images[:chosen], dataclasses.replace(images[chosen], image=spoiled), *images[chosen + 1 :]]
+    for name, content in (("clean", images), ("spoiled", broken)):
         (tmp_path / name).mkdir()
         write_subject(tmp_path / name, content)
     with pytest.raises(InputError) as told:
@@ -193,7 +198,7 @@ def test_a_pixel_that_is_not_finite_is_traced_to_its_step(tmp_path, monkeypatch)
         str(told.value),
     )
     assert found, told.value
-    assert set(found[2].split(", ")) == {"x-0.2/0", "x0.2/0"}
+    assert set(found[2].split(", ")) == {f"x{x}/{frame_of_image[chosen]}" for x in (-0.2, 0.2)}
     number = int(found[1])
     assert number > 0
     step_and(monkeypatch, number, die)

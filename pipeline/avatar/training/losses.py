@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.lobes import SMALLEST_ALPHA
-from pipeline.avatar.appearance.penalties import negative, outside
+from pipeline.avatar.appearance.penalties import negative, outside, total_variation
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar, Picture
 from pipeline.avatar.training.head_losses import structural_dissimilarity
@@ -21,6 +21,9 @@ from pipeline.lighting.lobes import unit
 from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
 from pipeline.metrics.lpips import Lpips, open_lpips
 from pipeline.rendering.splat_types import CameraView
+
+SMOOTH = ("albedo", "normal_offset", "log_gloss", "log_ggx_width")
+"""Parameters that hardly change from a texel to the next, unless pictures say so."""
 
 SCALE_BOUNDS_M = (1e-4, 1e-2)
 """Bounds of Gaussian scales (RFGCA Appendix B)."""
@@ -139,8 +142,14 @@ def normal_weight(weights: TrainAvatar, step: int) -> float:
     return weights.weight_normal * max(0.0, 1 - step / weights.normal_steps)
 
 
-def regularization(avatar: Avatar, frame: PreparedFrame, weights: TrainAvatar, step: int = 0) -> dict[str, Tensor]:
-    """All terms that look at the parameters of a prepared frame, weighted."""
+def regularization(
+    avatar: Avatar, frame: PreparedFrame, weights: TrainAvatar, step: int = 0, images: int = 1
+) -> dict[str, Tensor]:
+    """All terms that look at the parameters of a prepared frame, weighted.
+
+    `images`: number of those that the avatar is trained on. Reconstruction is a mean over them, so a prior on
+    parameters that all share (the smoothness) is divided by their number.
+    """
     size, gaussians = avatar.spacing.mean(-1, keepdim=True), frame.gaussians
     terms = {
         "offset": weights.weight_offset * (frame.parameters.offset / size).square().mean(),
@@ -149,6 +158,9 @@ def regularization(avatar: Avatar, frame: PreparedFrame, weights: TrainAvatar, s
         "albedo": weights.weight_albedo * avatar.albedo.abs().mean(),
         "negative": weights.weight_negative * (negative(frame.shading.diffuse) + negative(avatar.albedo)),
     }
+    if weights.weight_smooth:
+        smooth = [total_variation(getattr(avatar, name), avatar.adjoining) for name in SMOOTH if hasattr(avatar, name)]
+        terms["smooth"] = weights.weight_smooth / images * torch.stack(smooth).sum()
     weight_of = {"normal": normal_weight(weights, step), "roughness": weights.weight_scale}
     for part in (avatar.built.diffuse, avatar.built.normals, avatar.built.specular):
         for name, term in part.penalties(frame.parameters).items():

@@ -79,7 +79,7 @@ class Portion:
 
 
 def compute_loss(
-    avatar: Avatar, portion: Portion, settings: TrainAvatar, step: int = 0, subject: str = ""
+    avatar: Avatar, portion: Portion, settings: TrainAvatar, step: int = 0, subject: str = "", images: int = 1
 ) -> dict[str, Tensor]:
     """This process's part of the weighted terms of one step.
 
@@ -91,10 +91,12 @@ def compute_loss(
         settings: weights.
         step: number of the step, which decides some weights.
         subject: seeds, with the step, what is drawn.
+        images: number of those that the avatar is trained on.
     """
     inputs, device = portion.inputs, avatar.albedo.device
     frame = avatar.prepare(inputs, **drawn_expression(avatar, subject, step))
-    shared = regularization(avatar, frame, settings, step) | expression_terms(avatar, frame, inputs, settings)
+    shared = regularization(avatar, frame, settings, step, images)
+    shared |= expression_terms(avatar, frame, inputs, settings)
     terms = {name: term / portion.sharers for name, term in shared.items()}
     for image in portion.images:
         camera = camera_view(image, device)
@@ -156,11 +158,20 @@ class Part:
 
 
 class Training:
-    """An avatar, its optimiser and its gradients, in one or several processes. `subject` seeds what steps draw."""
+    """An avatar, its optimiser and its gradients, in one or several processes.
+
+    Args:
+        avatar, settings: what is trained, and how.
+        processes: this one among all.
+        subject: seeds what steps draw.
+        images: number of those that the avatar is trained on.
+    """
 
     def __init__(
-        self, avatar: Avatar, settings: TrainAvatar, processes: Processes = Processes(), subject: str = ""
-    ) -> None:
+        self, avatar: Avatar, settings: TrainAvatar, processes: Processes = Processes(), subject: str = "",
+        images: int = 1,
+    ) -> None:  # fmt: skip
+        self.images = images
         self.avatar, self.settings, self.processes, self.subject = avatar, settings, processes, subject
         self.optimizer = make_optimizer(avatar, settings)
         self.gradients = FlatGradients(avatar, settings.steps_together)
@@ -202,7 +213,7 @@ class Training:
             return {}, ""
         self.gradients.point_to(row)
         try:
-            terms = compute_loss(self.avatar, portion, self.settings, step, self.subject)
+            terms = compute_loss(self.avatar, portion, self.settings, step, self.subject, self.images)
         except NotFinite as error:  # Told to all processes: they wait for this one's gradients.
             return {}, str(error)
         sum(terms.values()).backward()

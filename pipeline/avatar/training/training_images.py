@@ -23,23 +23,39 @@ from pipeline.config.train_avatar import TrainAvatar
 
 
 class Schedule:
-    """Images of each step. Every epoch all frames in random order, their cameras in random groups."""
+    """Images of each step. Every epoch all frames in random order, their cameras in random groups.
 
-    def __init__(self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int) -> None:
-        self.subject, self.cameras_per_step = subject, cameras_per_step
+    Frames are dealt to the places of a round once and for all, as evenly as they can be: a process that always takes
+    the steps of one place traces and keeps its own frames only. Where those of a place are used up before an epoch
+    ends, it takes others'.
+    """
+
+    def __init__(
+        self, subject: str, frame_of_image: Sequence[int], cameras_per_step: int, steps_together: int = 1
+    ) -> None:
+        self.subject, self.cameras_per_step, self.steps_together = subject, cameras_per_step, steps_together
         self.by_frame: dict[int, list[int]] = defaultdict(list)
         for index, frame in enumerate(frame_of_image):
             self.by_frame[frame].append(index)
+        dealt = generator_for(subject, "train_avatar", "places").permutation(sorted(self.by_frame)).tolist()
+        self.place = {frame: number % steps_together for number, frame in enumerate(dealt)}
         self.steps_per_epoch = sum(-(-len(group) // cameras_per_step) for group in self.by_frame.values())
         self.epoch = lru_cache(maxsize=2)(self._epoch)
 
     def _epoch(self, epoch: int) -> list[list[int]]:
         generator = generator_for(self.subject, "train_avatar", epoch)
-        groups = []
+        groups, places = [], []
         for frame in sorted(self.by_frame):
             shuffled = generator.permutation(self.by_frame[frame]).tolist()
-            groups += [shuffled[i : i + self.cameras_per_step] for i in range(0, len(shuffled), self.cameras_per_step)]
-        return [groups[i] for i in generator.permutation(len(groups))]
+            mine = [shuffled[i : i + self.cameras_per_step] for i in range(0, len(shuffled), self.cameras_per_step)]
+            groups, places = groups + mine, places + [self.place[frame]] * len(mine)
+        left: list[list[list[int]]] = [[] for _ in range(self.steps_together)]
+        for i in generator.permutation(len(groups)):
+            left[places[i]].append(groups[i])
+        first = epoch * self.steps_per_epoch
+        return [
+            (left[step % self.steps_together] or max(left, key=len)).pop() for step in range(first, first + len(groups))
+        ]
 
     def __getitem__(self, step: int) -> list[int]:
         """Indices of the images of one step; all belong to one frame."""

@@ -46,7 +46,8 @@ def make_head(atlas, frames=(), settings=SETTINGS, **row):
 
 def trained(atlas, frames, steps=6, **row):
     avatar = make_head(atlas, frames, **row)
-    training, inputs = Training(avatar, SETTINGS, subject="sheet"), [FrameInputs(atlas, frame) for frame in frames]
+    inputs = [FrameInputs(atlas, frame) for frame in frames]
+    training = Training(avatar, SETTINGS, subject="sheet", images=len(frames))
     images = [make_image(frame, ALBEDO, 0.1) for frame in frames]
     for step in range(steps):
         training.take_step(step, inputs[step % len(frames)], [images[step % len(frames)]])

@@ -45,7 +45,7 @@ def make_avatar(atlas, settings, planned=PLANNED):
 
 def trained(atlas, frames, steps=3):
     avatar = make_avatar(atlas, DECODED)
-    training, inputs = Training(avatar, DECODED), [FrameInputs(atlas, frame) for frame in frames]
+    training, inputs = Training(avatar, DECODED, images=len(frames)), [FrameInputs(atlas, frame) for frame in frames]
     images = [make_image(frame, ALBEDO, 0.1) for frame in frames]
     for step in range(steps):
         chosen = step % len(frames)

@@ -44,7 +44,7 @@ def train(scene, settings, steps, start=None, folder=None, spec=SPEC):
     atlas, frames, images = scene
     torch.manual_seed(0)
     avatar = Avatar(atlas, texel_spacing(atlas), spec)
-    training = Training(avatar, settings)
+    training = Training(avatar, settings, images=len(images))
     schedule = Schedule("sheet", [image.frame for image in images], settings.cameras_per_step)
     at = training.restore(start, "same") if start else Position()
     for step in range(at.step, steps):
@@ -218,6 +218,23 @@ def test_schedule_shows_every_image_once_an_epoch_and_one_frame_a_step(scene):
         assert sorted(i for step in steps for i in step) == list(range(len(images)))
         assert all(len({images[i].frame for i in step}) == 1 for step in steps)
     assert schedule[0] == Schedule("sheet", frames, 2)[0]
+
+
+def test_each_place_of_a_round_has_frames_of_its_own():
+    """An odd number of steps in an epoch, so that its first step is at another place in each."""
+    frames = [frame for frame in range(7) for _ in range(5)]
+    schedule = Schedule("sheet", frames, 2, steps_together=2)
+    assert schedule.steps_per_epoch == 21
+    seen: list[list[int]] = [[], []]
+    for epoch in range(4):
+        steps = range(epoch * 21, (epoch + 1) * 21)
+        assert sorted(i for step in steps for i in schedule[step]) == list(range(len(frames)))
+        for step in steps:
+            seen[step % 2].append(frames[schedule[step][0]])
+    # 4 and 3 frames, 12 and 9 steps. Epochs begin at one place, with 11 and 10 steps, or at the other: 1 or 2 are lent.
+    assert sum(min(seen[0].count(frame), seen[1].count(frame)) for frame in range(7)) == 2 * (1 + 2)
+    orders = [[frames[schedule[epoch * 21 + i][0]] for i in range(21)] for epoch in range(2)]
+    assert orders[0] != orders[1], "random order"
 
 
 def test_bound_is_zero_inside_and_its_slope_finite_everywhere():
