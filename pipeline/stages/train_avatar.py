@@ -94,7 +94,7 @@ def run(
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
         if spec.eyes and fitted_eyes is None:
             raise InputError("--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off")
-        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow"), *[fitted_eyes] * spec.eyes]
+        read = [*(shards / "train").glob("[!.]*.arrow"), *frames.glob("[!.]*.arrow"), *[fitted_eyes] * spec.eyes]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
         torch.manual_seed(seed_for(subject, "train_avatar"))

@@ -111,7 +111,7 @@ class JobFiles:
             InputError: if other shards are there: stages read whole folders.
         """
         expected = self.each_chunk(f"{folder}/{{chunk}}.arrow")
-        stale = sorted({str(path) for path in Path(self.path(folder)).glob("*.arrow")} - set(expected))
+        stale = sorted({str(path) for path in Path(self.path(folder)).glob("[!.]*.arrow")} - set(expected))
         if stale:
             raise InputError(f"stale files, left over from other chunks of frames, delete: {' '.join(stale)}")
         return expected

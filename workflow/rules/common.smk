@@ -15,6 +15,7 @@ from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
+from pipeline.workflow.termination import pass_sigterm_on
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
@@ -25,6 +26,11 @@ shell.prefix(
     "export NUMBA_NUM_THREADS=$OMP_NUM_THREADS OMP_WAIT_POLICY=passive"
     " MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824; "
 )
+
+
+# After Snakemake has set its own handler.
+onstart:
+    pass_sigterm_on()
 
 
 def validated_project():

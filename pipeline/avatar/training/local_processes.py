@@ -14,6 +14,7 @@ import torch
 
 from pipeline.avatar.training.distributed import STORE
 from pipeline.base.errors import InputError
+from pipeline.base.parent_death import end_with_parent
 from pipeline.config.train_avatar import TrainAvatar
 
 FAREWELL_S = 10.0
@@ -89,6 +90,7 @@ def variables(rank: int, count: int, store: str) -> dict[str, str]:
 
 def _join(environment: Mapping[str, str], run: Callable[..., None], arguments: Mapping[str, object]) -> None:
     """Be one of the processes; the first tells what went wrong."""
+    end_with_parent()
     os.environ.update(environment)
     try:
         run(**arguments)

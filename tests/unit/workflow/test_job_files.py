@@ -64,6 +64,12 @@ class TestShards:
         with pytest.raises(InputError, match=stale):
             JobFiles(project(), "someone").shards("shards/train")
 
+    def test_hidden_files_of_killed_stages_are_not_stale(self, project):
+        folder = Path("results/someone/shards/train")
+        folder.mkdir(parents=True)
+        (folder / ".b26333b1.0000.arrow").touch()
+        assert len(JobFiles(project(), "someone").shards("shards/train")) == 3
+
 
 class TestFrames:
     def test_variant_with_other_maps_has_frames_of_its_own(self, project):
