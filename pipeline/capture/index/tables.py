@@ -13,6 +13,7 @@ import pyarrow
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.capture.index.csv_tables import (
     DTYPES,
+    FLOAT32,
     Kind,
     column_names,
     complain_repeats,
@@ -114,6 +115,9 @@ def read_patterns_csv(
     for column in [column for column in table if column.startswith("intensity")]:
         if (bad := table[column] < 0).any():
             complain_rows(complaints, path, column, bad, "0 or more", table[column])
+        if (faint := (table[column] > 0) & (table[column] < FLOAT32.tiny)).any():
+            expected = f"0, or at least {FLOAT32.tiny:.3g}, the smallest number that float32 holds exactly"
+            complain_rows(complaints, path, column, faint, expected, table[column])
     if "intensity" in table:
         table = table.assign(**dict.fromkeys(INTENSITIES, table["intensity"])).drop(columns="intensity")
     complain_repeats(complaints, path, table, ["frame", "light"])

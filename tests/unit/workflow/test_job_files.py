@@ -34,6 +34,14 @@ def project(tmp_path, monkeypatch):
     return load
 
 
+def test_unknown_variant_and_chunk_are_refused_by_name(project):
+    loaded = project(variants={"full": {}, "matte": {"specular": False}})
+    with pytest.raises(InputError, match="someone: variant 'gloss': expected one of full, matte, found no such"):
+        JobFiles(loaded, "someone", "gloss")
+    with pytest.raises(InputError, match="someone: chunk '0003': expected 0000 to 0002"):
+        JobFiles(loaded, "someone", chunk="0003")
+
+
 def test_chunks_of_a_job_are_its_own_or_all(project):
     loaded = project()
     pattern = "tracking/{chunk}.safetensors"

@@ -54,6 +54,19 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
         ["lights.csv: x: expected a finite number, found 'nan' in line 3"],
     ),
     "infinite position": (text("lights.csv", "1.5,0.5", "inf,0.5"), ["lights.csv: x", "'inf' in line 3"]),
+    "one number too many": (
+        lambda root: write_lines(root / "lights.csv", "light,x,y,z", "NA,1,2,3", "b,1,2,3,4"),
+        ["lights.csv: table", "rows of another number of cells than the 4 of the header: 5 in line 3"],
+    ),
+    "one number too many in each row": (
+        lambda root: write_lines(root / "lights.csv", "light,x,y,z", "a,1,2,3,4", "b,1,2,3,4"),
+        ["5 in line 2, 5 in line 3"],
+    ),
+    "column twice": (
+        lambda root: write_lines(root / "lights.csv", "light,x,y,z,x", "a,1,2,3,4"),
+        ["lights.csv: table", "columns that are there twice: x"],
+    ),
+    "number of no float32": (text("lights.csv", "1.5,0.5", "1e300,0.5"), ["lights.csv: x", "'1e300' in line 3"]),
     "empty cell": (text("lights.csv", "1.5,0.5", ",0.5"), ["lights.csv: x", "'' in line 3"]),
     "fraction of a pixel": (
         text("cameras.csv", "left,8", "left,8.5"),
