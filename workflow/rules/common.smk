@@ -43,6 +43,7 @@ def validated_project():
 
 
 project = validated_project()
+MAKES_CAPTURE = "synthesize_capture"
 captures = os.path.normpath(project.settings.captures)
 
 
@@ -65,7 +66,7 @@ def settings_for(stage):
 
 
 def arguments_for(stage, **own):
-    """A function of wildcards: all other words of a stage's command line but for threads.
+    """A function of wildcards: all other words of a stage's command line but for threads and the capture's folder.
 
     `own` are functions of wildcards for values that are not those of `JobFiles.named`, by the name that
     `pipeline.config.stage_commands` has for them.
@@ -73,7 +74,9 @@ def arguments_for(stage, **own):
 
     def words(wildcards):
         shared = job(wildcards).named() if "subject" in wildcards.keys() else {}
-        return stage_arguments(stage, {**shared, **{name: value(wildcards) for name, value in own.items()}})
+        values = {name: value(wildcards) for name, value in own.items()}
+        # synthesize_capture writes it: another folder is another output.
+        return stage_arguments(stage, {**shared, "capture": [], **values} if stage != MAKES_CAPTURE else shared)
 
     return words
 
@@ -92,8 +95,17 @@ def arguments_with_input(stage, own, **read):
 
 
 def named(wildcards):
-    """What a command line names of a job."""
-    return job(wildcards).named()
+    """What a command line names of a job, but for the capture's folder."""
+    return {name: value for name, value in job(wildcards).named().items() if name != "capture"}
+
+
+def capture_folder(wildcards, input):
+    """Where the capture lies.
+
+    A function of the input, for which Snakemake reruns nothing: what a capture holds counts, by its digests in the
+    index, and not where it was moved to.
+    """
+    return job(wildcards).capture
 
 
 def traced_maps(input):

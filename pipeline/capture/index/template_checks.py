@@ -15,6 +15,7 @@ from pipeline.capture.index.eye_tables import read_eyes_csv
 from pipeline.capture.paths import locate
 from pipeline.capture.schema.capture_yaml import Template
 from pipeline.geometry.gltf import GltfFile
+from pipeline.geometry.skin import read_template
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ def check_template(root: Path, template: Template, complaints: Complaints) -> tu
     shape = None
     with complaints.collecting():
         shape = _read_shape(root, template.mesh)
+        # As tracking reads it, so that what it would refuse is said now.
+        read_template(locate(root, template.mesh), template.scale_to_m)
     faces, vertices = (None, 0) if shape is None else (shape.faces, shape.vertices)
     eyes = read_eyes_csv(root, template.eyes, faces, vertices, complaints)
     table = read_keypoint_places(root, template.keypoints, complaints)

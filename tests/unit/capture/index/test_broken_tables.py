@@ -30,6 +30,12 @@ def mislead_template(root: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"VEC3", b"VEC9"))
 
 
+def mislead_joints(root: Path) -> None:
+    """A vertex that follows the second of two joints now follows the eighth."""
+    path = root / "template/template.glb"
+    path.write_bytes(path.read_bytes().replace(bytes([0, 0, 1, 0, 0, 1, 0]), bytes([0, 0, 7, 0, 0, 1, 0])))
+
+
 TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
     "no table": (
         lambda root: (root / "cameras.csv").unlink(),
@@ -167,6 +173,10 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
     "template of another kind": (
         lambda root: (root / "template/template.glb").write_text("solid"),
         ["glTF 2.0 binary"],
+    ),
+    "template whose weights are of a joint that is none": (
+        mislead_joints,
+        ["JOINTS_n: expected joints of the skin, 0 to 1"],
     ),
     "template against the specification": (mislead_template, ["expected a mesh by the glTF 2.0 specification"]),
     "template without triangles": (
