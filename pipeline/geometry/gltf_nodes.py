@@ -1,4 +1,4 @@
-"""Nodes of a glTF file: the tree that they are said to form, checked before anybody climbs it.
+"""Nodes of a glTF file: the trees that they form, checked before anybody climbs them.
 
 Source: Khronos glTF 2.0 specification, section 3.5 (nodes form disjoint strict trees).
 """

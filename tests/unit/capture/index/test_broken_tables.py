@@ -73,6 +73,18 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
         ["lights.csv: table", "columns that are there twice: x"],
     ),
     "number of no float32": (text("lights.csv", "1.5,0.5", "1e300,0.5"), ["lights.csv: x", "'1e300' in line 3"]),
+    "milliseconds": (
+        rewritten("frames.csv", "frame,timestamp_s,segment", "0,0,a", "1,33.333,a", "2,500,b"),
+        ["frames.csv: timestamp_s: expected seconds, 0.0333333 apart", "found 33.333 apart", "write times in seconds"],
+    ),
+    "certainty beyond measure": (
+        keypoints(lambda table: table.assign(confidence=[1e300, *table.confidence[1:]])),
+        ["confidence: expected weights of at most 1000, found 1 rows up to 1e+300"],
+    ),
+    "intensity that float32 cannot hold": (
+        text("patterns.csv", "0,A,1.0", "0,A,1e-300"),
+        ["patterns.csv: intensity: expected 0, or at least 1.18e-38", "1e-300"],
+    ),
     "empty cell": (text("lights.csv", "1.5,0.5", ",0.5"), ["lights.csv: x", "'' in line 3"]),
     "fraction of a pixel": (
         text("cameras.csv", "left,8", "left,8.5"),
