@@ -1,6 +1,7 @@
 # What the stages' rules share: the validated configuration, and functions of wildcards.
 import os
 import sys
+import time
 from pathlib import Path
 
 from snakemake.logging import logger
@@ -15,7 +16,10 @@ from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
+from pipeline.workflow.shown_verdicts import shown_verdicts
 from pipeline.workflow.termination import pass_sigterm_on
+
+STARTED = time.time()
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
@@ -31,6 +35,11 @@ shell.prefix(
 # After Snakemake has set its own handler.
 onstart:
     pass_sigterm_on()
+
+
+onsuccess:
+    for line in shown_verdicts(Path(RESULTS), STARTED):
+        logger.warning(line)
 
 
 def validated_project():

@@ -11,8 +11,10 @@ import pandas as pd
 from pipeline.base.errors import Complaints
 from pipeline.base.files import digest_file
 from pipeline.base.splits import VALIDATION_FLAGS
+from pipeline.capture.images import ImageSource
 from pipeline.capture.index import calibration_files, tables
 from pipeline.capture.index.csv_tables import complain_unknown
+from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
 from pipeline.capture.index.frame_images import expected_images, find_frame_images
 from pipeline.capture.index.image_checks import ExpectedImage, inspect_images
@@ -55,6 +57,9 @@ def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
     expected += expected_images(images, found["cameras"])
     digests = inspect_images(root, expected, complaints, threads)
     _check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
+    complaints.raise_if_any()
+    source = ImageSource(root, manifest.images.transfer, manifest.images.black_level)
+    complain_of_exchanged(images, found["cameras"], source, complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
     contents["capture"] = _capture_content(root, manifest, found["eyes"])
