@@ -22,8 +22,9 @@ from pipeline.avatar.training.training_log import MOST_PREVIEWS, preview_spacing
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
+from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.base.stopping import Stopped
-from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
+from pipeline.capture.shards import read_frame_shards, read_image_shards, write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
@@ -73,6 +74,17 @@ def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
     own, default = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("own", "default"))
     for name in own:
         np.testing.assert_array_equal(own[name], default[name], err_msg=name)
+
+
+@pytest.mark.parametrize("flag", [*TEST_FLAGS, VALIDATION])
+def test_held_out_image_among_training_images_is_refused(inputs, tmp_path, flag):
+    path = inputs["shards"] / "train/0000.arrow"
+    records = list(read_image_shards([path]))
+    write_image_shard(path, [dataclasses.replace(records[0], **{flag: True}), *records[1:]])
+    said = rf"train: expected no held-out images, found {records[0].camera}/{records[0].frame} \({flag}\)"
+    with pytest.raises(InputError, match=said):
+        stage.run(**inputs, out=tmp_path / "avatar")
+    assert not (tmp_path / "avatar/avatar.safetensors").exists()
 
 
 class Death(Exception):
