@@ -22,7 +22,7 @@ _own: list[tuple[Path, int]] = []
 def output_locked(out: Path, job: str) -> Iterator[None]:
     """Keep others from the same job with the same output while the block runs.
 
-    Where the file system knows no locks, nothing is kept.
+    Where the file system knows no locks, or the folder around the output cannot be written to, nothing is kept.
 
     Args:
         out: file or folder that is written.
@@ -32,7 +32,6 @@ def output_locked(out: Path, job: str) -> Iterator[None]:
         InputError: if another process holds the lock, with its number and machine.
     """
     out = Path(out).absolute()
-    out.parent.mkdir(parents=True, exist_ok=True)
     path = out.parent / f".{out.name}.{job}.lock"
     descriptor = _locked(path)
     if descriptor is None:
@@ -65,7 +64,11 @@ def require_own_output() -> None:
 def _locked(path: Path) -> int | None:
     """A descriptor that holds the lock; None where there are no locks."""
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:
+            return None  # If the output cannot be written either, the stage says so.
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -68,6 +68,15 @@ def test_process_whose_lock_was_deleted_writes_nothing_more(tmp_path: Path) -> N
     assert not (out / "config.json").exists()
 
 
+def test_folder_that_cannot_be_written_to_keeps_nobody_from_working(tmp_path: Path) -> None:
+    """As where the output alone may be written to; here its parent is no folder."""
+    (tmp_path / "file").touch()
+    done = False
+    with output_locked(tmp_path / "file/out", "job"):
+        done = True
+    assert done
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a service of Linux")
 def test_child_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     """The child holds the pipe that its parent printed to: the pipe ends only with both."""
