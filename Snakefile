@@ -11,10 +11,10 @@ report: "workflow/report/workflow.rst"
 
 
 wildcard_constraints:
-    subject="[A-Za-z0-9_-]+",
-    variant="[A-Za-z0-9_-]+",
+    subject="[A-Za-z0-9_][A-Za-z0-9_-]*",
+    variant="[A-Za-z0-9_][A-Za-z0-9_-]*",
     chunk=r"\d{4}",
-    light="[A-Za-z0-9_-]+",
+    light="[A-Za-z0-9_][A-Za-z0-9_-]*",
 
 
 # Validates the configuration of all subjects, and the subjects named in the targets.

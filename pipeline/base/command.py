@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import logging
+import os
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import MappingProxyType
 
 import tyro
 
 from pipeline.base.errors import InputError
+from pipeline.base.output_lock import output_locked
 from pipeline.base.stopping import Stopped
 from pipeline.base.watchdog import watched
 
@@ -20,8 +24,9 @@ def run_as_command(
     """Turn a stage's `run` into its command line.
 
     Flags, help and defaults come from its signature and docstring. Prints an `InputError` as it stands and exits with
-    1, likewise `Stopped` with 128 + the signal; anything else is a defect and keeps its traceback. A stage that stands
-    still says where, after ten minutes (`pipeline.base.watchdog`).
+    1, likewise what the system refuses (`OSError`, `MemoryError`), and `Stopped` with 128 + the signal; anything else
+    is a defect and keeps its traceback. A stage that stands still says where, after ten minutes
+    (`pipeline.base.watchdog`). Its output is locked against a second one (`pipeline.base.output_lock`).
 
     Args:
         run: the stage.
@@ -35,10 +40,32 @@ def run_as_command(
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:
         with watched(sys.__stderr__):
-            tyro.cli(run, prog=program, args=words, config=(tyro.conf.OmitArgPrefixes,))
+            tyro.cli(_locked(run), prog=program, args=words, config=(tyro.conf.OmitArgPrefixes,))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+    except OSError as error:  # A full disk, a folder that cannot be written, a loop of links.
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+    except MemoryError as error:
+        print(f"error: out of memory: {error}; start fewer processes, or give the stage more", file=sys.stderr)
         sys.exit(1)
     except Stopped as stopped:
         print(stopped, file=sys.stderr)
         sys.exit(128 + stopped.number)
+
+
+def _locked(run: Callable[..., None]) -> Callable[..., None]:
+    """A stage that holds the lock of its output while it runs."""
+
+    @functools.wraps(run)
+    def locked(**arguments: object) -> None:
+        # Of processes that torchrun starts, the first alone writes.
+        if "out" not in arguments or int(os.environ.get("RANK", 0)):
+            run(**arguments)
+            return
+        chunk = [f"{arguments['chunk']:04d}"] if "chunk" in arguments else []
+        with output_locked(arguments["out"], ".".join([Path(sys.argv[0]).stem, *chunk])):
+            run(**arguments)
+
+    return locked

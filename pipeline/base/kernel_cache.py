@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import logging
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 from numba import njit
+
+log = logging.getLogger(__name__)
 
 FAST_MATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
 """fastmath without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
@@ -30,11 +33,18 @@ def sources_digest(folder: Path = Path(__file__).parents[1]) -> str:
 
 
 def kernel(*, parallel: bool = False, fastmath: bool | set[str] = False) -> Callable:
-    """Compile a kernel on first use and keep the binary until any kernel source changes."""
+    """Compile a kernel on first use and keep the binary until any kernel source changes.
+
+    Where no folder for binaries can be written to, each process compiles anew.
+    """
 
     def compiled(function: Callable) -> Callable:
         options = {"parallel": parallel, "fastmath": FAST_MATH if fastmath is True else fastmath}
-        dispatcher = njit(cache=True, **options)(_plain(function))
+        try:
+            dispatcher = njit(cache=True, **options)(_plain(function))
+        except RuntimeError:  # So numba says that no folder can be written to.
+            _warn_once()
+            return njit(**options)(_plain(function))
         # numba has no public way to say this. Should a version rename it, the next line fails at import, aloud.
         dispatcher._cache._cache_file._source_stamp = sources_digest()
         return dispatcher
@@ -50,6 +60,11 @@ def kernel_part(*, inline: bool = False, fastmath: bool | set[str] = False) -> C
         return njit(**options)(_plain(function))
 
     return compiled
+
+
+@cache
+def _warn_once() -> None:
+    log.warning("compiled kernels cannot be kept: set NUMBA_CACHE_DIR to a folder that can be written to")
 
 
 def _plain(function: Callable) -> Callable:

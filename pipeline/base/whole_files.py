@@ -1,31 +1,123 @@
-"""Writing a file or a folder whole or not at all."""
+"""Writing a file or a folder whole or not at all, and never over what is somebody else's."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
-import uuid
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
+
+from pipeline.base.errors import InputError
+from pipeline.base.output_lock import require_own_output
+
+UNFINISHED = ".unfinished."
+"""Prefix of the folders in which files are written: none of them has the suffix of a file, so no pattern of files finds
+what lies in them."""
+
+HELD = ".held"
+"""File of such a folder that its process keeps locked; the system drops the lock with the process."""
+
+WRITTEN_BY = ".written_by"
+"""File of a folder that is replaced as a whole: it names the stage that may do so."""
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that becomes `path`, a file or a folder, only on success.
+    """Yield a temporary path for a file that becomes `path` only on success.
 
-    It lies beside `path` and is renamed: a reader never sees half a file, and a killed stage leaves nothing under the
-    final name.
+    It lies in a hidden folder beside `path`, on the same file system, and is renamed: a reader never sees half a file,
+    and a killed stage leaves nothing under the final name. What a killed process left is removed by the next one that
+    writes into the same folder.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
-    try:
+    with _workplace(path.parent) as place:
+        temporary = place / path.name
         yield temporary
-        if path.is_dir() and temporary.is_dir():
-            shutil.rmtree(path)
+        require_own_output()
         os.replace(temporary, path)
+
+
+@contextmanager
+def written_folder(path: Path, writer: str) -> Iterator[Path]:
+    """Yield a new folder that takes the place of `path` only on success.
+
+    The old folder is renamed away before it is deleted: a killed stage leaves one of the two, or none, never a part.
+
+    Args:
+        path: the folder. A link to one is followed.
+        writer: the stage; it may replace an empty folder, or one that it wrote itself.
+
+    Raises:
+        InputError: at once, if there is something else.
+    """
+    require_own_folder(path, writer)
+    target = Path(path).resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with _workplace(target.parent) as place:
+        temporary = place / target.name
+        temporary.mkdir()
+        (temporary / WRITTEN_BY).write_text(f"{writer}\n")
+        yield temporary
+        require_own_output()
+        require_own_folder(path, writer)
+        if target.exists():
+            os.rename(target, place / ".replaced")
+        os.rename(temporary, target)
+
+
+def require_own_folder(path: Path, writer: str) -> None:
+    """Refuse a path at which there is something that the writer did not write.
+
+    Raises:
+        InputError: if the path is a file, or a folder with content that does not say it was written by this writer.
+    """
+    path, expected = Path(path), f"expected no folder, an empty one, or one that {writer} wrote"
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: {expected}, found a file; name another folder")
+    names = sorted(os.listdir(path)) if path.is_dir() else []
+    if names and not (path / WRITTEN_BY).is_file():
+        raise InputError(f"{path}: {expected}, found {_shown(names)}; move it away or name another folder")
+    if names and (found := (path / WRITTEN_BY).read_text().strip()) != writer:
+        raise InputError(f"{path}: {expected}, found one that {found} wrote; name another folder")
+
+
+def _shown(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" ... ({len(names)} in all)" if len(names) > 3 else "")
+
+
+@contextmanager
+def _workplace(folder: Path) -> Iterator[Path]:
+    """A hidden folder in `folder` that is gone afterwards, at the latest with the next writer."""
+    _sweep(folder.absolute())
+    place = Path(tempfile.mkdtemp(prefix=".new.", dir=folder))
+    try:
+        with open(place / HELD, "w") as held:
+            _lock(held.fileno())
+            # Under the name that is swept only once it is locked: nobody takes it for left over.
+            place = place.rename(folder / f"{UNFINISHED}{place.name.removeprefix('.new.')}")
+            yield place
     finally:
-        if temporary.is_dir():
-            shutil.rmtree(temporary)
-        temporary.unlink(missing_ok=True)
+        shutil.rmtree(place)
+
+
+@cache
+def _sweep(folder: Path) -> None:
+    """Remove what killed processes left in a folder; once per process."""
+    for left in folder.glob(f"{UNFINISHED}*"):
+        with suppress(OSError), open(left / HELD, "r+") as held:
+            if _lock(held.fileno()):
+                shutil.rmtree(left, ignore_errors=True)
+
+
+def _lock(descriptor: int) -> bool:
+    """Take a lock that ends with the process; False if another has it, or the file system knows none."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

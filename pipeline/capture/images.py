@@ -118,7 +118,10 @@ def decode_stored(content: bytes, path: Path) -> np.ndarray:
             raise InputError(f"{path}: expected the channels R, G, B, found {', '.join(sorted(channels)) or 'none'}")
         return np.stack([channels[name] for name in "RGB"], -1)
     # OpenCV answers None for anything it cannot decode to the end, and crashes on an empty buffer.
-    stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    try:
+        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    except cv2.error as error:  # A header that asks for more pixels than OpenCV reads.
+        raise InputError(f"{path}: expected an image that can be read, found: {error.err}") from error
     if stored is None:
         raise InputError(
             f"{path}: expected a whole image, found {len(content)} bytes that end early or are of another kind"

@@ -97,10 +97,13 @@ def locate(root: Path, path: str) -> Path:
         InputError: if it is not there or a link leads out of the folder.
     """
     file = root / path
-    if not file.resolve().is_relative_to(root.resolve()):
-        raise InputError(
-            f"{path}: expected a file inside the capture folder, found a link to {file.resolve()}; copy it"
-        )
-    if not file.is_file():
-        raise InputError(f"{path}: expected a file, found {'a folder' if file.is_dir() else 'none'}")
+    try:
+        if not file.resolve().is_relative_to(root.resolve()):
+            raise InputError(
+                f"{path}: expected a file inside the capture folder, found a link to {file.resolve()}; copy it"
+            )
+        if not file.is_file():
+            raise InputError(f"{path}: expected a file, found {'a folder' if file.is_dir() else 'none'}")
+    except (OSError, RuntimeError) as error:  # A loop of links, a name that is too long.
+        raise InputError(f"{path}: expected a file, found: {error}") from error
     return file

@@ -155,7 +155,7 @@ class FrameShards(Mapping[int, FrameRecord]):
 
 
 def _shard_files(path: Path) -> list[Path]:
-    files = sorted(path.glob("*.arrow")) if path.is_dir() else [path]
+    files = sorted(path.glob("[!.]*.arrow")) if path.is_dir() else [path]
     if not files:
         raise InputError(f"{path}: expected shards *.arrow, found none; run pack_shards")
     return files

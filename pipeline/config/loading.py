@@ -13,10 +13,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from pipeline.base.errors import Complaints
+from pipeline.base.yaml_files import read_yaml
 from pipeline.config.project import NAME_PATTERN, PROJECT_ONLY, SECTIONS, VARIED, ProjectSettings, SubjectSettings
 from pipeline.config.settings import Settings
 
@@ -135,14 +135,10 @@ def has_own_light(settings: SubjectSettings, variant: str) -> bool:
 
 
 def _read_mapping(path: Path, complaints: Complaints) -> dict[str, Any] | None:
-    try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        complaints.add(path, "file", expected="YAML", found=" ".join(str(error).split()))
-        return None
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
+    content = None
+    with complaints.collecting():
+        content = {} if (read := read_yaml(path)) is None else read
+    if content is not None and not isinstance(content, dict):
         complaints.add(path, "file", expected="keys with values", found=type(content).__name__)
         return None
     return content
@@ -158,6 +154,10 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
     for variant, stage in product(settings.variants, VARIED):
         inside = ("variants", variant) if stage == "train_avatar" else ("variants", variant, stage)
         own = [(where, _dig(given, inside)) for where, given in origins]
+        if stage == "train_avatar" and stage in settings.variants[variant]:
+            where = next(where for where, given in own if isinstance(given, Mapping) and stage in given)
+            key, expected = f"variants.{variant}.{stage}", f"settings of {stage} beside each other, without a section"
+            complaints.add(where, key, expected=expected, found="a section", hint="move its keys one level up")
         if not isinstance(changes_to(stage, settings.variants[variant]), Mapping):
             where = next(where for where, given in own if given is not _ABSENT)
             complaints.add(where, ".".join(inside), expected=f"keys of {stage}", found=repr(_dig(content, inside)))

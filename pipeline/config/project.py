@@ -35,8 +35,8 @@ from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.config.write_report import WriteReport
 
-NAME_PATTERN = "[A-Za-z0-9_-]+"
-"""What subjects and variants may be called: they become folder names and wildcards."""
+NAME_PATTERN = "[A-Za-z0-9_][A-Za-z0-9_-]*"
+"""What subjects and variants may be called: they become folder names, wildcards and words of command lines."""
 
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 

@@ -2,10 +2,42 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from collections.abc import Iterator
+from typing import Any, get_args
+
+from pydantic import BaseModel, ConfigDict, field_validator
+from pydantic_core import PydanticCustomError
 
 
 class Settings(BaseModel):
-    """Immutable; an unknown key is an error, never ignored. A number where text is due is its text (`samples: 4`)."""
+    """Immutable; an unknown key is an error, never ignored. A number where text is due is its text (`samples: 4`).
 
-    model_config = ConfigDict(extra="forbid", frozen=True, coerce_numbers_to_str=True)
+    Numbers are finite, and true is none: YAML reads `on` and `yes` as that.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, coerce_numbers_to_str=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _refuse_truth_for_numbers(cls, value: Any, info: Any) -> Any:
+        kinds = set(_leaves(cls.model_fields[info.field_name].annotation))
+        if {int, float} & kinds and bool not in kinds and any(isinstance(item, bool) for item in _items(value)):
+            raise PydanticCustomError("truth_for_number", "Input should be a number, not true or false")
+        return value
+
+
+def _leaves(annotation: Any) -> Iterator[Any]:
+    """Types that an annotation is made of: tuple[float, ...] | None is of float."""
+    inner = get_args(annotation)
+    for part in inner:
+        yield from _leaves(part)
+    if not inner:
+        yield annotation
+
+
+def _items(value: Any) -> Iterator[Any]:
+    if isinstance(value, list | tuple):
+        for item in value:
+            yield from _items(item)
+    else:
+        yield value

@@ -9,10 +9,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pipeline.base.errors import InputError
+from pipeline.base.yaml_files import read_yaml
 from pipeline.config.loading import Project
+
+UNSPEAKABLE = frozenset("{}\n")
+"""Characters that Snakemake takes for more than themselves, and that no path of a capture.yaml can have."""
 
 
 def subject_names(project: Project) -> list[str]:
@@ -64,22 +66,41 @@ def watched_files(project: Project, subject: str) -> list[str]:
     files = list(islice(_files_below(folder), limit + 1))
     if len(files) > limit:
         tables = [folder / path for path in _named_files(read_description(description))]
-        files = [description, *(path for path in tables if path.is_file())]
+        files = [description, *(path for path in tables if _is_inside(path, folder))]
     return sorted(map(str, files))
 
 
 def _files_below(folder: Path) -> Iterator[Path]:
     for where, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        yield from (Path(where, name) for name in sorted(names) if not name.startswith("."))
+        folders[:] = [name for name in folders if not UNSPEAKABLE & set(name)]
+        yield from (Path(where, name) for name in sorted(names) if _can_belong(Path(where, name)))
+
+
+def _can_belong(path: Path) -> bool:
+    """A file that a capture.yaml can name, and a rule can have as input."""
+    return not path.name.startswith(".") and not UNSPEAKABLE & set(path.name) and _is_file(path)
+
+
+def _is_file(path: Path) -> bool:
+    """A plain file, no device, link to nothing or loop of links."""
+    try:
+        return path.is_file()
+    except (OSError, RuntimeError):
+        return False
+
+
+def _is_inside(path: Path, folder: Path) -> bool:
+    """A plain file below a folder, links followed."""
+    return _is_file(path) and path.resolve().is_relative_to(folder.resolve())
 
 
 def _count_frames(folder: Path) -> int:
     table = read_description(folder / "capture.yaml").get("frames")
-    if not isinstance(table, str):
+    if not isinstance(table, str) or not _is_inside(folder / table, folder):
         return 0
     try:
-        with open(folder / table, newline="") as file:
+        with open(folder / table, newline="", encoding="utf-8-sig") as file:
             return sum(1 for row in csv.reader(file) if row) - 1
     except (OSError, UnicodeDecodeError, csv.Error):
         return 0
@@ -88,8 +109,8 @@ def _count_frames(folder: Path) -> int:
 def read_description(path: Path) -> dict[str, Any]:
     """The content of a capture.yaml; nothing if it cannot be read, as index_capture says why."""
     try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        content = read_yaml(path)
+    except InputError:
         return {}
     return content if isinstance(content, dict) else {}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from pipeline.config.settings import Settings
@@ -66,6 +68,11 @@ class TrackMesh(Settings):
     deformation_time_s: float = Field(0.05, gt=0, description="time over which offsets change; more is smoother [s]")
     deformation_still_m: float = Field(
         0.0005, gt=0, description="what moves less than this in every frame is taken for still [m]"
+    )
+    on_misfit: Literal["error", "warn"] = Field(
+        "error",
+        description="what to do when most keypoints, or a camera's masks, are elsewhere than the tracked template: "
+        "stop and say which, or only say so",
     )
     context_frames: int = Field(8, ge=0, description="frames on either side of a chunk, solved along")
     use_test_cameras: bool = Field(False, description="whether held-out cameras' keypoints and masks help tracking")

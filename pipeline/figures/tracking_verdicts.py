@@ -7,15 +7,16 @@ from jaxtyping import Float64
 
 from pipeline.base.verdicts import Grade, Verdict
 from pipeline.figures.tracked_capture import TrackedCapture
+from pipeline.tracking.fit_verdicts import HARDLY_ANY, NO_OVERLAP
 
-FEW_INLIERS, HARDLY_ANY = 0.8, 0.5
-"""Share of detected keypoints near the template's, below which a frame is weak or failed.
+FEW_INLIERS = 0.8
+"""Share of detected keypoints near the template's, below which a frame is weak; failed below `HARDLY_ANY`.
 
 Detectors are wrong at one in twenty; at half, the pose is.
 """
 
-LOW_OVERLAP, NO_OVERLAP = 0.9, 0.7
-"""Overlap of silhouettes below which a frame is weak or failed.
+LOW_OVERLAP = 0.9
+"""Overlap of silhouettes below which a frame is weak; failed below `NO_OVERLAP`.
 
 Hair and cloth that no template has take a few percent; a limb that is off takes ten.
 """

@@ -14,6 +14,7 @@ import pygltflib
 from jaxtyping import Float64
 
 from pipeline.base.errors import InputError
+from pipeline.geometry.gltf_nodes import parents_of
 from pipeline.geometry.rotations import matrix_from_quaternion
 
 COMPONENT_DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -24,6 +25,10 @@ COMPRESSED = {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh
 TRIANGLES = 4
 MAX_INFLUENCE_SETS = 4
 """JOINTS_0 .. JOINTS_3 are read: 16 joints per vertex, twice what authoring tools export."""
+
+MOST_ELEMENTS = 2**26
+"""Elements of an accessor that are read, 67 million: a hundred times the largest template, and still few gigabytes. A
+file of some bytes may ask for any number of zeros."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +66,7 @@ class GltfFile:
         compressed = sorted(COMPRESSED & set(self.document.extensionsRequired or []))
         if compressed:
             raise InputError(f"{path}: extensionsRequired: expected none of {compressed}; re-export plainly")
-        self.parents = [-1] * len(self.document.nodes)
-        for index, node in enumerate(self.document.nodes):
-            for child in node.children or []:
-                self.parents[child] = index
+        self.parents = parents_of(self.document.nodes, self.path)
 
     def _buffer(self, index: int) -> bytes:
         uri = self.document.buffers[index].uri
@@ -80,7 +82,13 @@ class GltfFile:
         stride = view.byteStride or dtype.itemsize * components
         start = (view.byteOffset or 0) + (offset or 0)
         shape, strides = (count, components), (stride, dtype.itemsize)
-        return np.ndarray(shape, dtype, self._buffer(view.buffer), start, strides).copy()
+        buffer = self._buffer(view.buffer)
+        if start + stride * (count - 1) + dtype.itemsize * components > len(buffer):
+            raise InputError(
+                f"{self.path}: bufferViews[{view_index}]: expected {count} x {components} {dtype} from byte {start}, "
+                f"found {len(buffer)} bytes in all; the file is damaged, export it anew"
+            )
+        return np.ndarray(shape, dtype, buffer, start, strides).copy()
 
     def accessor(self, index: int) -> np.ndarray:
         """Accessor `index` as [count, components].
@@ -89,6 +97,9 @@ class GltfFile:
         """
         accessor = self.document.accessors[index]
         dtype, components = np.dtype(COMPONENT_DTYPES[accessor.componentType]), COMPONENT_COUNTS[accessor.type]
+        if not 0 < accessor.count <= MOST_ELEMENTS:
+            expected = f"1 to {MOST_ELEMENTS} elements"
+            raise InputError(f"{self.path}: accessors[{index}].count: expected {expected}, found {accessor.count}")
         if accessor.bufferView is None:
             values = np.zeros((accessor.count, components), dtype)
         else:
@@ -161,7 +172,11 @@ class GltfFile:
             raise InputError(f"{where}: expected POSITION, found none")
         positions = self.accessor(attributes.POSITION).astype(np.float64)
         count = len(positions)
+        if bad := int((~np.isfinite(positions)).any(1).sum()):
+            raise InputError(f"{where}.POSITION: expected finite numbers, found {bad} of {count} vertices without")
         indices = np.arange(count) if primitive.indices is None else self.accessor(primitive.indices)[:, 0]
+        if len(indices) < 3:
+            raise InputError(f"{where}: expected at least one triangle, found {len(indices)} indices")
         if len(indices) % 3 or (len(indices) and not 0 <= indices.min() <= indices.max() < count):
             found = f"{len(indices)} up to {indices.max()}"
             raise InputError(f"{where}: indices: expected triples below {count}, found {found}")

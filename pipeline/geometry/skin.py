@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.base.errors import InputError
+from pipeline.base.errors import InputError, listed
 from pipeline.geometry.gltf import GltfFile, Primitive
 from pipeline.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 
@@ -110,6 +110,9 @@ def _read_skeleton(file: GltfFile, skin_index: int) -> dict[str, np.ndarray]:
     """Joint tables of one skin: nodes that are no joints are folded into `before` of the joints below them."""
     skin = file.document.skins[skin_index]
     joints = np.array(skin.joints, np.int64)
+    nodes, where = len(file.document.nodes), f"{file.path}: skins[{skin_index}]"
+    if not len(joints) or len(set(joints)) < len(joints) or not 0 <= joints.min() <= joints.max() < nodes:
+        raise InputError(f"{where}.joints: expected different nodes, 0 to {nodes - 1}, found {listed(skin.joints, 30)}")
     joint_of_node = {int(node): joint for joint, node in enumerate(joints)}
     parents, before = np.full(len(joints), -1, np.int64), np.tile(np.eye(4), (len(joints), 1, 1))
     after, rotations = before.copy(), np.zeros((len(joints), 4))
@@ -125,7 +128,13 @@ def _read_skeleton(file: GltfFile, skin_index: int) -> dict[str, np.ndarray]:
     if skin.inverseBindMatrices is None:
         inverse_bind = np.tile(np.eye(4), (len(joints), 1, 1))
     else:
-        inverse_bind = file.accessor(skin.inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1).copy()
+        stored = file.accessor(skin.inverseBindMatrices)
+        if stored.shape != (len(joints), 16) or not np.isfinite(stored).all():
+            found = f"{len(stored)} of {stored.shape[1]} numbers, {int((~np.isfinite(stored)).sum())} not finite"
+            raise InputError(
+                f"{where}.inverseBindMatrices: expected {len(joints)} finite 4x4 matrices, found {found}; export anew"
+            )
+        inverse_bind = stored.reshape(-1, 4, 4).transpose(0, 2, 1).copy()
     return {"joint_nodes": joints, "parents": parents, "before": before, "after": after, "inverse_bind": inverse_bind,
             "rest_rotations": rotations}  # fmt: skip
 
@@ -135,6 +144,7 @@ def _bind(file: GltfFile, primitive: Primitive, skeleton: dict[str, np.ndarray])
     joint_count, count = len(skeleton["joint_nodes"]), len(primitive.positions)
     weights = np.zeros((count, joint_count))
     if primitive.joints is not None:
+        _require_influences(file, primitive, joint_count)
         # glTF: the transform of the node that holds a skinned mesh is ignored.
         np.add.at(weights, (np.arange(count)[:, None], primitive.joints), primitive.weights)
         total = weights.sum(1, keepdims=True)
@@ -156,6 +166,23 @@ def _bind(file: GltfFile, primitive: Primitive, skeleton: dict[str, np.ndarray])
         # Undo what skinning will do in the rest pose, so that the rest pose is where the node puts the mesh.
         in_scene = np.linalg.inv(file.scene_from_node(nodes[joint]) @ skeleton["inverse_bind"][joint]) @ in_scene
     return (homogeneous @ in_scene.T)[:, :3], weights
+
+
+def _require_influences(file: GltfFile, primitive: Primitive, joints: int) -> None:
+    """Refuse weights that are no weights, or of joints that the skin does not have.
+
+    Raises:
+        InputError: naming the attribute.
+    """
+    where = f"{file.path}: node {primitive.node}"
+    if primitive.joints.shape != primitive.weights.shape or len(primitive.joints) != len(primitive.positions):
+        found = f"{primitive.joints.shape} and {primitive.weights.shape} of {len(primitive.positions)} vertices"
+        raise InputError(f"{where}: JOINTS_n and WEIGHTS_n: expected as many rows as vertices, found {found}")
+    if not 0 <= primitive.joints.min() <= primitive.joints.max() < joints:
+        found = f"{primitive.joints.min()} to {primitive.joints.max()}"
+        raise InputError(f"{where}: JOINTS_n: expected joints of the skin, 0 to {joints - 1}, found {found}")
+    if not (np.isfinite(primitive.weights) & (primitive.weights >= 0)).all():
+        raise InputError(f"{where}: WEIGHTS_n: expected finite weights of 0 or more, found others")
 
 
 def joints_in_order(parents: Int64[np.ndarray, " joints"]) -> list[int]:

@@ -12,7 +12,11 @@ from jaxtyping import Float64
 
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json
+from pipeline.capture.index.csv_tables import read_text_cells
 from pipeline.lighting.frame_lights import FrameLights
+
+FLOAT32_MAX = float(np.finfo(np.float32).max)
+"""Avatars are lit in float32: what is no finite number there is none here."""
 
 NUMBERS = ("x", "y", "z", "r", "g", "b")
 COLUMNS = ("light", *NUMBERS)
@@ -52,17 +56,20 @@ def read_light_list(path: Path) -> LightList:
         )
     table = table.assign(picture=table.get("picture", 0))
     complaints = Complaints(path)
+    for row in table.index[table.light.isna() | (table.light.astype(str) == "")]:
+        complaints.add(path, f"row {row + 1}", expected="a name in light", found="none")
+    numbers = table[["picture", *NUMBERS]].apply(pd.to_numeric, errors="coerce").astype(np.float64)
     for row in table.index:
-        values = pd.to_numeric(table.loc[row, ["picture", *NUMBERS]], errors="coerce").to_numpy(np.float64)
+        values = numbers.loc[row].to_numpy()
         where, found = f"row {row + 1}, light {table.light[row]}", table.loc[row].to_dict()
-        if not np.isfinite(values).all():
+        if not (np.abs(values) <= FLOAT32_MAX).all():
             complaints.add(path, where, expected="finite numbers", found=str(found))
         elif values[4:].min() < 0:
             complaints.add(path, where, expected="intensities of 0 or more", found=str(found))
+    table = numbers.assign(light=table.light.astype(str))
     for light, picture in table[table.duplicated(["light", "picture"])][["light", "picture"]].itertuples(index=False):
-        complaints.add(path, f"light {light}", expected=f"one row for picture {picture}", found="several")
+        complaints.add(path, f"light {light}", expected=f"one row for picture {picture:g}", found="several")
     complaints.raise_if_any()
-    table = table.assign(**{name: table[name].astype(np.float64) for name in ("picture", *NUMBERS)})
     return LightList(
         {
             str(name): (rows.picture.to_numpy(), rows[list(NUMBERS)].to_numpy())
@@ -78,6 +85,6 @@ def _read(path: Path) -> pd.DataFrame:
             raise InputError(f"{path}: expected a list of objects, one per light, found {type(content).__name__}")
         return pd.DataFrame(content)
     try:
-        return pd.read_csv(path)
-    except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
+        return read_text_cells(path)
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected a .csv or .json file with lights, found: {error}") from error

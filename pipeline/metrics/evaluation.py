@@ -184,11 +184,15 @@ def scored_srgb(
     return srgb_from_linear(np.clip(rgb_linear * kept, 0, 1)).clip(0, 1)
 
 
+SHOWN = ("worst", "median", "best")
+"""Test images of each avatar that are shown, by PSNR; ends of the names of their pictures."""
+
+
 def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
     """The rows of test images to look at, by PSNR; none if no image has one."""
     ranked = per_image[SPLITS["test"](per_image) & per_image.psnr_db.notna()].sort_values("psnr_db", kind="stable")
-    places = {"worst": 0, "median": len(ranked) // 2, "best": len(ranked) - 1}
-    return {name: ranked.iloc[place] for name, place in places.items()} if len(ranked) else {}
+    places = zip(SHOWN, (0, len(ranked) // 2, len(ranked) - 1), strict=True)
+    return {name: ranked.iloc[place] for name, place in places} if len(ranked) else {}
 
 
 def summarize(per_image: pd.DataFrame) -> pd.DataFrame:

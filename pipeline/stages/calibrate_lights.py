@@ -40,6 +40,9 @@ UNITS_SURE = 4.0
 CLEAR_SIGMA = 0.05
 """Standard deviation of a light, over the stage's size in whatever unit, up to which it says something about scale."""
 
+MIRROR = np.array([-1.0, 1.0, 1.0])
+"""Turns points into their mirror image; which axis makes no difference up to a rotation."""
+
 
 def run(
     *, capture: Path, index: Path, rig: Path, out: Path, threads: int = 1, settings: CalibrateLights = CalibrateLights()
@@ -88,6 +91,7 @@ def run(
     if in_stage:
         check_frame(capture, lights, settings)
     else:
+        check_survey(capture, lights, well, survey, settings)
         R, t = alignment.R, alignment.t
         # x_cam = R_c x_rig + t_c and x_rig = R^T (x_stage - t).
         cameras = {name: replace(c, R=c.R @ R.T, t=c.t - c.R @ R.T @ t) for name, c in cameras.items()}
@@ -155,6 +159,33 @@ def check_frame(capture: Path, lights: pd.DataFrame, settings: CalibrateLights) 
         found = f"lights measured {away_m:.2f} m from where the survey has them (median)"
         hint = "write the cameras in the frame of lights.csv"
         raise InputError(f"{capture}: calibration.cameras: expected the stage's frame, found {found}; {hint}")
+
+
+def check_survey(
+    capture: Path, lights: pd.DataFrame, well: pd.DataFrame, survey: pd.DataFrame, settings: CalibrateLights
+) -> None:
+    """The survey must be of this stage: it places the cameras, too.
+
+    Once half of the lights are elsewhere, no rigid motion is the right one, and no single light can be blamed.
+
+    Raises:
+        InputError: if most lights are measured somewhere else, and whether a mirror image of the survey fits.
+    """
+    measured = lights[lights.status == "measured"]
+    away_m = float(np.median(measured.away_m))
+    if away_m <= settings.suspicious_distance_m:
+        return
+    surveyed = survey.set_index("light").loc[well.index, ["x", "y", "z"]].to_numpy(np.float64)
+    mirrored = align_rigid(well[["x", "y", "z"]].to_numpy(np.float64) * MIRROR, surveyed)
+    mirrored_m = float(np.median(np.linalg.norm(mirrored.residual, axis=1)))
+    hint = "are names shifted or mixed up in lights.csv or among the ball images, or is it another stage's?"
+    if mirrored_m <= settings.suspicious_distance_m:
+        hint = f"its mirror image fits to {mirrored_m:.2f} m: change the sign of one axis, or exchange two"
+    found = f"{len(measured)} lights measured {away_m:.2f} m from it (median)"
+    expected = f"a survey that fits to {settings.suspicious_distance_m:g} m (calibrate_lights.suspicious_distance_m)"
+    complaints = Complaints(capture)
+    complaints.add("lights.csv", "x, y, z", expected=expected, found=found, hint=hint)
+    complaints.raise_if_any()
 
 
 def summarize(lights: pd.DataFrame, table: pd.DataFrame, alignment: Alignment) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import logging
 import math
-import shutil
 import time
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from pipeline.metrics.comparison import side_by_side
 from pipeline.metrics.evaluation import (
     COLOR_SPACE,
     LIT,
+    SHOWN,
     TABLES,
     Render,
     evaluate,
@@ -91,7 +91,7 @@ def run(
 
     means, singles, ablations = [], [], []
     if not settings.pictures:  # those of an earlier run would stand beside scores that are not theirs
-        shutil.rmtree(out / "images", ignore_errors=True)
+        remove_pictures(out / "images")
     for folder, path in zip(avatars, frames, strict=True):
         avatar = load_avatar(folder, atlas)
         render = avatar.render
@@ -155,6 +155,14 @@ def write_pictures(
         lit = "fully lit" if image.fully_lit else "partially lit"
         label = f"{variant}, {name}: {image.camera}, frame {image.frame}, {lit}, PSNR {row.psnr_db:.2f} dB"
         write_png(folder / f"{variant}_{name}.png", side_by_side(captured, rendered, label))
+
+
+def remove_pictures(folder: Path) -> None:
+    """Delete what `write_pictures` wrote, and the folder if that was all."""
+    for path in [path for name in SHOWN for path in folder.glob(f"*_{name}.png")]:
+        path.unlink()
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
 
 
 def main() -> None:

@@ -29,6 +29,8 @@ def run(*, capture: Path, out: Path, settings: IndexCapture = IndexCapture()) ->
             capture.json and calibration_cameras, calibration_lights and calibration_color.json.
     """
     index = index_folder(capture, settings.decode_threads)
+    if index.tables["keypoints_2d"].empty:
+        log.warning("capture.yaml: keypoints_2d: none, or empty: calibration runs, but track_mesh will refuse")
     for name, table in index.tables.items():
         write_table(out / f"{name}.parquet", table)
     for name, content in index.contents.items():

@@ -27,8 +27,9 @@ from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError, listed
-from pipeline.base.files import write_table, written_whole
+from pipeline.base.files import write_table
 from pipeline.base.progress import progress
+from pipeline.base.whole_files import written_folder
 from pipeline.capture.images import write_exr, write_png
 from pipeline.capture.video import write_video
 from pipeline.config.relight_avatar import RelightAvatar
@@ -95,8 +96,7 @@ def run(
             rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(shaded, path[picture]))
             yield write_stills(folder / "stills", picture, rgb, alpha, light.behind(path[picture], picture), settings)
 
-    with written_whole(out) as folder:
-        folder.mkdir()
+    with written_folder(out, "relight_avatar") as folder:
         write_video(folder / "film.mp4", show(), settings.fps)
         write_table(folder / "pictures.parquet", picture_table(sequence, path))
         if relighter.avatar.spec.head:

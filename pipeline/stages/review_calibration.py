@@ -16,8 +16,9 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.command import run_as_command
-from pipeline.base.files import write_table, written_whole
+from pipeline.base.files import write_table
 from pipeline.base.verdicts import log_verdicts, verdict_table
+from pipeline.base.whole_files import written_folder
 from pipeline.calibration.lights.ball_photos import find_outlines
 from pipeline.capture.gray import read_gray_8bit
 from pipeline.capture.images import read_image
@@ -53,8 +54,7 @@ def run(
     found = read_calibration(index, calibration)
     log_verdicts(log, found.verdicts)
     residuals = residual_table(found)
-    with ThreadPoolExecutor(threads) as pool, written_whole(out / "review") as folder:
-        folder.mkdir()
+    with ThreadPoolExecutor(threads) as pool, written_folder(out / "review", "review_calibration") as folder:
         used = found.grades("ball")
         outlines = {key: outline for key, outline in find_outlines(capture, found.balls)[0].items() if key[0] in used}
         sections = [

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.base.command import run_as_command
-from pipeline.base.files import write_table, written_whole
+from pipeline.base.files import write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
+from pipeline.base.whole_files import written_folder
 from pipeline.config.review_tracking import ReviewTracking
 from pipeline.figures.page import Section, write_page
 from pipeline.figures.style import worst
@@ -51,8 +52,7 @@ def run(
     frames, cameras = frame_verdicts(found), camera_verdicts(found)
     log_verdicts(log, [*cameras, *frames])
     lines = level_lines(found.template.vertices_rest, found.template.faces)
-    with ThreadPoolExecutor(threads) as pool, written_whole(out) as folder:
-        folder.mkdir()
+    with ThreadPoolExecutor(threads) as pool, written_folder(out, "review_tracking") as folder:
         draw_errors(folder / "errors.png", found, [verdict.grade for verdict in frames])
         sections = [
             Section("Error per frame", "errors.png", "Does every frame fit as well as the others?"),

@@ -20,8 +20,9 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints
-from pipeline.base.files import written_whole
+from pipeline.base.parent_death import end_with_parent
 from pipeline.base.progress import progress
+from pipeline.base.whole_files import written_folder
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis.capture_files import write_capture_yaml, write_gaze, write_renderer, write_tables, write_truth
 from pipeline.synthesis.figure import build_figure
@@ -40,7 +41,7 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
 
     Args:
         subject: name of the subject; seeds everything random.
-        out: folder of the capture, replaced as a whole.
+        out: folder of the capture, replaced as a whole if this stage made it; anything else there is refused.
         workers: processes that render; the result does not depend on it.
         settings: the subject, the stage and the pictures.
     """
@@ -57,7 +58,7 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
     log.info("%d vertices, %d cameras, %d lights", len(shown.vertices), len(rig.cameras), len(rig.light_positions))
     renderer, llvm_version = choose_renderer(settings)
     log.info("renderer: %s", f"llvm {llvm_version}" if llvm_version else renderer)
-    with written_whole(out) as root:
+    with written_folder(out, "synthesize_capture") as root:
         studio = Studio(root.resolve(), subject, settings, rig, renderer)
         frames = [
             FrameJob(studio, shown, frame, moment, intensities.loc[frame].to_numpy())
@@ -87,7 +88,7 @@ def _taken(jobs: list[Job], workers: int) -> Iterator[pd.DataFrame | None]:
         yield from map(take, jobs)
         return
     # A forked child of a process with thread pools may hang: spawn.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), end_with_parent) as pool:
         yield from pool.map(take, jobs)
 
 

@@ -20,9 +20,10 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import digest_file, read_table, write_table, written_whole
+from pipeline.base.files import digest_file, read_table, write_table
 from pipeline.base.progress import progress
 from pipeline.base.seeds import generator_for
+from pipeline.base.whole_files import written_folder
 from pipeline.capture.images import write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.figures.atlas_sheet import spread_tiles, write_atlas_sheet
@@ -83,8 +84,7 @@ def run(
 
     table, sheet = [], []
     shown = set(rows[spread_tiles(len(rows))])
-    with written_whole(out) as folder, ThreadPoolExecutor(threads) as pool:
-        folder.mkdir()
+    with written_folder(out, "trace_irradiance") as folder, ThreadPoolExecutor(threads) as pool:
         for row, traced in zip(rows, progress(pool.map(trace, rows.tolist()), "frames", len(rows)), strict=True):
             frame, path = int(chunk.frames[row]), folder / f"{int(chunk.frames[row]):06d}.exr"
             maps = {"Y": traced.values, "falling": traced.cosine_visibility, "error": traced.error}

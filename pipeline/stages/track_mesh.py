@@ -21,6 +21,7 @@ import pandas as pd
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_arrays, write_table
+from pipeline.base.verdicts import log_verdicts
 from pipeline.capture.images import ImageSource
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.signed_distance import View, silhouette_overlap
@@ -29,6 +30,7 @@ from pipeline.geometry.surface_points import spread_vertices
 from pipeline.lighting.frame_lights import read_frame_lights
 from pipeline.tracking.color_views import read_color_views
 from pipeline.tracking.cues import Rounds, posed_vertices
+from pipeline.tracking.fit_verdicts import complain_of_misfits, fit_verdicts
 from pipeline.tracking.keypoint_targets import read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
 from pipeline.tracking.mesh_tracker import Tracking, TrackingLimits, track
@@ -78,9 +80,10 @@ def run(
     used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), settings.use_test_cameras)
     frame_numbers = with_context.frame.to_numpy(np.int64)
     observations = keypoint_observations(read_table(index / "keypoints_2d.parquet"), used, frame_numbers, targets)
-    views = []
+    masked = {}
     if settings.outline_rounds:
-        views = mask_views(capture, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
+        masked = mask_views(capture, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
+    views = list(masked.values())
     chosen = spread_vertices(template.vertices_rest, settings.outline_vertices)
     silhouettes = [SilhouetteCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
     times_s, takes = with_context.timestamp_s.to_numpy(np.float64), pd.factorize(with_context.segment)[0]
@@ -118,20 +121,22 @@ def run(
     LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)
     LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
     kept = slice(first - start, last - start)
-    _write(out, chunk, frame_numbers, kept, template, tracking, views, between, settings.inlier_px)
+    _write(out, chunk, frame_numbers, kept, template, tracking, masked, between, settings)
 
 
 def _write(
-    out: Path, chunk: int, frames: np.ndarray, kept: slice, template: Template, tracking: Tracking, views: list[View],
-    between: list[View], inlier_px: float,
+    out: Path, chunk: int, frames: np.ndarray, kept: slice, template: Template, tracking: Tracking,
+    masked: dict[str, View], between: list[View], settings: TrackMesh,
 ) -> None:  # fmt: skip
+    """Write what was found, once it is clear that it is the subject."""
+    views = list(masked.values())
     pose, every = tracking.pose.at(kept), np.arange(len(frames))[kept]
     vertices = posed_vertices(template, pose)
     vertices = vertices + np.einsum(
         "fvab,fvb->fva", skinning_jacobians(template, pose), tracking.offsets[kept], optimize=True
     )
     residual = tracking.residual_px[:, kept]
-    inlier = residual < inlier_px
+    inlier = residual < settings.inlier_px
     count = inlier.sum((0, 2))
     rms = np.sqrt((np.where(inlier, residual, 0.0) ** 2).sum((0, 2)) / np.maximum(count, 1))
     table = pd.DataFrame(
@@ -155,6 +160,11 @@ def _write(
         LOG.warning("%d frames have no mask; interpolated poses stand in for silhouettes: %s", len(unmasked), unmasked)
     for status, rows in table.groupby("status"):
         LOG.info("%d frames %s", len(rows), status)
+    overlaps = {name: silhouette_overlap([view.at(every)], vertices, template.faces) for name, view in masked.items()}
+    verdicts = fit_verdicts(int(table.inliers.sum()), int(table.observations.sum()), overlaps)
+    log_verdicts(LOG, verdicts)
+    if settings.on_misfit == "error":
+        complain_of_misfits(verdicts, f"track_mesh, chunk {chunk}")
     arrays = {
         "frames": frames[kept], "vertices": vertices.astype(np.float32),
         "joint_rotations": pose.joint_rotations.astype(np.float32),

@@ -28,7 +28,7 @@ from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
 from pipeline.avatar.training.local_processes import partners, suggested_processes
 from pipeline.avatar.training.training import BrokenStep, Portion, Position, Training
-from pipeline.avatar.training.training_images import Schedule, chosen_images
+from pipeline.avatar.training.training_images import Schedule, chosen_images, require_no_held_out
 from pipeline.avatar.training.training_log import TrainingLog
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
@@ -83,6 +83,7 @@ def run(
         images = read_image_shards([shards / "train"])
         if not len(images):
             raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
+        require_no_held_out(images.table, shards / "train")
         texels = read_atlas(atlas)
         frames = frames or shards / "frames"
         records = read_frame_shards([frames]).items()
@@ -94,7 +95,7 @@ def run(
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
         if spec.eyes and fitted_eyes is None:
             raise InputError("--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off")
-        read = [*(shards / "train").glob("*.arrow"), *frames.glob("*.arrow"), *[fitted_eyes] * spec.eyes]
+        read = [*(shards / "train").glob("[!.]*.arrow"), *frames.glob("[!.]*.arrow"), *[fitted_eyes] * spec.eyes]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
         torch.manual_seed(seed_for(subject, "train_avatar"))

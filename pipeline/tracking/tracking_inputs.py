@@ -82,19 +82,19 @@ def keypoint_observations(
 
 def mask_views(
     capture: Path, images: pd.DataFrame, cameras: dict[str, Camera], frames: np.ndarray, most: int, size_px: int
-) -> list[View]:
-    """Silhouettes of masks, from at most `most` cameras, reduced to `size_px`.
+) -> dict[str, View]:
+    """Silhouettes of masks by camera, from at most `most` cameras, reduced to `size_px`.
 
     Empty if the capture has no masks.
     """
     masked = images[images.mask_path.notna() & images.camera.isin(list(cameras)) & images.frame.isin(frames)]
     names = evenly(sorted(masked.camera.unique()), most)
-    views = []
+    views = {}
     for name in progress(names, "read masks"):
         factor = reduction(cameras[name], size_px)
         camera = cameras[name].downsampled(float(factor))
         rows = masked[masked.camera == name].set_index("frame").mask_path
-        views.append(view_from_masks(camera, [_mask(capture, rows.get(frame), camera, factor) for frame in frames]))
+        views[name] = view_from_masks(camera, [_mask(capture, rows.get(frame), camera, factor) for frame in frames])
     return views
 
 

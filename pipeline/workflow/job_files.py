@@ -47,6 +47,24 @@ class JobFiles:
     variant: str | None = None
     chunk: str | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse what the configuration does not have.
+
+        Raises:
+            InputError: if the subject has no such variant, or no such chunk of frames.
+        """
+        variants = self.project.subjects.get(self.subject, self.project.settings).variants
+        if self.variant is not None and self.variant not in variants:
+            raise InputError(
+                f"{self.subject}: variant {self.variant!r}: expected one of {', '.join(variants)}, found no such; "
+                f"write it below `variants` in config/subjects/{self.subject}.yaml"
+            )
+        if self.chunk is not None and self.chunk not in (known := chunk_ids(self.project, self.subject)):
+            raise InputError(
+                f"{self.subject}: chunk {self.chunk!r}: expected 0000 to {known[-1]} "
+                f"({self.settings.chunk_frames} frames each), found no such"
+            )
+
     @property
     def settings(self) -> SubjectSettings:
         """The settings of the subject."""
@@ -111,7 +129,7 @@ class JobFiles:
             InputError: if other shards are there: stages read whole folders.
         """
         expected = self.each_chunk(f"{folder}/{{chunk}}.arrow")
-        stale = sorted({str(path) for path in Path(self.path(folder)).glob("*.arrow")} - set(expected))
+        stale = sorted({str(path) for path in Path(self.path(folder)).glob("[!.]*.arrow")} - set(expected))
         if stale:
             raise InputError(f"stale files, left over from other chunks of frames, delete: {' '.join(stale)}")
         return expected

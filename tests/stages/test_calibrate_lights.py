@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_table, write_json
+from pipeline.base.files import read_table, write_json, write_table
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.geometry.cameras import read_cameras, write_cameras
 from pipeline.stages.calibrate_lights import run
@@ -172,3 +172,39 @@ def test_images_without_a_ball_are_refused(folder, tmp_path):
     write_json(index / "calibration_cameras.json", {"method": "charuco"})
     with pytest.raises(InputError, match="silhouette: expected a dark ball in some image, found none"):
         run(capture=tmp_path, index=index, rig=folder / "rig.json", out=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda xyz: xyz * [1, 1, -1], "its mirror image fits to 0.0"),
+        (lambda xyz: np.roll(xyz, 1, axis=0), "are names shifted or mixed up in lights.csv"),
+    ],
+    ids=["mirrored", "shifted"],
+)
+def test_survey_of_another_stage_ends_the_run(folder, tmp_path, change, said):
+    """Where most lights are elsewhere, cameras would be placed by chance; it was a weak verdict on each light."""
+    other = variant(folder, tmp_path / "capture")
+    survey = read_table(other / "index/lights.parquet")
+    survey[["x", "y", "z"]] = change(survey[["x", "y", "z"]].to_numpy())
+    write_table(other / "index/lights.parquet", survey)
+    with pytest.raises(InputError) as caught:
+        run(**paths(other, tmp_path / "out"))
+    assert "lights.csv: x, y, z: expected a survey that fits to 0.25 m" in str(caught.value)
+    assert said in str(caught.value)
+    assert not (tmp_path / "out/cameras.json").exists()
+
+
+def test_two_exchanged_names_are_weak_verdicts(folder, tmp_path):
+    """The others place the stage: the run goes on, and names the two."""
+    other = variant(folder, tmp_path / "capture")
+    survey = read_table(other / "index/lights.parquet").sort_values("light", ignore_index=True)
+    run(**paths(other, tmp_path / "before"))
+    verdicts = pd.read_csv(tmp_path / "before/verdicts_lights.csv").set_index("name")
+    good = verdicts.index[(verdicts.kind == "light") & (verdicts.grade == "good")]
+    first, second = (survey.index[survey.light == name][0] for name in good[:2])
+    survey.loc[[first, second], ["x", "y", "z"]] = survey.loc[[second, first], ["x", "y", "z"]].to_numpy()
+    write_table(other / "index/lights.parquet", survey)
+    run(**paths(other, tmp_path / "after"))
+    verdicts = pd.read_csv(tmp_path / "after/verdicts_lights.csv").set_index("name")
+    assert all("look swapped" in verdicts.reason[survey.light[row]] for row in (first, second))

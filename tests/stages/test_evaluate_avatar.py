@@ -171,6 +171,13 @@ def test_without_pictures_none_are_left(results):
     assert set(pd.read_csv(results / "metrics.csv").variant) == {"bad"}
 
 
+def test_without_pictures_other_files_stay(results):
+    (results / "images").mkdir()
+    (results / "images/photograph.png").touch()
+    evaluate(results, "good", pictures=False)
+    assert [path.name for path in (results / "images").iterdir()] == ["photograph.png"]
+
+
 def test_no_picture_of_nothing(results):
     for shard in (results / "shards/test").iterdir():
         write_image_shard(shard, [])

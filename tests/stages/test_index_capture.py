@@ -268,3 +268,18 @@ def test_walker(tmp_path: Path) -> None:
     assert len(views) == 127
     lights = json.loads((tmp_path / "calibration_lights.json").read_text())
     assert (len(lights["images"]), len(lights["silhouettes"])) == (576, 9)
+
+
+def test_rate_that_is_off_by_less_than_a_unit_is_told(known: Path, tmp_path: Path, caplog) -> None:
+    """Frames may have been left out before they were numbered: worth a look, and no error."""
+    capture = shutil.copytree(known, tmp_path / "tiny")
+    edit_manifest(capture, lambda manifest: manifest.update(fps=24))
+    run(capture=capture, out=tmp_path / "out")
+    assert "timestamp_s: expected seconds, 0.0416667 apart from frame to frame as fps says (24)" in caplog.text
+
+
+def test_capture_without_keypoints_is_told_that_tracking_will_refuse(known: Path, tmp_path: Path, caplog) -> None:
+    capture = shutil.copytree(known, tmp_path / "tiny")
+    edit_manifest(capture, lambda manifest: (manifest.pop("keypoints_2d"), manifest["template"].pop("keypoints")))
+    run(capture=capture, out=tmp_path / "out")
+    assert "keypoints_2d: none, or empty: calibration runs, but track_mesh will refuse" in caplog.text

@@ -105,6 +105,18 @@ def pack(stage: Path, on: tuple[str, ...] = (), **flags) -> tuple:
     return *(read_image_shards([shards / split]) for split in ("train", "test")), read_frame_shards([shards / "frames"])
 
 
+@pytest.mark.parametrize("flag", ["test_camera", "test_frame", "test_segment"])
+def test_image_of_any_held_out_kind_is_tested_and_never_trained_on(stage, flag):
+    """One image per flag: that alone decides."""
+    images = pd.read_parquet(stage / "index/images.parquet")
+    chosen = (images.camera == "c0") & (images.frame == 12)
+    images = images.assign(test_camera=False, test_frame=False, test_segment=False).assign(**{flag: chosen})
+    images.to_parquet(stage / "index/images.parquet")
+    train, test, _ = pack(stage)
+    assert [(r.camera, r.frame) for r in test] == [("c0", 12)]
+    assert ("c0", 12) not in [(r.camera, r.frame) for r in train] and len(train) == 5
+
+
 def test_every_frame_of_a_held_out_pattern_is_held_out(stage):
     booked = pd.read_parquet(stage / "frames.parquet")
     booked.assign(test_pattern=booked.frame == 12).to_parquet(stage / "frames.parquet")

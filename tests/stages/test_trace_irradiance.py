@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays, write_table
+from pipeline.base.whole_files import WRITTEN_BY
 from pipeline.capture.images import read_exr_channel, write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texels import read_atlas
@@ -22,7 +23,8 @@ from tests.support.captures.posed import BALL_HEIGHT, BALL_RADIUS, FLOOR_HALF, w
 def test_maps_and_table(tmp_path: Path) -> None:
     paths = write_posed_capture(tmp_path)
     run(**paths, out=tmp_path / "irradiance/0000")
-    assert sorted(p.name for p in (tmp_path / "irradiance/0000").iterdir()) == [f"{f:06d}.exr" for f in (10, 11, 12)]
+    found = sorted(p.name for p in (tmp_path / "irradiance/0000").iterdir())
+    assert found == [WRITTEN_BY, *(f"{f:06d}.exr" for f in (10, 11, 12))]
     table = pd.read_parquet(tmp_path / "irradiance/0000.parquet").set_index("frame")
     assert table.lights_on.tolist() == [2, 1, 0]
     assert table.unlit.tolist() == [False, False, True]
@@ -164,3 +166,13 @@ def test_complaints_come_before_any_work(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=message):
             run(**{**paths, "tracking": tmp_path / "broken.safetensors"}, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_results_of_others_are_not_replaced(tmp_path: Path) -> None:
+    """`--out results/tiny` once left the maps alone of all that was there."""
+    paths = write_posed_capture(tmp_path)
+    (tmp_path / "results/tracking").mkdir(parents=True)
+    (tmp_path / "results/tracking/0000.parquet").touch()
+    with pytest.raises(InputError, match="expected no folder, an empty one, or one that trace_irradiance wrote"):
+        run(**paths, out=tmp_path / "results")
+    assert (tmp_path / "results/tracking/0000.parquet").exists()

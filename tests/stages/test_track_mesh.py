@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -167,3 +169,45 @@ def test_bad_input_says_what_to_do(captured: dict, tmp_path: Path) -> None:
 
     with pytest.raises(InputError, match=r"set template.scale_to_m in capture.yaml to about 0\.0"):
         run(**with_template_scale(captured, tmp_path, 1.0), chunk=0)
+
+
+class TestMisfit:
+    """What belongs to something else than the images ends the run, with the number that tells."""
+
+    def told(self, captured: dict, folder: Path, **tables: pd.DataFrame) -> str:
+        with pytest.raises(InputError) as caught:
+            run(**edited(captured, folder, **tables), chunk=0)
+        assert not list((folder / "tracking").glob("*.safetensors"))
+        return str(caught.value)
+
+    @pytest.mark.parametrize("change", [lambda mask: 255 - mask, np.ones_like])
+    def test_inverted_and_white_masks(self, captured: dict, tmp_path: Path, change) -> None:
+        capture = tmp_path / "capture"
+        shutil.copytree(captured["capture"], capture)
+        for path in set(read_table(captured["index"] / "images.parquet").mask_path):
+            mask = cv2.imread(str(capture / path), cv2.IMREAD_GRAYSCALE)
+            cv2.imwrite(str(capture / path), change(mask) if change is not np.ones_like else np.full_like(mask, 255))
+        said = self.told(captured | {"capture": capture}, tmp_path)
+        assert "masks: all cameras: expected masks that overlap the tracked template by 0.7 or more" in said
+        assert "is the subject 255" in said
+
+    def test_exchanged_masks_of_two_cameras(self, captured: dict, tmp_path: Path) -> None:
+        images = read_table(captured["index"] / "images.parquet").sort_values(["camera", "frame"], ignore_index=True)
+        first, second = (images.camera == name for name in ("cam00", "cam02"))
+        images.loc[first, "mask_path"], images.loc[second, "mask_path"] = (
+            images.mask_path[second].to_numpy(), images.mask_path[first].to_numpy()
+        )  # fmt: skip
+        said = self.told(captured, tmp_path, images=images)
+        assert "masks: cam00, cam02: expected masks that overlap" in said and "exchanged with others'?" in said
+
+    def test_exchanged_coordinates_of_keypoints(self, captured: dict, tmp_path: Path) -> None:
+        keypoints = read_table(captured["index"] / "keypoints_2d.parquet").rename(columns={"x": "y", "y": "x"})
+        assert "keypoints_2d: x, y: expected at least 50% of the detections" in self.told(
+            captured, tmp_path, keypoints_2d=keypoints
+        )
+
+    def test_run_goes_on_if_asked_to(self, captured: dict, tmp_path: Path) -> None:
+        keypoints = read_table(captured["index"] / "keypoints_2d.parquet").rename(columns={"x": "y", "y": "x"})
+        paths = edited(captured, tmp_path, keypoints_2d=keypoints)
+        run(**paths, chunk=0, settings=TrackMesh(on_misfit="warn"))
+        assert (paths["out"] / "0000.safetensors").exists()

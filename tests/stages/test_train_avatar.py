@@ -5,6 +5,7 @@ import json
 import os
 import re
 import signal
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,8 +24,9 @@ from pipeline.avatar.training.training_log import MOST_PREVIEWS, preview_spacing
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
+from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.base.stopping import Stopped
-from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
+from pipeline.capture.shards import read_frame_shards, read_image_shards, write_frame_shard, write_image_shard
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
@@ -74,6 +76,17 @@ def test_frames_with_other_irradiance_are_what_it_learns_from(inputs, tmp_path):
     own, default = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("own", "default"))
     for name in own:
         np.testing.assert_array_equal(own[name], default[name], err_msg=name)
+
+
+@pytest.mark.parametrize("flag", [*TEST_FLAGS, VALIDATION])
+def test_held_out_image_among_training_images_is_refused(inputs, tmp_path, flag):
+    path = inputs["shards"] / "train/0000.arrow"
+    records = list(read_image_shards([path]))
+    write_image_shard(path, [dataclasses.replace(records[0], **{flag: True}), *records[1:]])
+    said = rf"train: expected no held-out images, found {records[0].camera}/{records[0].frame} \({flag}\)"
+    with pytest.raises(InputError, match=said):
+        stage.run(**inputs, out=tmp_path / "avatar")
+    assert not (tmp_path / "avatar/avatar.safetensors").exists()
 
 
 class Death(Exception):
@@ -176,6 +189,31 @@ def test_how_it_is_watched_does_not_void_a_checkpoint(inputs, tmp_path, monkeypa
     spec = resolve_spec(SETTINGS, set())
     other = SETTINGS.model_copy(update={"weight_mask": 0.2})
     assert stage.fingerprint_of(other, spec, []) != stage.fingerprint_of(SETTINGS, spec, [])
+
+
+def test_every_setting_that_matters_voids_a_checkpoint():
+    """Even the number of steps, which the rates' fall follows."""
+    spec, fingerprints = resolve_spec(SETTINGS, set()), {}
+    for name in TrainAvatar.model_fields:
+        changed = SETTINGS.model_copy(update={name: f"not {getattr(SETTINGS, name)!r}"})
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pydantic's, of values that no field would take.
+            fingerprints[name] = stage.fingerprint_of(changed, spec, [])
+    same = stage.fingerprint_of(SETTINGS, spec, [])
+    assert {name for name, found in fingerprints.items() if found == same} == stage.WATCHED_BY
+
+
+@pytest.mark.parametrize("read", ["shards/train/0000.arrow", "shards/frames/0000.arrow", "atlas.safetensors"])
+def test_checkpoint_of_other_inputs_is_not_used(inputs, tmp_path, monkeypatch, read):
+    taken = step_and(monkeypatch, 4, die)
+    with pytest.raises(Death):
+        stage.run(**inputs, out=tmp_path / "out")
+    path, digest = tmp_path / read, stage.digest_file
+    assert path.exists()
+    # As if the content were another: every file that is read counts.
+    monkeypatch.setattr(stage, "digest_file", lambda file: digest(file) + "x" * (Path(file) == path))
+    stage.run(**inputs, out=tmp_path / "out")
+    assert taken == [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 5]
 
 
 def test_a_pixel_that_is_not_finite_is_traced_to_its_step(tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ import pandas as pd
 import psutil
 import pytest
 
+from pipeline.avatar.training.local_processes import variables
 from pipeline.base.files import read_arrays
 from pipeline.config.flags import flags
 from pipeline.config.train_avatar import TrainAvatar
@@ -136,6 +137,25 @@ def test_what_breaks_in_one_process_stops_both(tmp_path):
     assert "x-0.1/0" in told[0] and "x0.1/0" in told[0]
     assert f"before it: {tmp_path / 'out/broken.safetensors'}" in printed
     assert np.isfinite(read_arrays(tmp_path / "out/broken.safetensors")["avatar.albedo"]).all()
+
+
+def test_processes_listen_where_no_other_machine_reaches(subject, tmp_path):
+    process = start(subject, tmp_path, 2)
+    wait_for_checkpoint(process, tmp_path)
+    family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+    listening = [open_ for member in family for open_ in member.net_connections() if open_.status == "LISTEN"]
+    process.terminate()
+    finish(process)
+    assert len(listening) >= 2
+    assert {open_.laddr.ip for open_ in listening} == {"127.0.0.1"}
+
+
+def test_interface_of_the_processes_is_the_loopback():
+    """Where a machine's name leads elsewhere, nothing but this keeps them from listening there."""
+    named = variables(1, 2, "file:///store")
+    for backend in ("GLOO", "NCCL"):
+        addresses = psutil.net_if_addrs()[named[f"{backend}_SOCKET_IFNAME"]]
+        assert "127.0.0.1" in [address.address for address in addresses]
 
 
 def test_the_end_of_the_other_process_is_told(subject, tmp_path):

@@ -73,6 +73,9 @@ def test_recorded_capture_is_found_elsewhere_and_never_made(workflow, tmp_path):
     folder.mkdir(parents=True)
     (folder / "capture.yaml").write_text("frames: frames.csv\n")
     (folder / "frames.csv").write_text("frame,timestamp_s,segment\n" + "".join(f"{f},0,a\n" for f in range(65)))
+    for stray in ("notes {draft}.txt", 'it\'s [a] "*?" (1).txt'):
+        (folder / stray).touch()
+    (folder / "dangling").symlink_to("nothing")
     planned = workflow.planned("results/someone/metrics.csv", "--config", f"captures={folder.parent}")
     assert planned == {**ALWAYS, "track_mesh": 2, "pack_shards": 2}
 

@@ -60,7 +60,7 @@ for word in words:
     else:
         flags[name].append(word)
 out = Path(flags["out"][0])
-content = hashlib.sha256(" ".join(words).encode())
+content = hashlib.sha256(" ".join(word for word in words if word not in flags.get("capture", [])).encode())
 head = flags.get("figure") == ["head"]
 for path in sorted(Path(word) for key, values in flags.items() if key != "out" for word in values):
     for file in sorted(path.rglob("*.*")) if path.is_dir() else [path] if path.is_file() else []:
@@ -204,6 +204,14 @@ def test_recorded_capture_is_watched_by_content(workflow):
     assert workflow.planned(target) == {}
     (folder / "image.png").write_text("another picture")
     assert "index_capture" in workflow.planned(target)
+
+
+def test_moved_captures_rerun_their_check_alone(workflow):
+    """What a capture holds counts, not where it lies: stages are told of its folder, and of its digests."""
+    (workflow.folder / "captures").rename(workflow.folder / "elsewhere")
+    moved = ("--config", "captures=elsewhere")
+    assert workflow.ran(TARGET, *moved) == ["index_capture"]
+    assert workflow.planned(TARGET, *moved) == {}
 
 
 def test_effect_that_is_off_has_no_job(workflow):

@@ -31,6 +31,7 @@ checkpoint pack_shards:
         mem_mb=4000,
     params:
         code=code_for("pack_shards"),
+        capture=capture_folder,
         named=named,
         arguments=arguments_with_input(
             "pack_shards",
@@ -43,7 +44,8 @@ checkpoint pack_shards:
     message:
         "{wildcards.subject}: packing shards, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.stages.pack_shards {params.arguments:q} {params.parts:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.pack_shards --capture {params.capture:q} {params.arguments:q} {params.parts:q} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 # For variants that ask for other irradiance maps than their subject; the images are the same.

@@ -18,12 +18,14 @@ rule calibrate_cameras:
         mem_mb=4000,
     params:
         code=code_for("calibrate_cameras"),
+        capture=capture_folder,
         arguments=arguments_for("calibrate_cameras"),
         settings=settings_for("calibrate_cameras"),
     message:
         "{wildcards.subject}: calibrating cameras"
     shell:
-        "python -m pipeline.stages.calibrate_cameras {params.arguments:q} --threads {threads} "
+        "python -m pipeline.stages.calibrate_cameras --capture {params.capture:q} {params.arguments:q} "
+        "--threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -47,12 +49,14 @@ rule calibrate_color:
         mem_mb=2000,
     params:
         code=code_for("calibrate_color"),
+        capture=capture_folder,
         arguments=arguments_for("calibrate_color"),
         settings=settings_for("calibrate_color"),
     message:
         "{wildcards.subject}: calibrating colour"
     shell:
-        "python -m pipeline.stages.calibrate_color {params.arguments:q} --threads {threads} "
+        "python -m pipeline.stages.calibrate_color --capture {params.capture:q} {params.arguments:q} "
+        "--threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -78,12 +82,14 @@ rule calibrate_lights:
         mem_mb=4000,
     params:
         code=code_for("calibrate_lights"),
+        capture=capture_folder,
         arguments=arguments_for("calibrate_lights"),
         settings=settings_for("calibrate_lights"),
     message:
         "{wildcards.subject}: locating lights and aligning the cameras to the stage"
     shell:
-        "python -m pipeline.stages.calibrate_lights {params.arguments:q} --threads {threads} "
+        "python -m pipeline.stages.calibrate_lights --capture {params.capture:q} {params.arguments:q} "
+        "--threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -120,10 +126,12 @@ rule review_calibration:
         mem_mb=4000,
     params:
         code=code_for("review_calibration"),
+        capture=capture_folder,
         arguments=arguments_for("review_calibration"),
         settings=settings_for("review_calibration"),
     message:
         "{wildcards.subject}: drawing what the calibration is judged by"
     shell:
-        "python -m pipeline.stages.review_calibration {params.arguments:q} --threads {threads} "
+        "python -m pipeline.stages.review_calibration --capture {params.capture:q} {params.arguments:q} "
+        "--threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"

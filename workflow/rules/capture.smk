@@ -54,13 +54,15 @@ checkpoint index_capture:
         mem_mb=2000,
     params:
         code=code_for("index_capture"),
+        capture=capture_folder,
         arguments=arguments_for("index_capture"),
         origin=lambda wildcards: job(wildcards).capture_origin(),
         settings=settings_for("index_capture"),
     message:
         "{wildcards.subject}: checking and indexing the capture"
     shell:
-        "python -m pipeline.stages.index_capture {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.index_capture --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 rule book_patterns:
@@ -89,9 +91,11 @@ rule book_patterns:
         mem_mb=2000,
     params:
         code=code_for("book_patterns"),
+        capture=capture_folder,
         arguments=arguments_for("book_patterns"),
         settings=settings_for("book_patterns"),
     message:
         "{wildcards.subject}: booking light patterns and splits, checking that log and images are in step"
     shell:
-        "python -m pipeline.stages.book_patterns {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.book_patterns --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"

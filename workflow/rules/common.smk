@@ -1,6 +1,7 @@
 # What the stages' rules share: the validated configuration, and functions of wildcards.
 import os
 import sys
+import time
 from pathlib import Path
 
 from snakemake.logging import logger
@@ -15,6 +16,10 @@ from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
+from pipeline.workflow.shown_verdicts import shown_verdicts
+from pipeline.workflow.termination import pass_sigterm_on
+
+STARTED = time.time()
 
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
@@ -27,6 +32,16 @@ shell.prefix(
 )
 
 
+# After Snakemake has set its own handler.
+onstart:
+    pass_sigterm_on()
+
+
+onsuccess:
+    for line in shown_verdicts(Path(RESULTS), STARTED):
+        logger.warning(line)
+
+
 def validated_project():
     """The configuration; what is wrong with it is said without a traceback."""
     try:
@@ -37,6 +52,7 @@ def validated_project():
 
 
 project = validated_project()
+MAKES_CAPTURE = "synthesize_capture"
 captures = os.path.normpath(project.settings.captures)
 
 
@@ -59,7 +75,7 @@ def settings_for(stage):
 
 
 def arguments_for(stage, **own):
-    """A function of wildcards: all other words of a stage's command line but for threads.
+    """A function of wildcards: all other words of a stage's command line but for threads and the capture's folder.
 
     `own` are functions of wildcards for values that are not those of `JobFiles.named`, by the name that
     `pipeline.config.stage_commands` has for them.
@@ -67,7 +83,9 @@ def arguments_for(stage, **own):
 
     def words(wildcards):
         shared = job(wildcards).named() if "subject" in wildcards.keys() else {}
-        return stage_arguments(stage, {**shared, **{name: value(wildcards) for name, value in own.items()}})
+        values = {name: value(wildcards) for name, value in own.items()}
+        # synthesize_capture writes it: another folder is another output.
+        return stage_arguments(stage, {**shared, "capture": [], **values} if stage != MAKES_CAPTURE else shared)
 
     return words
 
@@ -86,8 +104,17 @@ def arguments_with_input(stage, own, **read):
 
 
 def named(wildcards):
-    """What a command line names of a job."""
-    return job(wildcards).named()
+    """What a command line names of a job, but for the capture's folder."""
+    return {name: value for name, value in job(wildcards).named().items() if name != "capture"}
+
+
+def capture_folder(wildcards, input):
+    """Where the capture lies.
+
+    A function of the input, for which Snakemake reruns nothing: what a capture holds counts, by its digests in the
+    index, and not where it was moved to.
+    """
+    return job(wildcards).capture
 
 
 def traced_maps(input):

@@ -119,6 +119,7 @@ rule check_budget:
         mem_mb=2000,
     params:
         code=code_for("check_budget"),
+        capture=capture_folder,
         arguments=arguments_for(
             "check_budget",
             estimate=lambda wildcards: estimate_json(project, wildcards.subject),
@@ -127,4 +128,5 @@ rule check_budget:
     message:
         "{wildcards.subject}: comparing what was estimated of the budget with what was achieved"
     shell:
-        "python -m pipeline.stages.check_budget {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.check_budget --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"

@@ -21,12 +21,14 @@ rule track_mesh:
         mem_mb=4000,
     params:
         code=code_for("track_mesh"),
+        capture=capture_folder,
         arguments=arguments_for("track_mesh"),
         settings=settings_for("track_mesh"),
     message:
         "{wildcards.subject}: tracking the template, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.stages.track_mesh {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.track_mesh --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 rule review_tracking:
@@ -54,12 +56,14 @@ rule review_tracking:
         mem_mb=4000,
     params:
         code=code_for("review_tracking"),
+        capture=capture_folder,
         arguments=arguments_for("review_tracking", tracking=each_chunk("tracking/{chunk}.safetensors")),
         settings=settings_for("review_tracking"),
     message:
         "{wildcards.subject}: drawing what the tracking is judged by"
     shell:
-        "python -m pipeline.stages.review_tracking {params.arguments:q} --threads {threads} "
+        "python -m pipeline.stages.review_tracking --capture {params.capture:q} {params.arguments:q} "
+        "--threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -84,12 +88,14 @@ rule unwrap_atlas:
         mem_mb=2000,
     params:
         code=code_for("unwrap_atlas"),
+        capture=capture_folder,
         arguments=arguments_for("unwrap_atlas"),
         settings=settings_for("unwrap_atlas"),
     message:
         "{wildcards.subject}: laying the template's surface out on an atlas"
     shell:
-        "python -m pipeline.stages.unwrap_atlas {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.unwrap_atlas --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 # Only for avatars with explicit eyes: `fitted_eyes` asks for it.

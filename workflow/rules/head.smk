@@ -23,9 +23,11 @@ rule bake_textures:
         mem_mb=4000,
     params:
         code=code_for("bake_textures"),
+        capture=capture_folder,
         arguments=arguments_for("bake_textures"),
         settings=settings_for("bake_textures"),
     message:
         "{wildcards.subject}: averaging what cameras see of the surface, chunk {wildcards.chunk}"
     shell:
-        "python -m pipeline.stages.bake_textures {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.bake_textures --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"

@@ -24,12 +24,14 @@ checkpoint plan_effects:
         mem_mb=2000,
     params:
         code=code_for("plan_effects"),
+        capture=capture_folder,
         arguments=arguments_for("plan_effects", tracking=each_chunk("tracking/{chunk}.safetensors")),
         settings=settings_for("plan_effects"),
     message:
         "{wildcards.subject}: measuring which effects this capture calls for"
     shell:
-        "python -m pipeline.stages.plan_effects {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.plan_effects --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 rule trace_irradiance:

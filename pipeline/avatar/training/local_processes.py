@@ -10,15 +10,19 @@ from contextlib import contextmanager
 from multiprocessing.context import SpawnProcess
 from unittest import mock
 
+import psutil
 import torch
 
 from pipeline.avatar.training.distributed import STORE
 from pipeline.base.errors import InputError
+from pipeline.base.parent_death import end_with_parent
 from pipeline.config.train_avatar import TrainAvatar
 
 FAREWELL_S = 10.0
 """How long the others get to end once this process has: what ends it, if it does not come from outside, ends them too.
 Then they are killed: a process that waits for one that is gone does not hear SIGTERM."""
+
+LOOPBACK = "127.0.0.1"
 
 
 def suggested_processes(settings: TrainAvatar) -> int:
@@ -82,13 +86,24 @@ def _require_not_killed(others: Sequence[SpawnProcess], error: RuntimeError) -> 
 
 
 def variables(rank: int, count: int, store: str) -> dict[str, str]:
-    """Environment of one of `count` processes, in the words of torchrun, and where they meet."""
+    """Environment of one of `count` processes, in the words of torchrun, and where they meet.
+
+    They talk over the loopback alone: left to itself, gloo listens at the address of the machine's name.
+    """
     numbers = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": count, "LOCAL_WORLD_SIZE": count}
-    return {name: str(number) for name, number in numbers.items()} | {STORE: store}
+    talk = dict.fromkeys(("GLOO_SOCKET_IFNAME", "NCCL_SOCKET_IFNAME"), loopback_interface())
+    return {name: str(number) for name, number in numbers.items()} | talk | {STORE: store}
+
+
+def loopback_interface() -> str:
+    """Name of the network interface that no other machine reaches."""
+    found = psutil.net_if_addrs().items()
+    return next(name for name, addresses in found if any(address.address == LOOPBACK for address in addresses))
 
 
 def _join(environment: Mapping[str, str], run: Callable[..., None], arguments: Mapping[str, object]) -> None:
     """Be one of the processes; the first tells what went wrong."""
+    end_with_parent()
     os.environ.update(environment)
     try:
         run(**arguments)

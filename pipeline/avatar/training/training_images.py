@@ -16,8 +16,9 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
-from pipeline.base.errors import InputError
+from pipeline.base.errors import InputError, listed
 from pipeline.base.seeds import generator_for
+from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.capture.records import FrameRecord
 from pipeline.config.train_avatar import TrainAvatar
 
@@ -83,6 +84,23 @@ def chosen_images(
     if settings.light_share < 1:
         kept &= table.fully_lit | table.frame.isin(frames_of_patterns(table, frames, settings.light_share, subject))
     return np.flatnonzero(kept).tolist()
+
+
+def require_no_held_out(table: pd.DataFrame, shards: object) -> None:
+    """Refuse images that are to be tested or chosen on.
+
+    Args:
+        table: of `ImageShards`.
+        shards: where they are from, for the message.
+
+    Raises:
+        InputError: naming some of them, and their flags.
+    """
+    flags = [*TEST_FLAGS, VALIDATION]
+    if (bad := table[table[flags].any(axis=1)]).empty:
+        return
+    found = [f"{row.camera}/{row.frame} ({', '.join(f for f in flags if getattr(row, f))})" for row in bad.itertuples()]
+    raise InputError(f"{shards}: expected no held-out images, found {listed(found)}; run pack_shards again")
 
 
 def spread_cameras(table: pd.DataFrame, count: int) -> list[str]:

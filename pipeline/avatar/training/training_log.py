@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +41,8 @@ class TrainingLog:
         self.spacing = preview_spacing(settings)
         self.events = SummaryWriter(str(out / "events"), purge_step=first)
         if not first:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            for path in self.folder.glob("step_*.png"):
+                path.unlink()
 
     def __enter__(self) -> TrainingLog:
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -17,7 +18,9 @@ Kind = Literal["name", "text", "whole", "number"]
 
 DTYPES = {"name": "str", "text": "str", "whole": "int64", "number": "float64"}
 
-NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
+FLOAT32 = np.finfo(np.float32)
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 """Names of cameras and lights become parts of paths: nothing in them may climb or hide."""
 
 
@@ -27,10 +30,8 @@ def read_csv(root: Path, path: str, columns: Mapping[str, Kind], complaints: Com
     None if a column is missing, or a name or whole number is something else.
     """
     try:
-        text = pd.read_csv(
-            locate(root, path), dtype=str, keep_default_na=False, skipinitialspace=True, encoding="utf-8-sig"
-        )
-    except (InputError, ValueError) as error:  # ValueError: pandas' parser errors and text that is not UTF-8.
+        text = read_text_cells(locate(root, path))
+    except (InputError, OSError, ValueError) as error:
         complaints.add(path, "table", expected=f"the columns {', '.join(columns)}", found=str(error))
         return None
     if missing := [column for column in columns if column not in text.columns]:
@@ -46,9 +47,47 @@ def column_names(root: Path, path: str) -> list[str]:
     `read_csv` complains about that.
     """
     try:
-        return list(pd.read_csv(locate(root, path), nrows=0, skipinitialspace=True, encoding="utf-8-sig").columns)
-    except (InputError, ValueError):
+        return header_cells(locate(root, path))
+    except (InputError, OSError, ValueError):
         return []
+
+
+def read_text_cells(file: Path) -> pd.DataFrame:
+    """Every cell of a csv file as it stands, but for spaces around it; empty lines are left out.
+
+    All rows are as long as the header: of one cell too many nobody can tell which columns it moves.
+
+    Raises:
+        ValueError: if it is no csv in UTF-8, or a row or a column's name says that cells are missing or too many.
+    """
+    (_, header), *rows = _lines(file)
+    if twice := sorted({name for name in header if name and header.count(name) > 1}):
+        raise ValueError(f"columns that are there twice: {listed(twice)}")
+    if ragged := [f"{len(row)} in line {line}" for line, row in rows if len(row) != len(header)]:
+        raise ValueError(f"rows of another number of cells than the {len(header)} of the header: {listed(ragged)}")
+    return pd.DataFrame([row for _, row in rows], columns=header, dtype="str")
+
+
+def header_cells(file: Path) -> list[str]:
+    """Names of a csv file's columns, whatever its rows are like.
+
+    Raises:
+        ValueError: as `read_text_cells`.
+    """
+    return _lines(file)[0][1]
+
+
+def _lines(file: Path) -> list[tuple[int, list[str]]]:
+    """Number and cells of each line that is not empty; at least one."""
+    with open(file, newline="", encoding="utf-8-sig") as lines:
+        reader = csv.reader(lines, skipinitialspace=True, strict=True)
+        try:
+            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row]
+        except csv.Error as error:
+            raise ValueError(f"{error} in line {reader.line_num}") from error
+    if not rows:
+        raise ValueError("No columns: the file is empty")
+    return rows
 
 
 def _typed(path: str, text: pd.DataFrame, columns: Mapping[str, Kind], complaints: Complaints) -> pd.DataFrame | None:
@@ -63,7 +102,8 @@ def _typed(path: str, text: pd.DataFrame, columns: Mapping[str, Kind], complaint
             valid, expected = values.str.fullmatch(r"[+-]?\d{1,15}"), "a whole number"
         else:
             numbers = pd.to_numeric(values, errors="coerce").astype(np.float64)
-            valid, expected = np.isfinite(numbers), "a finite number"
+            # Later stages compute in float32: what is no finite number there is none here.
+            valid, expected = numbers.abs() <= FLOAT32.max, "a finite number"
         if not valid.all():
             complain_rows(complaints, path, column, ~valid, expected, values)
         if kind == "number":

@@ -52,11 +52,15 @@ class Flaw:
 
 @dataclass(frozen=True)
 class Inspection:
-    """An image's content digest and flaws, and the reason if it cannot be decoded."""
+    """An image's content digest and flaws, and the reason if it cannot be decoded.
+
+    `black`: no pixel is above 0.
+    """
 
     digest: str
     flaws: tuple[Flaw, ...] = ()
     unreadable: str = ""
+    black: bool = False
 
 
 def inspect_image(root: Path, image: ExpectedImage) -> Inspection:
@@ -71,7 +75,7 @@ def inspect_image(root: Path, image: ExpectedImage) -> Inspection:
         pixels = decode(content, Path(image.path))
     except InputError as error:
         return Inspection(digest, unreadable=str(error))
-    return Inspection(digest, tuple(_flaws(image, pixels)))
+    return Inspection(digest, tuple(_flaws(image, pixels)), black=not pixels.any())
 
 
 def _flaws(image: ExpectedImage, pixels: np.ndarray) -> Iterable[Flaw]:
@@ -90,15 +94,21 @@ def inspect_images(root: Path, images: list[ExpectedImage], complaints: Complain
 
     Threads are enough: OpenCV, OpenEXR and BLAKE2 release Python's lock.
     """
-    digests, alike, unreadable = {}, defaultdict(list), defaultdict(list)
+    digests, alike, unreadable, masks_black = {}, defaultdict(list), defaultdict(list), []
     with ThreadPoolExecutor(threads) as pool:
         inspections = pool.map(lambda image: inspect_image(root, image), images)
         for image, inspection in zip(images, progress(inspections, "images checked", len(images)), strict=True):
             digests[image.path] = inspection.digest
+            if image.what == "mask" and not inspection.unreadable:
+                masks_black.append(inspection.black)
             if inspection.unreadable:
                 unreadable[image.camera].append(inspection.unreadable)
             for flaw in inspection.flaws:
                 alike[flaw].append(image.path)
+    if masks_black and all(masks_black):
+        hint = "mark the subject by 255, or leave masks out of capture.yaml"
+        found = f"none above 0 in all {len(masks_black)} masks"
+        complaints.add("masks", "pixels", expected="the subject in some", found=found, hint=hint)
     for camera, messages in unreadable.items():
         complaints.messages += messages[:NAMED_UNREADABLE]
         if (more := len(messages) - NAMED_UNREADABLE) > 0:

@@ -13,6 +13,7 @@ import pyarrow
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.capture.index.csv_tables import (
     DTYPES,
+    FLOAT32,
     Kind,
     column_names,
     complain_repeats,
@@ -46,6 +47,16 @@ KEYPOINT_COLUMNS: Mapping[str, Kind] = {
 PATCH_COLUMNS: Mapping[str, Kind] = {"patch": "whole", "r": "number", "g": "number", "b": "number"}
 
 PATCHES = 24
+
+MOST_CONFIDENCE = 1000.0
+"""Largest weight of a detection: detectors say 0 to 1, percent or a logit. One row of more would outweigh all."""
+
+OTHER_CLOCK = 0.1
+"""Relative difference between frames.csv and fps from which it is worth a look: nominal and true rates differ by 0.1 %
+(30 and 29.97), neighbouring ones by 4 % (24 and 25). Frames that were left out before numbering differ by more."""
+
+OTHER_UNIT = 1000**0.5
+"""Ratio of the two that is another unit: halfway, in logarithms, between equal and milliseconds for seconds."""
 
 
 def read_cameras_csv(root: Path, path: str, downsample: int | None, complaints: Complaints) -> pd.DataFrame | None:
@@ -89,6 +100,25 @@ def read_frames_csv(root: Path, path: str, complaints: Complaints) -> pd.DataFra
     return table
 
 
+def check_rate(path: str, frames: pd.DataFrame, fps: float, complaints: Complaints) -> None:
+    """Complain if the times of frames do not pass at the rate that the description names.
+
+    The rate is the median over segments of numbers passed over time passed: between segments the clock may jump.
+    """
+    spans = frames.groupby("segment")[["frame", "timestamp_s"]].agg(lambda values: values.iloc[-1] - values.iloc[0])
+    spans = spans[(spans.timestamp_s > 0) & (spans.frame > 0)]
+    if spans.empty:
+        return
+    rate = float((spans.frame / spans.timestamp_s).median())
+    expected = f"seconds, {1 / fps:.6g} apart from frame to frame as fps says ({fps:g})"
+    found = f"{1 / rate:.6g} apart, {rate:.6g} frames per second (median of {len(spans)} segments)"
+    if not 1 / OTHER_UNIT < rate / fps < OTHER_UNIT:
+        hint = "write times in seconds, or mend fps in capture.yaml"
+        complaints.add(path, "timestamp_s", expected=expected, found=found, hint=hint)
+    elif abs(rate / fps - 1) > OTHER_CLOCK:
+        log.warning("%s: timestamp_s: expected %s, found %s", path, expected, found)
+
+
 def read_lights_csv(root: Path, path: str, complaints: Complaints) -> pd.DataFrame | None:
     """Surveyed lights in the file's order, metres."""
     table = read_csv(root, path, LIGHT_COLUMNS, complaints)
@@ -114,6 +144,9 @@ def read_patterns_csv(
     for column in [column for column in table if column.startswith("intensity")]:
         if (bad := table[column] < 0).any():
             complain_rows(complaints, path, column, bad, "0 or more", table[column])
+        if (faint := (table[column] > 0) & (table[column] < FLOAT32.tiny)).any():
+            expected = f"0, or at least {FLOAT32.tiny:.3g}, the smallest number that float32 holds exactly"
+            complain_rows(complaints, path, column, faint, expected, table[column])
     if "intensity" in table:
         table = table.assign(**dict.fromkeys(INTENSITIES, table["intensity"])).drop(columns="intensity")
     complain_repeats(complaints, path, table, ["frame", "light"])
@@ -189,6 +222,9 @@ def read_keypoints_parquet(
             complaints.add(path, column, expected="finite numbers", found=f"{count} rows of NaN or infinity", hint=hint)
     if count := int((table["confidence"] < 0).sum()):
         complaints.add(path, "confidence", expected="0 or more", found=f"{count} negative rows")
+    if count := int((table["confidence"] > MOST_CONFIDENCE).sum()):
+        found = f"{count} rows up to {table['confidence'].max():g}"
+        complaints.add(path, "confidence", expected=f"weights of at most {MOST_CONFIDENCE:g}", found=found)
     complain_repeats(complaints, path, table, ["frame", "camera", "keypoint"])
     for column, values in known.items():
         if values is not None:

@@ -10,11 +10,12 @@ import pandas as pd
 from jaxtyping import Int64
 
 from pipeline.base.errors import Complaints, InputError, listed
-from pipeline.capture.index.csv_tables import complain_repeats, complain_rows, read_csv
+from pipeline.capture.index.csv_tables import complain_repeats, complain_rows, header_cells, read_csv
 from pipeline.capture.index.eye_tables import read_eyes_csv
 from pipeline.capture.paths import locate
 from pipeline.capture.schema.capture_yaml import Template
 from pipeline.geometry.gltf import GltfFile
+from pipeline.geometry.skin import read_template
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ def check_template(root: Path, template: Template, complaints: Complaints) -> tu
     shape = None
     with complaints.collecting():
         shape = _read_shape(root, template.mesh)
+        # As tracking reads it, so that what it would refuse is said now.
+        read_template(locate(root, template.mesh), template.scale_to_m)
     faces, vertices = (None, 0) if shape is None else (shape.faces, shape.vertices)
     eyes = read_eyes_csv(root, template.eyes, faces, vertices, complaints)
     table = read_keypoint_places(root, template.keypoints, complaints)
@@ -72,13 +75,13 @@ def read_keypoint_places(root: Path, path: str | None, complaints: Complaints) -
     if path is None:
         return None
     try:
-        header = pd.read_csv(locate(root, path), nrows=0, encoding="utf-8-sig", skipinitialspace=True)
-    except (InputError, ValueError) as error:
+        header = header_cells(locate(root, path))
+    except (InputError, OSError, ValueError) as error:
         complaints.add(path, "table", expected="the columns keypoint and node_index or vertex", found=str(error))
         return None
-    places = [column for column in ("node_index", "vertex") if column in header.columns]
+    places = [column for column in ("node_index", "vertex") if column in header]
     if len(places) != 1:
-        found = ", ".join(map(str, header.columns))
+        found = ", ".join(header)
         complaints.add(path, "columns", expected="keypoint and either node_index or vertex", found=found)
         return None
     return read_csv(root, path, {"keypoint": "text", places[0]: "whole"}, complaints)

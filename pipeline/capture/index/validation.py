@@ -11,8 +11,10 @@ import pandas as pd
 from pipeline.base.errors import Complaints
 from pipeline.base.files import digest_file
 from pipeline.base.splits import VALIDATION_FLAGS
+from pipeline.capture.images import ImageSource
 from pipeline.capture.index import calibration_files, tables
 from pipeline.capture.index.csv_tables import complain_unknown
+from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
 from pipeline.capture.index.frame_images import expected_images, find_frame_images
 from pipeline.capture.index.image_checks import ExpectedImage, inspect_images
@@ -20,6 +22,7 @@ from pipeline.capture.index.template_checks import check_template
 from pipeline.capture.schema.capture_yaml import (
     Capture,
     CharucoCameras,
+    Images,
     KnownCameras,
     KnownLights,
     MirrorBallLights,
@@ -49,10 +52,14 @@ def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
     manifest = read_manifest(root, complaints)
     found = _read_tables(root, manifest, complaints)
     contents, expected = _find_calibration(root, manifest, found, complaints)
+    _check_transfer(manifest.images, complaints)
     images = find_frame_images(root, manifest, found["cameras"], found["frames"], complaints)
     expected += expected_images(images, found["cameras"])
     digests = inspect_images(root, expected, complaints, threads)
     _check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
+    complaints.raise_if_any()
+    source = ImageSource(root, manifest.images.transfer, manifest.images.black_level)
+    complain_of_exchanged(images, found["cameras"], source, complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
     contents["capture"] = _capture_content(root, manifest, found["eyes"])
@@ -67,6 +74,8 @@ def _read_tables(root: Path, manifest: Capture, complaints: Complaints) -> Table
         found["cameras"] = tables.read_cameras_csv(root, manifest.cameras, downsample, complaints)
     if manifest.frames:
         found["frames"] = tables.read_frames_csv(root, manifest.frames, complaints)
+        if found["frames"] is not None and manifest.fps:
+            tables.check_rate(manifest.frames, found["frames"], manifest.fps, complaints)
     if manifest.lights:
         found["lights"] = tables.read_lights_csv(root, manifest.lights, complaints)
     if manifest.patterns:
@@ -125,6 +134,14 @@ def _check_stage_frame(
             expected="mirror_ball for cameras in a frame of their own", found="known",
             hint="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
             "cameras in the frame of the lights",
+        )  # fmt: skip
+
+
+def _check_transfer(images: Images | None, complaints: Complaints) -> None:
+    if images is not None and images.transfer == "srgb" and images.path.lower().endswith(".exr"):
+        complaints.add(
+            MANIFEST, "images.transfer", expected="linear: OpenEXR files hold linear light by definition",
+            found="srgb", hint="say linear, or convert the images to .png",
         )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from pipeline.capture.schema.sections import (
     path_to,
 )
 
-NAME_PATTERN = r"^[A-Za-z0-9_-]+$"
+NAME_PATTERN = r"^[A-Za-z0-9_][A-Za-z0-9_-]*$"
 
 
 class Images(Section):

@@ -9,11 +9,11 @@ import difflib
 from pathlib import Path
 from typing import Any, get_args
 
-import yaml
 from pydantic import BaseModel, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from pipeline.base.errors import Complaints, InputError
+from pipeline.base.yaml_files import read_yaml
 from pipeline.capture.schema.capture_yaml import Calibration, Capture, Section
 
 MANIFEST = "capture.yaml"
@@ -29,21 +29,6 @@ EXPECTED_TYPES = {
 }
 
 
-class _UniqueKeyLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
-    """YAML itself lets the last of two equal keys win without a word.
-
-    libyaml's parser, where PyYAML was built with it, takes a fifth of the time.
-    """
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for index, key in enumerate(keys):
-            if key in keys[:index]:
-                mark = node.value[index][0].start_mark
-                raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} is there twice", mark)
-        return super().construct_mapping(node, deep)
-
-
 def read_manifest(root: Path, complaints: Complaints) -> Capture:
     """Read a capture's description; a section with a complaint is None.
 
@@ -55,15 +40,13 @@ def read_manifest(root: Path, complaints: Complaints) -> Capture:
     file = root / MANIFEST
     if not root.is_dir():
         raise InputError(f"{root}: expected a capture folder, found {'a file' if root.exists() else 'none'}")
-    try:
-        content = _UniqueKeyLoader(file.read_text(encoding="utf-8")).get_single_data()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: expected the capture's description, found: {error}") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{file}: expected valid YAML, found: {error}") from error
+    if not file.is_file():
+        raise InputError(
+            f"{file}: expected the capture's description, found {'no plain file' if file.exists() else 'none'}"
+        )
+    content = read_yaml(file)
     if not isinstance(content, dict):
         raise InputError(f"{file}: expected keys such as 'format: lightstage-capture/1', found {_found(content)}")
-    content = {str(key): value for key, value in content.items()}
     try:
         return Capture.model_validate(content)
     except ValidationError as error:

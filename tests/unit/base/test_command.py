@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -44,3 +45,40 @@ def test_flag_under_its_old_name_is_understood(monkeypatch, words):
     monkeypatch.setattr(sys, "argv", ["stage", *words])
     run_as_command(run, renamed={"--promise": "--estimate"})
     assert seen == ["a=b"]
+
+
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        (OSError(28, "No space left on device", "a.arrow"), "No space left on device: 'a.arrow'"),
+        (MemoryError("Unable to allocate 1 TiB"), "out of memory: Unable to allocate 1 TiB"),
+    ],
+)
+def test_what_the_system_refuses_is_one_line(monkeypatch, capsys, raised, said):
+    def run() -> None:
+        raise raised
+
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    with pytest.raises(SystemExit) as ended:
+        run_as_command(run)
+    assert ended.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ") and said in line
+
+
+def test_output_of_a_stage_is_locked_while_it_runs(monkeypatch, tmp_path):
+    seen = []
+
+    def run(*, out: Path, chunk: int) -> None:
+        """Look.
+
+        Args:
+            out: folder.
+            chunk: number.
+        """
+        seen.extend(path.name for path in tmp_path.iterdir())
+
+    monkeypatch.setattr(sys, "argv", ["stage.py", "--out", str(tmp_path / "shards"), "--chunk", "3"])
+    run_as_command(run)
+    assert seen == [".shards.stage.0003.lock"]
+    assert not list(tmp_path.iterdir())

@@ -46,15 +46,6 @@ class TestWrittenWhole:
         assert path.read_text() == "old"
         assert os.listdir(tmp_path) == ["a.txt"]
 
-    def test_a_folder_replaces_a_folder(self, tmp_path: Path) -> None:
-        path = tmp_path / "avatar"
-        for name in ("first", "second"):
-            with written_whole(path) as temporary:
-                temporary.mkdir()
-                (temporary / name).touch()
-        assert os.listdir(path) == ["second"]
-        assert os.listdir(tmp_path) == ["avatar"]
-
 
 def test_json_keeps_every_digit_and_refuses_nan(tmp_path: Path) -> None:
     numbers = [0.1 + 0.2, 1e-300, float(np.nextafter(1.0, 2.0))]

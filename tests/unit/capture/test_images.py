@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -135,3 +137,12 @@ def test_transparency_is_no_colour_image(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((3, 3, 4), np.uint8)).save(tmp_path / "a.png")
     with pytest.raises(InputError, match="three channels R, G, B, found 4 channels"):
         read_image(tmp_path / "a.png")
+
+
+def test_png_whose_header_asks_for_too_many_pixels_is_named(tmp_path: Path) -> None:
+    """Sixty thousand pixels a side: OpenCV throws where it otherwise answers nothing."""
+    body = b"IHDR" + struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    header = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    (tmp_path / "large.png").write_bytes(b"\x89PNG\r\n\x1a\n" + header)
+    with pytest.raises(InputError, match=r"large\.png: expected"):
+        read_image(tmp_path / "large.png")

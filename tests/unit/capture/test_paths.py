@@ -71,3 +71,8 @@ def test_locate(tmp_path: Path) -> None:
         locate(root, "folder")
     with pytest.raises(InputError, match="gone: expected a file, found none"):
         locate(root, "gone")
+    (root / "loop").symlink_to("loop")
+    with pytest.raises(InputError, match="loop: expected a file, found"):
+        locate(root, "loop")
+    with pytest.raises(InputError, match="aaa: expected a file, found"):
+        locate(root, 300 * "a")

@@ -85,7 +85,7 @@ def test_everything_wrong_is_said_at_once_with_file_key_expected_and_found(tmp_p
         "one.yaml: train_avatar.setps: expected a known key, found an unknown one; did you mean steps?",
         "one.yaml: captures: expected a known key, found an unknown one",
         "two.yaml: unwrap_atlas.size: expected a valid integer, unable to parse string as an integer, found 'large'",
-        "three.yaml: file: expected YAML, found",
+        "three.yaml: expected valid YAML, found",
         "four.yaml: file: expected keys with values, found list",
         "not a name.yaml: file name: expected a subject's name",
         "command line (--config, --configfile): chunk_frames: expected greater than or equal to 1, found 0",
@@ -99,6 +99,37 @@ def test_wrong_variant_names_the_variant(tmp_path):
     lines = complaints(tmp_path, subjects={"two": {"variants": {"v": {"log_every": 0, "nothing": 1}}}})
     assert "  two.yaml: variants.v.log_every: expected greater than or equal to 1, found 0" in lines
     assert any("two.yaml: variants.v.nothing: expected a known key" in line for line in lines)
+
+
+def test_section_of_training_inside_a_variant_is_refused(tmp_path):
+    """It was left out without a word, and the variant was the one without it."""
+    variants = {"matte": {"train_avatar": {"specular": False, "nonsense": 3}}}
+    (line,) = complaints(tmp_path, subjects={"two": {"variants": variants}})[1:]
+    assert line.startswith(
+        "  two.yaml: variants.matte.train_avatar: expected settings of train_avatar beside each other"
+    )
+    lines = complaints(tmp_path, command_line={"variants": variants})
+    assert any(
+        line.startswith("  command line (--config, --configfile): variants.matte.train_avatar") for line in lines
+    )
+
+
+@pytest.mark.parametrize("text", [".nan", ".inf", "true", "yes"])
+def test_number_is_finite_and_not_a_truth_value(tmp_path, text):
+    (line,) = complaints(tmp_path, subjects={"one": f"train_avatar: {{weight_mask: {text}}}\n"})[1:]
+    assert line.startswith("  one.yaml: train_avatar.weight_mask: expected a ")
+    (line,) = complaints(tmp_path, subjects={"one": f"relight_avatar: {{gaze_direction: [0, 0, {text}]}}\n"})[1:]
+    assert "one.yaml: relight_avatar.gaze_direction" in line
+
+
+def test_key_that_is_there_twice_is_refused(tmp_path):
+    (line,) = complaints(tmp_path, subjects={"one": "train_avatar: {steps: 5, steps: 7}\n"})[1:]
+    assert "one.yaml: expected valid YAML, found: the key 'steps' is there twice" in line
+
+
+@pytest.mark.parametrize("name", ["-rf", "--help", "-"])
+def test_variant_is_not_called_like_an_option(tmp_path, name):
+    assert any("variants" in line for line in complaints(tmp_path, subjects={"two": {"variants": {name: {}}}}))
 
 
 def test_variants_may_ask_for_other_irradiance_maps(tmp_path):

@@ -104,3 +104,30 @@ def test_large_capture_is_watched_by_the_tables_that_it_names(folders):
 
 def test_synthetic_capture_is_watched_by_its_description(folders):
     assert relative(watched_files(project_of(folders), "made"), folders) == ["made/capture.yaml"]
+
+
+def test_stray_files_stop_nothing(folders):
+    """Names that Snakemake takes for wildcards, links to nothing, loops and devices belong to no capture."""
+    project, real = project_of(folders), folders / "captures/real"
+    before = watched_files(project, "real")
+    (real / "notes {draft}.txt").touch()
+    (real / "two\nlines.txt").touch()
+    (real / "{images}").mkdir()
+    (real / "{images}/a.png").touch()
+    for name, target in (("dangling", "nothing"), ("loop", "loop"), ("device", "/dev/zero")):
+        (real / name).symlink_to(target)
+    assert watched_files(project, "real") == before
+    (real / "notes.txt").touch()
+    assert set(watched_files(project, "real")) - set(before) == {str(real / "notes.txt")}
+
+
+@pytest.mark.parametrize("table", ["/dev/zero", "../outside.csv", "{folders}/captures/outside.csv", "tables"])
+@pytest.mark.parametrize("limit", [1, 1000])
+def test_tables_outside_the_capture_are_never_opened(folders, table, limit):
+    (folders / "captures/outside.csv").write_text("frame\n" + "1\n" * 500)
+    description = {**DESCRIPTION, "frames": table.format(folders=folders)}
+    (folders / "captures/real/capture.yaml").write_text(yaml.safe_dump(description))
+    project = project_of(folders, track_capture_files=limit)
+    assert chunk_ids(project, "real") == ["0000"]
+    root = str(folders / "captures/real")
+    assert all(path.startswith(root) and ".." not in path for path in watched_files(project, "real"))

@@ -7,7 +7,15 @@ import pytest
 import trimesh
 
 from pipeline.geometry.mesh import area_vectors, unit_or
-from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, draw_lights, light_scene, trace_irradiance
+from pipeline.lighting.irradiance import (
+    LUMINANCE,
+    IrradianceMap,
+    Lights,
+    Samples,
+    draw_lights,
+    light_scene,
+    trace_irradiance,
+)
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.support.meshes.lit_meshes import LIGHTS, floor_under_a_ball
@@ -171,3 +179,9 @@ def test_single_draws_of_many_seeds_cover_the_sum_as_often_as_they_should(sampli
     np.testing.assert_allclose(mean[constant], full[constant], atol=1e-9)
     outside = np.abs(mean - full)[~constant] > 2.5758 * error[~constant]
     assert 1 <= outside.sum() <= 10
+
+
+def test_luminance_weighs_each_primary_as_rec_709_does() -> None:
+    """ITU-R BT.709, item 3.2: E'Y = 0.2126 R + 0.7152 G + 0.0722 B; red is nearly three times as bright as blue."""
+    red, green, blue = np.eye(3) @ LUMINANCE
+    assert (red, green, blue) == (0.2126, 0.7152, 0.0722)

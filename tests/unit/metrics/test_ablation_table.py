@@ -110,3 +110,19 @@ def test_in_a_table_without_effects_anything_is_found_in_one_of_twenty():
         table = compare(pd.concat([scores_of(rng, s, effects, 16) for s in ("ann", "bob")]), "full")
         found += (rows_of(table, subject=ALL).p_holm < 0.05).any()
     assert found / draws < 0.05 + 3 * math.sqrt(0.05 * 0.95 / draws)
+
+
+def test_p_values_are_corrected_within_each_subject():
+    """Holm by hand: the smaller of two is doubled, the larger is at least that; another subject changes nothing."""
+    rng = np.random.default_rng(2)
+    effects = {"full": 0.0, "matte": -0.05, "flat": 0.02}
+    ann, bob = (scores_of(rng, subject, effects) for subject in ("ann", "bob"))
+    together, alone = compare(pd.concat([ann, bob]), "full"), compare(ann, "full")
+    for table in (together, alone):
+        rows = table[(table.subject == "ann") & table.p_value.notna()]
+        ordered = rows.sort_values("p_value")
+        count, least, expected = len(ordered), 0.0, {}
+        for place, (label, p) in enumerate(ordered.p_value.items()):
+            least = expected[label] = max(least, min(1.0, (count - place) * p))
+        assert count >= 2
+        np.testing.assert_allclose(rows.p_holm, [expected[label] for label in rows.index], rtol=1e-12)

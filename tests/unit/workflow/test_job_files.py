@@ -34,6 +34,14 @@ def project(tmp_path, monkeypatch):
     return load
 
 
+def test_unknown_variant_and_chunk_are_refused_by_name(project):
+    loaded = project(variants={"full": {}, "matte": {"specular": False}})
+    with pytest.raises(InputError, match="someone: variant 'gloss': expected one of full, matte, found no such"):
+        JobFiles(loaded, "someone", "gloss")
+    with pytest.raises(InputError, match="someone: chunk '0003': expected 0000 to 0002"):
+        JobFiles(loaded, "someone", chunk="0003")
+
+
 def test_chunks_of_a_job_are_its_own_or_all(project):
     loaded = project()
     pattern = "tracking/{chunk}.safetensors"
@@ -63,6 +71,12 @@ class TestShards:
         stale = re.escape(f"left over from other chunks of frames, delete: {folder}/0003.arrow {folder}/0007.arrow")
         with pytest.raises(InputError, match=stale):
             JobFiles(project(), "someone").shards("shards/train")
+
+    def test_hidden_files_of_killed_stages_are_not_stale(self, project):
+        folder = Path("results/someone/shards/train")
+        folder.mkdir(parents=True)
+        (folder / ".b26333b1.0000.arrow").touch()
+        assert len(JobFiles(project(), "someone").shards("shards/train")) == 3
 
 
 class TestFrames:

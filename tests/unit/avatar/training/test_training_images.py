@@ -3,8 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.training.training_images import chosen_images
+from pipeline.avatar.training.training_images import chosen_images, spread_cameras
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet import make_frame, make_sheet
@@ -54,3 +55,17 @@ def test_fewer_patterns_keep_all_fully_lit_frames_and_whole_patterns(capture):
         assert (10 in frames) == (11 in frames)  # one pattern
     assert any(set(choose(capture, f"s{n}", light_share=0.3).frame) != kept[0.3] for n in range(5))
     assert choose(capture, light_share=0.3).camera.nunique() == 8
+
+
+def test_spread_cameras_are_far_apart_by_their_centres_in_an_irregular_rig_with_roll():
+    """Next is always the camera farthest from those before it; R for its transpose puts centres elsewhere."""
+    rng, rows = np.random.default_rng(4), []
+    centers = rng.normal(size=(9, 3)) * [3, 1, 2]
+    for number, center in enumerate(centers):
+        R = Rotation.random(random_state=number).as_matrix()
+        rows.append({"camera": f"c{number}", "frame": 0, "fully_lit": True, "R": R.ravel(), "t": -R @ center})
+    expected = [0]
+    while len(expected) < 5:
+        nearest = [min(np.linalg.norm(center - centers[i]) for i in expected) for center in centers]
+        expected.append(int(np.argmax(nearest)))
+    assert spread_cameras(pd.DataFrame(rows), 5) == [f"c{number}" for number in expected]

@@ -59,6 +59,10 @@ IMAGE_BREAKS: dict[str, tuple[Break, list[str]]] = {
         lambda root: save_exr(root / "images/left/000001.exr", np.zeros((3, 4, 3))),
         ["images/left/000001.exr: left: size: expected 8 x 6 pixels", "found 4 x 3"],
     ),
+    "all masks black": (
+        lambda root: [save(path, np.zeros((HEIGHT, WIDTH), np.uint8)) for path in root.glob("masks/*/*.png")],
+        ["masks: pixels: expected the subject in some, found none above 0 in all 6 masks"],
+    ),
     "mask size": (
         lambda root: save(root / "masks/left/000001.png", np.zeros((3, 4), np.uint8)),
         ["masks/left/000001.png: left: size", "found 4 x 3"],

@@ -48,6 +48,14 @@ MANIFEST_BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "kind": (manifest(lambda m: m.update(kind="cat")), ["kind: expected 'body' or 'head', found text 'cat'"]),
     "millimetres": (manifest(lambda m: m.update(units="mm")), ["units: expected 'm'", "convert lights.csv to metres"]),
+    "curve of images that have none": (
+        manifest(lambda m: m["images"].update(path="images/{camera}/{frame:06d}.exr", transfer="srgb")),
+        ["images.transfer: expected linear: OpenEXR files hold linear light", "found srgb"],
+    ),
+    "rate of another clock": (
+        manifest(lambda m: m.update(fps=0.03)),
+        ["frames.csv: timestamp_s: expected seconds, 33.3333 apart", "fps says (0.03)", "30 frames per second"],
+    ),
     "z up": (manifest(lambda m: m.update(up="+z")), ["up: expected '+y'", "rotate the world"]),
     "absolute path": (
         manifest(lambda m: m.update(lights="/lights.csv")),

@@ -30,6 +30,12 @@ def mislead_template(root: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"VEC3", b"VEC9"))
 
 
+def mislead_joints(root: Path) -> None:
+    """A vertex that follows the second of two joints now follows the eighth."""
+    path = root / "template/template.glb"
+    path.write_bytes(path.read_bytes().replace(bytes([0, 0, 1, 0, 0, 1, 0]), bytes([0, 0, 7, 0, 0, 1, 0])))
+
+
 TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
     "no table": (
         lambda root: (root / "cameras.csv").unlink(),
@@ -54,6 +60,31 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
         ["lights.csv: x: expected a finite number, found 'nan' in line 3"],
     ),
     "infinite position": (text("lights.csv", "1.5,0.5", "inf,0.5"), ["lights.csv: x", "'inf' in line 3"]),
+    "one number too many": (
+        lambda root: write_lines(root / "lights.csv", "light,x,y,z", "NA,1,2,3", "b,1,2,3,4"),
+        ["lights.csv: table", "rows of another number of cells than the 4 of the header: 5 in line 3"],
+    ),
+    "one number too many in each row": (
+        lambda root: write_lines(root / "lights.csv", "light,x,y,z", "a,1,2,3,4", "b,1,2,3,4"),
+        ["5 in line 2, 5 in line 3"],
+    ),
+    "column twice": (
+        lambda root: write_lines(root / "lights.csv", "light,x,y,z,x", "a,1,2,3,4"),
+        ["lights.csv: table", "columns that are there twice: x"],
+    ),
+    "number of no float32": (text("lights.csv", "1.5,0.5", "1e300,0.5"), ["lights.csv: x", "'1e300' in line 3"]),
+    "milliseconds": (
+        rewritten("frames.csv", "frame,timestamp_s,segment", "0,0,a", "1,33.333,a", "2,500,b"),
+        ["frames.csv: timestamp_s: expected seconds, 0.0333333 apart", "found 33.333 apart", "write times in seconds"],
+    ),
+    "certainty beyond measure": (
+        keypoints(lambda table: table.assign(confidence=[1e300, *table.confidence[1:]])),
+        ["confidence: expected weights of at most 1000, found 1 rows up to 1e+300"],
+    ),
+    "intensity that float32 cannot hold": (
+        text("patterns.csv", "0,A,1.0", "0,A,1e-300"),
+        ["patterns.csv: intensity: expected 0, or at least 1.18e-38", "1e-300"],
+    ),
     "empty cell": (text("lights.csv", "1.5,0.5", ",0.5"), ["lights.csv: x", "'' in line 3"]),
     "fraction of a pixel": (
         text("cameras.csv", "left,8", "left,8.5"),
@@ -154,6 +185,10 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
     "template of another kind": (
         lambda root: (root / "template/template.glb").write_text("solid"),
         ["glTF 2.0 binary"],
+    ),
+    "template whose weights are of a joint that is none": (
+        mislead_joints,
+        ["JOINTS_n: expected joints of the skin, 0 to 1"],
     ),
     "template against the specification": (mislead_template, ["expected a mesh by the glTF 2.0 specification"]),
     "template without triangles": (

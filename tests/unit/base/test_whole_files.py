@@ -1,0 +1,92 @@
+"""What is written whole, what is replaced, and what a killed writer leaves."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.base.errors import InputError
+from pipeline.base.whole_files import WRITTEN_BY, written_folder, written_whole
+
+KILLED_WITHIN = """
+import os, signal, sys
+from pathlib import Path
+from pipeline.base.whole_files import written_whole
+with written_whole(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_writer_leaves_matches_no_pattern_of_files_and_is_swept(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", KILLED_WITHIN, str(tmp_path / "0000.arrow")])
+    assert done.returncode == -signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    assert (left / "0000.arrow").read_text() == "half"
+    assert not list(tmp_path.glob("*.arrow"))
+    with written_whole(tmp_path / "0001.arrow") as temporary:
+        temporary.write_text("whole")
+    assert os.listdir(tmp_path) == ["0001.arrow"]
+
+
+def test_writer_at_work_is_not_swept(tmp_path: Path) -> None:
+    write = "import sys; from pipeline.base.files import write_json, Path; write_json(Path(sys.argv[1]), 1)"
+    with written_whole(tmp_path / "a.txt") as temporary:
+        temporary.write_text("whole")
+        subprocess.run([sys.executable, "-c", write, str(tmp_path / "b.json")], check=True)
+        assert temporary.exists()
+    assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.json"]
+
+
+def test_folder_replaces_the_one_that_the_same_stage_wrote(tmp_path: Path) -> None:
+    path = tmp_path / "avatar"
+    for name in ("first", "second"):
+        with written_folder(path, "stage") as temporary:
+            (temporary / name).touch()
+    assert sorted(os.listdir(path)) == [WRITTEN_BY, "second"]
+    assert os.listdir(tmp_path) == ["avatar"]
+
+
+def test_failure_keeps_the_old_folder(tmp_path: Path) -> None:
+    with written_folder(tmp_path / "maps", "stage") as temporary:
+        (temporary / "old").touch()
+    with pytest.raises(RuntimeError, match="killed"), written_folder(tmp_path / "maps", "stage"):
+        raise RuntimeError("killed")
+    assert sorted(os.listdir(tmp_path / "maps")) == [WRITTEN_BY, "old"]
+    assert os.listdir(tmp_path) == ["maps"]
+
+
+def test_empty_folder_may_be_replaced(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    with written_folder(tmp_path / "maps", "stage") as temporary:
+        (temporary / "new").touch()
+    assert (tmp_path / "maps/new").exists()
+
+
+@pytest.mark.parametrize("writer", ["other_stage", None])
+def test_folder_of_somebody_else_is_refused_and_kept(tmp_path: Path, writer: str | None) -> None:
+    path = tmp_path / "mydata"
+    if writer is None:
+        path.mkdir()
+    else:
+        with written_folder(path, writer):
+            pass
+    (path / "recording.exr").write_text("precious")
+    expected = "mydata: expected no folder, an empty one, or one that stage wrote, found"
+    with pytest.raises(InputError, match=expected), written_folder(path, "stage"):
+        pytest.fail("reached the work")
+    assert (path / "recording.exr").read_text() == "precious"
+
+
+def test_link_to_a_folder_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "capture").symlink_to(tmp_path / "disk")
+    with written_folder(tmp_path / "capture", "stage") as temporary:
+        (temporary / "new").touch()
+    assert (tmp_path / "capture").is_symlink()
+    assert (tmp_path / "disk/new").exists()

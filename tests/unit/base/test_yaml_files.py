@@ -1,0 +1,76 @@
+"""YAML that people write, and what is wrong with it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pipeline.base.errors import InputError
+from pipeline.base.yaml_files import MOST_LEVELS, read_yaml
+
+
+def test_values_lists_and_merged_keys_are_read(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("base: &base {x: 1.5, on_time: true}\nmade: {<<: *base, x: [2, a]}\n")
+    expected = {"base": {"x": 1.5, "on_time": True}, "made": {"x": [2, "a"], "on_time": True}}
+    assert read_yaml(tmp_path / "a.yaml") == expected
+    (tmp_path / "a.yaml").write_text("# Nothing but a comment.\n")
+    assert read_yaml(tmp_path / "a.yaml") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a: [", "valid YAML"),
+        ("a: 2020-13-01", "month must be in 1..12"),
+        ("a: !!int x", "invalid literal"),
+        ("a: " + "9" * 5000, "valid YAML"),
+        ("a: !!python/object:os.system b", "could not determine a constructor"),
+        ("a: 1\nb: {c: 1, c: 2}", "the key 'c' is there twice"),
+        ("1: a", "expected text as a key, found 1; put it in quotes"),
+        ("on: a", "expected text as a key, found True"),
+        ("[1]: a", "expected text as a key"),
+        ("a: " + "[" * (MOST_LEVELS + 1), f"more than {MOST_LEVELS} levels of nesting, in line 1"),
+        # With libyaml's composer, this many end the process.
+        ("a: " + "[" * 100_000, f"more than {MOST_LEVELS} levels of nesting"),
+    ],
+)
+def test_what_is_wrong_is_one_line_with_the_file(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_yaml(tmp_path / "a.yaml")
+    assert str(caught.value).startswith(f"{tmp_path}/a.yaml: expected valid YAML, found: ")
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_many_keys_take_time_in_proportion(tmp_path: Path) -> None:
+    """20,000 keys took 26 s, a hundred times 2,000 keys; ten times are due, thirty allowed for noise."""
+
+    def seconds(keys: int) -> float:
+        (tmp_path / "a.yaml").write_text("".join(f"key_{number}: {number}\n" for number in range(keys)))
+        start = time.process_time()
+        assert len(read_yaml(tmp_path / "a.yaml")) == keys
+        return time.process_time() - start
+
+    assert seconds(20_000) < 30 * min(seconds(2_000) for _ in range(3))
+
+
+@pytest.mark.parametrize("target", ["/dev/zero", "nothing", "a.yaml"])
+def test_devices_and_broken_links_are_no_files(tmp_path: Path, target: str) -> None:
+    (tmp_path / "a.yaml").symlink_to(target)
+    with pytest.raises(InputError, match="expected a file"):
+        read_yaml(tmp_path / "a.yaml")
+
+
+def test_comment_in_utf_8_is_read_under_any_locale(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_bytes("# Größe\na: 1\n".encode())
+    read = "import sys; from pipeline.base.yaml_files import Path, read_yaml; print(read_yaml(Path(sys.argv[1])))"
+    done = subprocess.run(
+        [sys.executable, "-c", read, tmp_path / "a.yaml"], capture_output=True, text=True,
+        env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    )  # fmt: skip
+    assert done.stdout == "{'a': 1}\n", done.stderr
