@@ -1,22 +1,21 @@
-"""Calibrate intrinsics, distortion and poses of all cameras from images of ChArUco boards.
+"""Calibrate intrinsics, distortion and poses of all cameras from images of boards.
 
 They are metric, in the rig's own frame.
 
 Corners are detected in every image, each camera is calibrated alone (Zhang 2000), cameras are joined through the views
 they share, and one bundle adjustment over everything refines the result. Each camera is then judged, and one that moved
 between views is named. The rig's frame is that of the first board view; calibrate_lights moves it into the stage's.
-With `method: known` the given cameras are validated and copied.
+Given lenses may stay or be refined; images that were not taken at once may have times. With `method: known` the given
+cameras are validated and copied.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pandas as pd
 
@@ -31,10 +30,12 @@ from pipeline.calibration.cameras.board_views import (
     find_boards,
     gather_views,
 )
-from pipeline.calibration.cameras.charuco import Board, dictionary_names
+from pipeline.calibration.cameras.boards import Board
+from pipeline.calibration.cameras.declared_boards import boards_from_index, times_from_index
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, calibrate_rig, inspect_rig
 from pipeline.calibration.cameras.rig_misfit import complain_of_misfits
+from pipeline.calibration.cameras.rig_model import RigPriors
 from pipeline.calibration.cameras.rig_quality import (
     COLUMNS,
     describe_focal,
@@ -42,9 +43,10 @@ from pipeline.calibration.cameras.rig_quality import (
     quality_table,
     rough_shots,
 )
+from pipeline.calibration.cameras.rig_spread import with_spread
 from pipeline.calibration.cameras.rig_start import connected_groups
-from pipeline.capture.cameras.known_cameras import read_known_cameras
-from pipeline.capture.schema.camera_schema import KnownCameras
+from pipeline.capture.cameras.known_cameras import read_known_cameras, read_known_lenses
+from pipeline.capture.schema.camera_schema import CameraFile, KnownCameras
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.lens import Lens
@@ -58,7 +60,7 @@ RESIDUAL_COLUMNS = ["camera", "view", "board", "corner", "x", "y", "residual_x",
 def run(
     *, capture: Path, index: Path, out: Path, threads: int = 1, settings: CalibrateCameras = CalibrateCameras()
 ) -> None:
-    """Calibrate all cameras of a rig together from images of ChArUco boards.
+    """Calibrate all cameras of a rig together from images of boards.
 
     Args:
         capture: folder of the capture.
@@ -79,7 +81,8 @@ def run(
     boards, names = boards_from_index(calibration), list(sizes)
     lens = lens_for(calibration, settings)
     views = choose_shots(calibration["views"], settings.most_views)
-    detections = find_boards(capture, views, sizes, boards, threads)
+    printed = find_boards(capture, views, sizes, boards, threads)
+    detections, boards = printed.detections, printed.boards
     found = gather_views(detections, views, names, boards)
     complaints = Complaints(capture)
 
@@ -95,7 +98,13 @@ def run(
         complaints.raise_if_any()
     chosen, held = found.for_cameras(group), [names[c] for c in group]
     held_sizes = [sizes[name] for name in held]
-    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens)
+    known = known_beforehand(capture, calibration, {name: sizes[name] for name in held}, settings)
+    if (times := times_from_index(calibration)) is not None:
+        chosen = chosen.moving({(c, v): times[name, v] for c, name in enumerate(held) for v in chosen.shots_for(c)})
+    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens, known)
+    if times is not None:
+        calibrated = with_spread(calibrated, chosen)
+        report_times(calibrated.rig, held)
     report_distortion(calibrated, held)
     quality, judged = judge(calibrated, chosen, held, held_sizes, settings, complaints)
     verdicts = sorted([*failed, *judged], key=lambda verdict: names.index(verdict.name))
@@ -130,21 +139,31 @@ def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, t
     return cameras
 
 
-def boards_from_index(calibration: dict[str, Any]) -> list[Board]:
-    """Boards of the index's calibration_cameras.json.
-
-    They are its list, or the one board whose keys stand there directly.
+def known_beforehand(
+    capture: Path, calibration: dict[str, Any], sizes: dict[str, tuple[int, int]], settings: CalibrateCameras
+) -> RigPriors:
+    """Lenses that the capture gives to the cameras of `sizes`, and whether they stay.
 
     Raises:
-        InputError: if OpenCV has no such dictionary.
+        InputError: naming lenses that are not there or cannot be right.
     """
-    keys, entries = [field.name for field in fields(Board)], calibration.get("boards") or [calibration]
-    boards = [Board(**{key: entry[key] for key in keys if key in entry}) for entry in entries]
-    for board in boards:
-        if not (board.dictionary.startswith("DICT_") and hasattr(cv2.aruco, board.dictionary)):
-            expected = f"expected one of {dictionary_names()}, found {board.dictionary}"
-            raise InputError(f"capture.yaml: dictionary: {expected}")
-    return boards
+    use = calibration.get("intrinsics", "estimate")
+    if use == "estimate":
+        return RigPriors()
+    complaints = Complaints(capture)
+    file = CameraFile.model_validate(calibration["lenses_from"])
+    lenses = read_known_lenses(capture, file, calibration.get("lens", BROWN_CONRADY.name), sizes, complaints)
+    complaints.raise_if_any()
+    sigma = 0.0 if use == "known" else settings.given_lens_error
+    return RigPriors([lenses[name] for name in sizes], sigma)
+
+
+def report_times(rig: Rig, names: Sequence[str]) -> None:
+    """Log how far from simultaneous the images of a view are."""
+    lags = rig.parameters[rig.model.lag_columns]
+    for name, lag in zip(names, lags - lags.mean(), strict=False):
+        log.info("camera %s: its images are %+.0f ms late, by their times and the board's motion", name, 1000 * lag)
+    log.info("all: single images are off by %.0f ms from that, standard deviation", 1000 * rig.clock_sigma_s)
 
 
 def lens_for(calibration: dict[str, Any], settings: CalibrateCameras) -> Lens:

@@ -8,7 +8,7 @@ second pose of one camera from one view on? It needs no second adjustment, and h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Int64
@@ -175,6 +175,4 @@ def split_camera(
 ) -> Observations:
     """The same observations, those of `camera` from `when` on as camera number `new`."""
     later = (observations.camera == camera) & (time[observations.view] >= when)
-    return Observations(
-        np.where(later, new, observations.camera), observations.view, observations.corner, observations.pixel
-    )
+    return replace(observations, camera=np.where(later, new, observations.camera))

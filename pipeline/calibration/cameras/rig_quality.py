@@ -95,6 +95,8 @@ def wanted_distortion(calibrated: Calibrated, camera: int) -> int:
     The one it has where it needs no other.
     """
     odds, used = calibrated.evidence[camera], calibrated.distortion[camera]
+    if not odds:
+        return used
     wanted = choose_distortion([odds])[0]
     return wanted if odds[wanted] - odds[used] > DECISIVE else used
 

@@ -15,14 +15,14 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import digest_file
-from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_known_cameras
+from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_known_cameras, read_known_lenses
 from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, complain_unknown, read_csv
 from pipeline.capture.index.image_checks import ExpectedImage
 from pipeline.capture.index.tables import read_patches_csv
 from pipeline.capture.paths import fill, find_files
+from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
     ChartColor,
-    CharucoCameras,
     KnownCameras,
     KnownLights,
     MirrorBallLights,
@@ -32,6 +32,8 @@ from pipeline.capture.schema.capture_yaml import (
 CAMERAS = "the table of cameras"
 
 CORNER_COLUMNS: Mapping[str, Kind] = {"camera": "name", "corner": "whole", "x": "number", "y": "number"}
+
+TIME_COLUMNS: Mapping[str, Kind] = {"camera": "name", "view": "whole", "time_s": "number"}
 
 CORNERS = 4
 
@@ -45,7 +47,7 @@ FEWEST_SIGHTINGS = 2
 
 
 def find_camera_calibration(
-    root: Path, section: CharucoCameras | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
+    root: Path, section: PhotographedBoards | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
 ) -> IndexSection:
     """`calibration_cameras.json`, and the board views, which must be of sensor size."""
     content: dict[str, Any] = section.model_dump(exclude_none=True)
@@ -61,7 +63,26 @@ def find_camera_calibration(
     if blind := [camera for camera in cameras["camera"] if camera not in {view["camera"] for view in views}]:
         found = f"none for {listed(blind)}"
         complaints.add(section.path, "camera", expected="at least one view of the board per camera", found=found)
+    if section.times is not None:
+        views = _with_times(root, section.times, views, complaints)
+    if section.lenses_from is not None:
+        with complaints.collecting():
+            content["lenses_digest"] = digest_known_cameras(root, section.lenses_from)
+            sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
+            read_known_lenses(root, section.lenses_from, section.lens, sizes, complaints)
     return {**content, "views": views}, _at_sensor_size(views, cameras)
+
+
+def _with_times(root: Path, path: str, views: list[dict], complaints: Complaints) -> list[dict]:
+    """The views, each with its `time_s` of the table."""
+    table = read_csv(root, path, TIME_COLUMNS, complaints)
+    if table is None:
+        return views
+    complain_repeats(complaints, path, table, ["camera", "view"])
+    times = {(row.camera, row.view): float(row.time_s) for row in table.itertuples()}
+    if untimed := [view["path"] for view in views if (view["camera"], view["view"]) not in times]:
+        complaints.add(path, "time_s", expected="a row for each image of a board", found=f"none for {listed(untimed)}")
+    return [{**view, "time_s": times.get((view["camera"], view["view"]), 0.0)} for view in views]
 
 
 def find_light_calibration(
