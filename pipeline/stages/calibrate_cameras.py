@@ -12,6 +12,7 @@ cameras are validated and copied.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.command import run_as_command
-from pipeline.base.errors import Complaints, InputError
+from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.cameras.board_views import (
@@ -40,6 +41,7 @@ from pipeline.calibration.cameras.rig_quality import (
     COLUMNS,
     describe_focal,
     judge_cameras,
+    open_terms,
     quality_table,
     rough_shots,
 )
@@ -79,6 +81,7 @@ def run(
         write(out, cameras, none, pd.DataFrame(columns=COLUMNS, dtype="float64").astype({"camera": "str"}), verdicts)
         return
     boards, names = boards_from_index(calibration), list(sizes)
+    complain_of_symmetry(capture, boards, len(names))
     lens = lens_for(calibration, settings)
     views = choose_shots(calibration["views"], settings.most_views)
     printed = find_boards(capture, views, sizes, boards, threads)
@@ -106,6 +109,9 @@ def run(
         calibrated = with_spread(calibrated, chosen)
         report_times(calibrated.rig, held)
     report_distortion(calibrated, held)
+    for name, terms in zip(held, open_terms(calibrated.rig), strict=True):
+        if terms:
+            log.info("camera %s: not determined by its views, left at what is usual or given: %s", name, listed(terms))
     quality, judged = judge(calibrated, chosen, held, held_sizes, settings, complaints)
     verdicts = sorted([*failed, *judged], key=lambda verdict: names.index(verdict.name))
     log_verdicts(log, verdicts)
@@ -137,6 +143,23 @@ def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, t
     cameras = read_known_cameras(capture, section, sizes, complaints)
     complaints.raise_if_any()
     return cameras
+
+
+def complain_of_symmetry(capture: Path, boards: Sequence[Board], cameras: int) -> None:
+    """Refuse boards that look the same upside down.
+
+    One camera may take them either way; several cannot agree on which corner is the first.
+
+    Raises:
+        InputError: naming them, if there are several cameras.
+    """
+    if cameras > 1 and (same := [board.describe() for board in boards if board.half_turn() is not None]):
+        expected = "boards that look different upside down, for several cameras"
+        hint = (
+            "print a ChArUco board, a checkerboard with one number of squares odd and the other even, or an asymmetric "
+            "grid of an odd number of rows"
+        )
+        raise InputError(f"{capture}: calibration.cameras: expected {expected}, found {listed(same)}; {hint}")
 
 
 def known_beforehand(
@@ -224,6 +247,9 @@ def judge(
 ) -> tuple[pd.DataFrame, list[Verdict]]:
     """The table of quality and the verdicts; complaints on what must not be used."""
     rig, where = calibrated.rig, "calibration.cameras"
+    if found.observations.motion is not None:
+        # Times that are only estimated leave errors which follow the board's motion, and so time: nobody is refused.
+        settings = settings.model_copy(update={"largest_shift_px": math.inf})
     quality = quality_table(calibrated, names, found.shot)
     inspection = inspect_rig(calibrated, found.corners_m, sizes, found.shot)
     complain_of_misfits(inspection, names, quality.views.tolist(), settings.largest_shift_px, where, complaints)
@@ -247,6 +273,8 @@ def judge(
 def report_distortion(calibrated: Calibrated, names: Sequence[str]) -> None:
     """Log what was chosen, and by which odds."""
     for name, number, odds in zip(names, calibrated.distortion, calibrated.evidence, strict=True):
+        if not odds:  # given lenses have the coefficients that they have
+            continue
         told = ", ".join(f"{k}: {value:.1f}" for k, value in odds.items())
         log.info("camera %s: %d distortion coefficients; log odds against all: %s", name, number, told)
 

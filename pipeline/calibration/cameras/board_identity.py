@@ -122,9 +122,10 @@ def _layouts(dictionary: str, first: int, usual: int, last: int) -> list[Board]:
     for x in range(2, MOST_SQUARES + 1):
         y = -(-2 * count // x)
         charuco = CharucoBoard(x, y, 1.0, ASSUMED_MARKER, dictionary, first)
-        boards += [charuco, replace(charuco, legacy=True)] if y % 2 == 0 else [charuco]
+        if y > 1:
+            boards += [charuco, replace(charuco, legacy=True)] if y % 2 == 0 else [charuco]
         boards.append(TagGrid(x, -(-count // x), ASSUMED_MARKER, 1 - ASSUMED_MARKER, dictionary, first))
-    return [board for board in boards if board.corners_m().size]
+    return boards
 
 
 def _fitting(board: Board, seen: _Seen) -> int:
@@ -150,7 +151,7 @@ def _fitting(board: Board, seen: _Seen) -> int:
 
 
 def _identify_checkerboard(photos: Sequence[BoardPhoto]) -> Found | None:
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
     for inverted in (False, True):
         sizes = []
         for photo in photos:

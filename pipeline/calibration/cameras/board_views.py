@@ -21,7 +21,7 @@ from pipeline.calibration.cameras.board_motion import with_motion
 from pipeline.calibration.cameras.boards import Board, BoardPhoto, Detection, detect_boards
 from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.calibration.cameras.rig_start import LEAST_CORNERS, usable_views
-from pipeline.capture.gray import read_gray_8bit
+from pipeline.capture.gray import read_view_gray
 
 log = logging.getLogger("calibrate_cameras")
 
@@ -101,7 +101,7 @@ def find_boards(
     """
 
     def search(view: dict, boards: Sequence[Board]) -> tuple[list[Detection], tuple[int, int]]:
-        gray = read_gray_8bit(capture / view["path"])
+        gray = read_view_gray(capture, view)
         return detect_boards(gray, boards), (gray.shape[1], gray.shape[0])
 
     def search_all(views: Sequence[dict], boards: Sequence[Board]) -> list[tuple[list[Detection], tuple[int, int]]]:
@@ -150,7 +150,7 @@ def explain_nothing(
     """
     names = list(dict.fromkeys(board.markers_of for board in boards if board.markers_of))
     wanted = " or ".join(names or dict.fromkeys(board.describe() for board in boards))
-    grays = [read_gray_8bit(capture / view["path"]) for view in _spread(views, EXPLAINING_IMAGES)]
+    grays = [read_view_gray(capture, view) for view in _spread(views, EXPLAINING_IMAGES)]
     expected = f"{'dictionary: ' * bool(names)}expected a board of {wanted}, found none in {len(views)} images"
     mirrored = sum(mirrored_markers(gray, boards) for gray in grays)
     match = identify_board(grays, boards)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from pipeline.calibration.cameras.rig_model import Observations, RigModel, RigPriors
 from pipeline.geometry.cameras import Camera
@@ -103,7 +103,7 @@ def _adjust(model: RigModel) -> Rig:
     focal_sigma = np.sqrt(intrinsics[:, 0, 0]) / np.array([camera.K[0, 0] for camera in solved])
     center_sigma = np.sqrt(np.maximum(np.diag(centers), 0).reshape(-1, 3).mean(1))
     at = model.times_columns
-    clock = _clock_sigma(full[at] - mean[at], np.diag(covariance)[at], model.known.clock_sigma_s)
+    clock = _clock_sigma(full[at] - mean[at], covariance[at, at], model.clocked[0][:, 1], model.known.clock_sigma_s)
     return Rig(
         solved, boards, solution.residual, solution.weight, solution.sigma, focal_sigma, center_sigma, centers,
         intrinsics, clock, model, full, solution.covariance,
@@ -142,15 +142,20 @@ def robust_inflation(scaled: Float64[np.ndarray, "observations 2"], fitted: int)
     return float(influence * weight.mean() / slope**2) if slope > 0 else float(len(scaled))
 
 
-def _clock_sigma(error_s: np.ndarray, variance: np.ndarray, prior_sigma_s: float) -> float:
+def _clock_sigma(
+    error_s: np.ndarray, covariance: np.ndarray, view: Int64[np.ndarray, " images"], prior_sigma_s: float
+) -> float:
     """Root mean square of the times' errors, over as many as the images determine; 0 without times.
 
-    All images of a view may be late together: then the board was elsewhere, and nothing of it is seen.
+    All images of a view may be late together: then the board was elsewhere. So only differences within views count.
     """
     if len(error_s) == 0:
         return 0.0
-    determined = np.clip(1 - variance / prior_sigma_s**2, 0, 1).sum()
-    return max(float(np.sqrt((error_s**2).sum() / max(determined, 1.0))), LEAST_CLOCK_SIGMA_S)
+    together = (view[:, None] == view) / np.bincount(view)[view]
+    apart = np.eye(len(view)) - together
+    left_open = np.diag(apart @ covariance @ apart) / prior_sigma_s**2
+    determined = np.clip(np.diag(apart) - left_open, 0, 1).sum()
+    return max(float(np.sqrt(((apart @ error_s) ** 2).sum() / max(determined, 1.0))), LEAST_CLOCK_SIGMA_S)
 
 
 def _rescaled(inverse: np.ndarray, precision: np.ndarray, inflation: float) -> np.ndarray:

@@ -7,7 +7,7 @@ their digests are filled in afterwards by `with_digests`.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_kn
 from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, complain_unknown, read_csv
 from pipeline.capture.index.image_checks import ExpectedImage
 from pipeline.capture.index.tables import read_patches_csv
-from pipeline.capture.paths import fill, find_files
+from pipeline.capture.paths import fill, find_files, locate
 from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
     ChartColor,
@@ -28,6 +28,7 @@ from pipeline.capture.schema.capture_yaml import (
     MirrorBallLights,
     NoColor,
 )
+from pipeline.capture.video_frames import VIDEO_SUFFIXES, count_frames
 
 CAMERAS = "the table of cameras"
 
@@ -57,8 +58,12 @@ def find_camera_calibration(
             sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
             read_known_cameras(root, section, sizes, complaints)
         return content, []
-    views = [{**values, "path": path} for path, values in find_files(root, section.path).items()]
-    views = [{key: view[key] for key in ("camera", "view", "path")} for view in views]
+    files = [{**values, "path": path} for path, values in find_files(root, section.path).items()]
+    filmed = PurePosixPath(section.path).suffix.lower() in VIDEO_SUFFIXES
+    if filmed:
+        views = _frames(root, files, cameras, complaints)
+    else:
+        views = [{key: file[key] for key in ("camera", "view", "path")} for file in files]
     complain_unknown(complaints, section.path, "camera", [v["camera"] for v in views], list(cameras["camera"]), CAMERAS)
     if blind := [camera for camera in cameras["camera"] if camera not in {view["camera"] for view in views}]:
         found = f"none for {listed(blind)}"
@@ -70,7 +75,24 @@ def find_camera_calibration(
             content["lenses_digest"] = digest_known_cameras(root, section.lenses_from)
             sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
             read_known_lenses(root, section.lenses_from, section.lens, sizes, complaints)
-    return {**content, "views": views}, _at_sensor_size(views, cameras)
+    content["views"] = views
+    return content, [] if filmed else _at_sensor_size(views, cameras)
+
+
+def _frames(root: Path, files: list[dict], cameras: pd.DataFrame, complaints: Complaints) -> list[dict]:
+    """A view for each frame of each camera's video, which must be of sensor size."""
+    sizes, views = {row.camera: (row.sensor_width, row.sensor_height) for row in cameras.itertuples()}, []
+    for file in files:
+        with complaints.collecting():
+            path, camera = locate(root, file["path"]), file["camera"]
+            count, size = count_frames(path)
+            if size != sizes.get(camera, size):
+                expected = "x".join(map(str, sizes[camera]))
+                found = "x".join(map(str, size))
+                complaints.add(file["path"], "size", expected=f"the sensor's {expected}", found=found)
+            entry = {"camera": camera, "path": file["path"], "digest": digest_file(path)}
+            views += [{**entry, "view": frame, "frame": frame} for frame in range(count)]
+    return views
 
 
 def _with_times(root: Path, path: str, views: list[dict], complaints: Complaints) -> list[dict]:
@@ -199,6 +221,7 @@ def with_digests(content: dict[str, Any], digests: dict[str, str]) -> dict[str, 
     """The same content, each entry of its lists of images with the digest of the file it names."""
 
     def complete(entry: Any) -> Any:
-        return {**entry, "digest": digests[entry["path"]]} if isinstance(entry, dict) and "path" in entry else entry
+        named = isinstance(entry, dict) and entry.get("path") in digests
+        return {**entry, "digest": digests[entry["path"]]} if named else entry
 
     return {key: [complete(e) for e in value] if isinstance(value, list) else value for key, value in content.items()}

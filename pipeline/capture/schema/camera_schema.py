@@ -17,7 +17,7 @@ from pipeline.capture.schema.board_schema import (
     fits_a_square,
     holds_a_charuco_board,
 )
-from pipeline.capture.schema.sections import CsvPath, Length, Section, ViewPattern
+from pipeline.capture.schema.sections import BoardPattern, CsvPath, Length, Section
 from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
 
@@ -48,9 +48,9 @@ class PhotographedBoards(Section):
     """
 
     method: Literal["boards", "charuco"] = Field(description="which method this section is about")
-    path: ViewPattern = Field(
+    path: BoardPattern = Field(
         description="pattern with {camera} and {view:03d}; exists where the camera sees a board; views of one number "
-        "were taken at once, and the numbers are in the order of time"
+        "were taken at once, and the numbers are in the order of time. Or videos, {camera}.mp4: frame 12 is view 12"
     )
     lens: Literal[tuple(LENSES)] = Field(
         BROWN_CONRADY.name,
