@@ -28,7 +28,7 @@ from pipeline.base.files import read_json
 from pipeline.calibration.cameras.board_views import BoardViews, find_boards, gather_views
 from pipeline.calibration.cameras.declared_boards import boards_from_index
 from pipeline.calibration.cameras.rig import adjust_rig
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_start import start_rig
 from pipeline.geometry.cameras import Camera, read_cameras
 

@@ -1,4 +1,7 @@
-"""Frames of a recorded video, counted from 0, each decoded exactly: no seeking, which codecs answer as they like."""
+"""Frames of a recorded video, counted from 0, each decoded exactly.
+
+No seeking, which codecs answer as they like.
+"""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.command import run_as_command
-from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.cameras.board_views import (
@@ -32,11 +32,16 @@ from pipeline.calibration.cameras.board_views import (
     gather_views,
 )
 from pipeline.calibration.cameras.boards import Board
-from pipeline.calibration.cameras.declared_boards import boards_from_index, times_from_index
+from pipeline.calibration.cameras.declared_boards import (
+    boards_from_index,
+    complain_of_symmetry,
+    known_beforehand,
+    lens_for,
+    times_from_index,
+)
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, calibrate_rig, inspect_rig
 from pipeline.calibration.cameras.rig_misfit import complain_of_misfits
-from pipeline.calibration.cameras.rig_model import RigPriors
 from pipeline.calibration.cameras.rig_quality import (
     COLUMNS,
     describe_focal,
@@ -47,12 +52,10 @@ from pipeline.calibration.cameras.rig_quality import (
 )
 from pipeline.calibration.cameras.rig_spread import with_spread
 from pipeline.calibration.cameras.rig_start import connected_groups
-from pipeline.capture.cameras.known_cameras import read_known_cameras, read_known_lenses
-from pipeline.capture.schema.camera_schema import CameraFile, KnownCameras
+from pipeline.capture.cameras.known_cameras import read_known_cameras
+from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, write_cameras
-from pipeline.geometry.lens import Lens
-from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
 log = logging.getLogger("calibrate_cameras")
 
@@ -145,65 +148,12 @@ def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, t
     return cameras
 
 
-def complain_of_symmetry(capture: Path, boards: Sequence[Board], cameras: int) -> None:
-    """Refuse boards that look the same upside down.
-
-    One camera may take them either way; several cannot agree on which corner is the first.
-
-    Raises:
-        InputError: naming them, if there are several cameras.
-    """
-    if cameras > 1 and (same := [board.describe() for board in boards if board.half_turn() is not None]):
-        expected = "boards that look different upside down, for several cameras"
-        hint = (
-            "print a ChArUco board, a checkerboard with one number of squares odd and the other even, or an asymmetric "
-            "grid of an odd number of rows"
-        )
-        raise InputError(f"{capture}: calibration.cameras: expected {expected}, found {listed(same)}; {hint}")
-
-
-def known_beforehand(
-    capture: Path, calibration: dict[str, Any], sizes: dict[str, tuple[int, int]], settings: CalibrateCameras
-) -> RigPriors:
-    """Lenses that the capture gives to the cameras of `sizes`, and whether they stay.
-
-    Raises:
-        InputError: naming lenses that are not there or cannot be right.
-    """
-    use = calibration.get("intrinsics", "estimate")
-    if use == "estimate":
-        return RigPriors()
-    complaints = Complaints(capture)
-    file = CameraFile.model_validate(calibration["lenses_from"])
-    lenses = read_known_lenses(capture, file, calibration.get("lens", BROWN_CONRADY.name), sizes, complaints)
-    complaints.raise_if_any()
-    sigma = 0.0 if use == "known" else settings.given_lens_error
-    return RigPriors([lenses[name] for name in sizes], sigma)
-
-
 def report_times(rig: Rig, names: Sequence[str]) -> None:
     """Log how far from simultaneous the images of a view are."""
     lags = rig.parameters[rig.model.lag_columns]
     for name, lag in zip(names, lags - lags.mean(), strict=False):
         log.info("camera %s: its images are %+.0f ms late, by their times and the board's motion", name, 1000 * lag)
     log.info("all: single images are off by %.0f ms from that, standard deviation", 1000 * rig.clock_sigma_s)
-
-
-def lens_for(calibration: dict[str, Any], settings: CalibrateCameras) -> Lens:
-    """Lens model of the index's calibration_cameras.json.
-
-    Raises:
-        InputError: if there is no such lens, or none of so many coefficients.
-    """
-    name = calibration.get("lens", BROWN_CONRADY.name)
-    if name not in LENSES:
-        raise InputError(f"capture.yaml: lens: expected one of {', '.join(LENSES)}, found {name}")
-    lens, number = LENSES[name], settings.distortion
-    if number != "auto" and number not in lens.term_counts:
-        expected = ", ".join(map(str, lens.term_counts))
-        hint = f"set calibrate_cameras.distortion, or auto, for the {name} lenses of this capture"
-        raise InputError(f"distortion: expected auto or one of {expected}, found {number}; {hint}")
-    return lens
 
 
 def choose_cameras(

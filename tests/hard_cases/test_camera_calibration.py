@@ -11,7 +11,7 @@ import pytest
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table
 from pipeline.calibration.cameras.charuco import CharucoBoard
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.calibrate_cameras import run

@@ -1,4 +1,7 @@
-"""Identification of boards that are not what was declared: dictionary, size, pattern, inverted or not."""
+"""Identification of boards that are not as declared.
+
+Their dictionary, size and pattern, and whether they are inverted.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ SMALLEST_BOARD = (3, 3)
 
 @dataclass(frozen=True)
 class Found:
-    """What a board in some images is.
+    """A board as some images show it.
 
     Attributes:
         dictionary: of its markers, and how many of them were read; None for a board without markers.
@@ -67,7 +70,10 @@ class _Seen:
 
 
 def identify_board(grays: Sequence[UInt8[np.ndarray, "height width"]], declared: Sequence[Board]) -> Found | None:
-    """The board that most markers in some images belong to, or a checkerboard; None if there is none."""
+    """The board that most markers in some images belong to, or a checkerboard.
+
+    None if there is neither.
+    """
     photos = [BoardPhoto(gray) for gray in grays]
     match = matching_dictionary(photos, [board.markers_of for board in declared if board.markers_of])
     if match is None:
@@ -83,7 +89,9 @@ def identify_board(grays: Sequence[UInt8[np.ndarray, "height width"]], declared:
 
 
 def matching_dictionary(photos: Sequence[BoardPhoto], declared: Sequence[str] = ()) -> tuple[str, bool, int] | None:
-    """Dictionary that reads most markers, whether they are inverted, and how many there are; None if none does.
+    """Dictionary that reads most markers, whether they are inverted, and how many there are.
+
+    None if none reads any.
 
     Of equals a declared one, else the smallest.
     """

@@ -1,4 +1,7 @@
-"""Motion of boards in images that were not taken at once: how fast each corner moves, and when it was seen."""
+"""Motion of boards in images that were not taken at once.
+
+How fast each corner moves, and when it was seen.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.calibration.cameras.rig_model import Motion, Observations
+from pipeline.calibration.cameras.rig_inputs import Motion, Observations
 
 LONGEST_GAP_S = 0.5
 """Time between two images of a camera above which they say nothing of a velocity: a hand turns round in it."""
@@ -20,7 +23,9 @@ def with_motion(
     board: Int64[np.ndarray, " views"],
     times_s: Mapping[tuple[int, int], float],
 ) -> Observations:
-    """The observations with their corners' velocities, without corners of shared views that have none.
+    """The observations with their corners' velocities.
+
+    Corners of shared views that have none are left out.
 
     A velocity is that of the parabola through a corner's places in a camera's images before, now and after, or of the
     line through two of them.

@@ -19,7 +19,7 @@ from pipeline.base.progress import progress
 from pipeline.calibration.cameras.board_identity import identify_board
 from pipeline.calibration.cameras.board_motion import with_motion
 from pipeline.calibration.cameras.boards import Board, BoardPhoto, Detection, detect_boards
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_start import LEAST_CORNERS, usable_views
 from pipeline.capture.gray import read_view_gray
 
@@ -90,7 +90,9 @@ class FoundBoards:
 def find_boards(
     capture: Path, views: Sequence[dict], sizes: dict[str, tuple[int, int]], boards: Sequence[Board], threads: int
 ) -> FoundBoards:
-    """Find each board in each image; a board that was printed in another way is found as it is, and that is logged.
+    """Find each board in each image.
+
+    A board that was printed in another way is found as it is, and that is logged.
 
     Args:
         views: entries of the index: camera, view, path.

@@ -86,7 +86,10 @@ class Board(ABC):
         return [self, replace(self, inverted=not self.inverted)]
 
     def half_turn(self) -> Int64[np.ndarray, " corners"] | None:
-        """Numbers of the points after half a turn, for a board that looks the same then; None for others."""
+        """Numbers of the points after half a turn, for a board that looks the same then.
+
+        None for others.
+        """
         return None
 
     @property

@@ -1,4 +1,7 @@
-"""ChArUco boards: a chessboard with a marker in every white square, so that parts of it will do."""
+"""ChArUco boards: a chessboard with a marker in every white square.
+
+Parts of it will do.
+"""
 
 from __future__ import annotations
 

@@ -15,7 +15,8 @@ from jaxtyping import Int64
 
 from pipeline.base.distributions import chi2_tail, f_tail
 from pipeline.calibration.cameras.rig import Rig
-from pipeline.calibration.cameras.rig_model import POSE, Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
+from pipeline.calibration.cameras.rig_model import POSE
 
 FALSE_ALARM = 1e-6
 """Probability that a rig in which nothing moved is suspected, over all its cameras and views: never in practice."""

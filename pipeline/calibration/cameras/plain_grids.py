@@ -31,7 +31,7 @@ class Checkerboard(Board):
     square_m: float
 
     def corners_m(self) -> Float64[np.ndarray, "corners 3"]:
-        """The inner corners in the board's frame, whose origin is the outer corner of the first square."""
+        """The inner corners, from the outer corner of the first square."""
         return self.square_m * (np.array([1.0, 1.0, 0.0]) + _rows_of(self.squares_x - 1, self.squares_y - 1))
 
     def detect(self, photo: BoardPhoto) -> Detection:
@@ -104,7 +104,10 @@ class CircleGrid(Board):
         return f"{kind} of {self.circles_x} x {self.circles_y} circles" + ", inverted" * self.inverted
 
     def half_turn(self) -> Int64[np.ndarray, " corners"] | None:
-        """The numbers in reverse; an asymmetric grid of an odd number of rows looks different upside down."""
+        """The numbers in reverse.
+
+        An asymmetric grid of an odd number of rows looks different upside down.
+        """
         if self.asymmetric and self.circles_y % 2 == 1:
             return None
         return np.arange(self.circles_x * self.circles_y)[::-1].copy()

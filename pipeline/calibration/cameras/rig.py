@@ -12,7 +12,8 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float64, Int64
 
-from pipeline.calibration.cameras.rig_model import Observations, RigModel, RigPriors
+from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
+from pipeline.calibration.cameras.rig_model import RigModel
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.least_squares import CAUCHY, solve_least_squares
 from pipeline.geometry.rotations import skew
@@ -67,7 +68,7 @@ def adjust_rig(
     rig_from_board: Float64[np.ndarray, "views 4 4"],
     distortion: int | Sequence[int],
     lens_index: Sequence[int] | None = None,
-    known: RigPriors = RigPriors(),
+    known: RigPriors = NOTHING_KNOWN,
 ) -> Rig:
     """Refine `cameras` and `rig_from_board` together; view 0 is the frame and does not move.
 
@@ -111,7 +112,10 @@ def _adjust(model: RigModel) -> Rig:
 
 
 def settle_clock(rig: Rig) -> Rig:
-    """The rig adjusted with as good a clock as its images show, if they have times: MacKay's fixed point (1992)."""
+    """The rig adjusted with as good a clock as its images show, if they have times.
+
+    MacKay's fixed point (1992) for the standard deviation of the times.
+    """
     model = rig.model
     for _ in range(CLOCK_ROUNDS):
         before = model.known.clock_sigma_s

@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int64
 
 from pipeline.calibration.cameras.moved_cameras import find_moved, split_camera
 from pipeline.calibration.cameras.rig import Rig, adjust_rig, settle_clock
-from pipeline.calibration.cameras.rig_model import Observations, RigPriors
+from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
 from pipeline.calibration.cameras.rig_start import connected_groups, possible_starts, view_rows
 from pipeline.geometry.cameras import PINHOLE_TERMS, Camera
 from pipeline.geometry.lens import Lens
@@ -85,7 +85,7 @@ def calibrate_rig(
     sizes: Sequence[tuple[int, int]],
     distortion: Literal["auto"] | int,
     lens: Lens = BROWN_CONRADY,
-    known: RigPriors = RigPriors(),
+    known: RigPriors = NOTHING_KNOWN,
 ) -> Calibrated:
     """Calibrate cameras of `sizes` (width, height), all connected by shared views.
 
@@ -185,7 +185,7 @@ def _adjust_from_starts(
     lens: Lens,
     intrinsics: Sequence[Camera] | None = None,
     lens_index: Sequence[int] | None = None,
-    known: RigPriors = RigPriors(),
+    known: RigPriors = NOTHING_KNOWN,
 ) -> Rig:
     """Best of a few adjustments with all coefficients.
 

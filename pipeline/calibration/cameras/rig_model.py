@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float64, Int64
 
+from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
 from pipeline.geometry.cameras import PINHOLE_TERMS, Camera, project_with_jacobian
 from pipeline.geometry.lens import Lens
 from pipeline.geometry.rotations import left_jacobian, matrix_from_rotation_vector, skew
@@ -29,67 +30,6 @@ computer. All lags together are open, as they move all boards alike."""
 
 POSE = 6
 """Numbers per pose: a rotation vector applied after the starting rotation, and the translation."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """How corners move in their images, one row per observation.
-
-    Attributes:
-        velocity, acceleration: pixels per second, and per second squared.
-        time_s: when the image was taken, less the mean over the images of its view, seconds.
-    """
-
-    velocity: Float64[np.ndarray, "observations 2"]
-    acceleration: Float64[np.ndarray, "observations 2"]
-    time_s: Float64[np.ndarray, " observations"]
-
-    def select(self, chosen: np.ndarray) -> Motion:
-        """The rows that a mask or an index array names."""
-        return Motion(self.velocity[chosen], self.acceleration[chosen], self.time_s[chosen])
-
-
-@dataclass(frozen=True)
-class RigPriors:
-    """What is known of a rig before any board is seen.
-
-    Attributes:
-        lenses: a camera of each camera's intrinsics, whose pose does not count; None: nothing is known of them.
-        lens_sigma: standard deviations over those of lenses that nothing is known of (`PRIOR_SIGMA`, and f for f);
-            0: they are known and stay.
-        clock_sigma_s: standard deviation of the times of `Observations.motion`.
-    """
-
-    lenses: Sequence[Camera] | None = None
-    lens_sigma: float = 0.0
-    clock_sigma_s: float = 0.03
-
-    @property
-    def fixed(self) -> bool:
-        """True if the lenses stay as they are."""
-        return self.lenses is not None and self.lens_sigma == 0
-
-
-@dataclass(frozen=True)
-class Observations:
-    """Board corners seen by cameras; one row per camera, view and corner. Pixels: first centre at (0.5, 0.5).
-
-    A `view` is one pose of one board: two boards in one shot are two views. `corner` counts through all boards.
-
-    Attributes:
-        motion: how the corners move, where the images of a view were not taken at once.
-    """
-
-    camera: Int64[np.ndarray, " observations"]
-    view: Int64[np.ndarray, " observations"]
-    corner: Int64[np.ndarray, " observations"]
-    pixel: Float64[np.ndarray, "observations 2"]
-    motion: Motion | None = None
-
-    def select(self, chosen: np.ndarray) -> Observations:
-        """The rows that a mask or an index array names."""
-        motion = None if self.motion is None else self.motion.select(chosen)
-        return Observations(self.camera[chosen], self.view[chosen], self.corner[chosen], self.pixel[chosen], motion)
 
 
 @dataclass(frozen=True)
@@ -112,13 +52,13 @@ class RigModel:
     rig_from_board: Float64[np.ndarray, "views 4 4"]
     distortion: Sequence[int]
     lens_index: Int64[np.ndarray, " cameras"]
-    known: RigPriors = RigPriors()
+    known: RigPriors = NOTHING_KNOWN
 
     @cached_property
     def clocked(self) -> tuple[Int64[np.ndarray, "images 2"], Int64[np.ndarray, " observations"]]:
-        """Images (camera, view) whose time is estimated, and of each observation its image; -1 for none.
+        """Images (camera, view) whose time is estimated, and of each observation its image.
 
-        Those of views that one camera sees alone stay: their time only moves the board.
+        -1 for none. Those of views that one camera sees alone stay: their time only moves the board.
         """
         seen = self.observations
         if seen.motion is None:
@@ -212,7 +152,10 @@ class RigModel:
 
     @property
     def lag_columns(self) -> slice:
-        """Place of the cameras' lags, by which all their times are late, among all parameters: the last."""
+        """Place of the cameras' lags among all parameters: the last.
+
+        All times of a camera are late by its lag.
+        """
         return slice(self.times_columns.stop, None)
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -152,7 +152,10 @@ def describe_focal(focal_sigma: float, tilt_deg: float) -> str:
 
 
 def open_terms(rig: Rig) -> list[list[str]]:
-    """Of each camera, the intrinsics that its views hardly tell: half of what was known before is left open."""
+    """Intrinsics of each camera that its views hardly determine.
+
+    Half of what was open before, or more, is still open.
+    """
     names = np.array([*PINHOLE_TERMS, *rig.model.lens.terms])
     _, prior = rig.model.priors()
     found = []

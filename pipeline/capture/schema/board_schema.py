@@ -79,7 +79,10 @@ class CharucoBoard(Section):
 
 
 class TagGrid(Section):
-    """A grid of AprilTags or ArUco markers that stand apart; Kalibr's aprilgrid, whose tags touch, is not read."""
+    """A grid of AprilTags or ArUco markers that stand apart.
+
+    Kalibr's aprilgrid, whose tags touch, is not read.
+    """
 
     tags_x: int = Field(ge=1, description="tags of the grid in x")
     tags_y: int = Field(ge=1, description="tags of the grid in y")

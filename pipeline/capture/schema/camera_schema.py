@@ -1,4 +1,4 @@
-"""Keys of `calibration.cameras`: boards that are photographed, or cameras calibrated elsewhere."""
+"""Keys of `calibration.cameras`: photographed boards, or cameras calibrated elsewhere."""
 
 from __future__ import annotations
 
@@ -83,7 +83,10 @@ class PhotographedBoards(Section):
 
 
 class BoardCameras(PhotographedBoards):
-    """Cameras are calibrated from images of boards of any kind; at least one list of them is given."""
+    """Cameras are calibrated from images of boards of any kind.
+
+    At least one list of boards is given.
+    """
 
     method: Literal["boards"] = Field(description="which method this section is about")
     charuco: list[CharucoBoard] = Field([], description="ChArUco boards")
@@ -106,9 +109,10 @@ class BoardCameras(PhotographedBoards):
 
 
 class CharucoCameras(PhotographedBoards):
-    """Cameras are calibrated from images of one ChArUco board or a list of `boards`: short for method boards.
+    """Cameras are calibrated from images of one ChArUco board or a list of `boards`.
 
-    Images are at sensor resolution. Boards need not be fixed to each other: each has its own pose in every view.
+    Short for method boards. Images are at sensor resolution. Boards need not be fixed to each other: each has its own
+    pose in every view.
     """
 
     method: Literal["charuco"] = Field(description="which method this section is about")

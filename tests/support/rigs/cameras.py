@@ -8,7 +8,7 @@ import scipy.spatial.transform
 
 from pipeline.calibration.cameras.charuco import CharucoBoard
 from pipeline.calibration.cameras.rig import adjust_rig
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_start import start_rig, usable_views
 from pipeline.geometry.cameras import Camera
 

@@ -12,7 +12,8 @@ import scipy.spatial.transform
 from pipeline.calibration.cameras.board_motion import with_motion
 from pipeline.calibration.cameras.board_views import BoardViews
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
-from pipeline.calibration.cameras.rig_model import Observations, RigModel, RigPriors
+from pipeline.calibration.cameras.rig_inputs import Observations, RigPriors
+from pipeline.calibration.cameras.rig_model import RigModel
 from pipeline.calibration.cameras.rig_spread import with_spread
 from tests.support.rigs.cameras import BOARD, SIZE, center_errors, planted_cameras
 
