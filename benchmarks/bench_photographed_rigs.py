@@ -1,4 +1,4 @@
-"""Calibrations of photographed rigs beside those of their authors: docs/photographed_rigs.md and its picture.
+"""Calibrations of photographed rigs beside those of their authors: a page of docs and its picture.
 
     python -m benchmarks.bench_photographed_rigs --data ../shared/data
 

@@ -39,7 +39,7 @@ def test_four_webcams_and_an_inverted_board_that_moves(tmp_path, caplog):
     authors, cameras = caliscope_cameras(CALISCOPE), read_cameras(arguments["out"] / "rig.json")
     for a, b in itertools.combinations(authors, 2):
         theirs = np.linalg.norm(authors[a].center - authors[b].center)
-        # The authors took the images for simultaneous, which costs them a per cent (docs/photographed_rigs.md).
+        # The authors took the images for simultaneous, which costs them about a per cent.
         assert np.linalg.norm(cameras[a].center - cameras[b].center) == pytest.approx(theirs, rel=0.03)
         assert angle_deg(cameras[a], cameras[b], authors[a], authors[b]) < 2.5
     for name, camera in cameras.items():
