@@ -26,11 +26,11 @@ from benchmarks.bundle_adjusters import LOSS_PX, METHODS
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.files import read_json
 from pipeline.calibration.cameras.board_views import BoardViews, find_boards, gather_views
+from pipeline.calibration.cameras.declared_boards import boards_from_index
 from pipeline.calibration.cameras.rig import adjust_rig
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_start import start_rig
 from pipeline.geometry.cameras import Camera, read_cameras
-from pipeline.stages.calibrate_cameras import boards_from_index
 
 NOISE_PX, GROSS_SHARE, GROSS_PX = 0.05, 0.03, 20.0
 
@@ -41,7 +41,7 @@ def read_corners(capture: Path, results: Path) -> tuple[BoardViews, list[str], l
     truth = read_cameras(capture / "truth/cameras.json")
     names, boards = sorted(truth), boards_from_index(calibration)
     sizes = {name: (truth[name].width, truth[name].height) for name in names}
-    detections = find_boards(capture, calibration["views"], sizes, boards, 2)
+    detections = find_boards(capture, calibration["views"], sizes, boards, 2).detections
     return gather_views(detections, calibration["views"], names, boards), names, [truth[name] for name in names]
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, UInt8
 
 from pipeline.capture.images import read_stored
+from pipeline.capture.video_frames import read_video_gray
 
 WHITE_PERCENTILE = 99.5
 """Brightness of a float image that becomes white: one lamp in view must not turn the board black."""
@@ -38,3 +41,13 @@ def read_gray_8bit(path: Path) -> UInt8[np.ndarray, "height width"]:
         white = max(float(np.percentile(gray, WHITE_PERCENTILE)), 1e-12)
         gray = np.sqrt(np.clip(gray / white, 0, 1))
     return np.round(gray * 255).astype(np.uint8)
+
+
+def read_view_gray(capture: Path, view: Mapping[str, Any]) -> UInt8[np.ndarray, "height width"]:
+    """The image of a board that an entry of the index names: a file, or a frame of a video.
+
+    Raises:
+        InputError: if it cannot be read.
+    """
+    path = capture / view["path"]
+    return read_video_gray(path, view["frame"]) if "frame" in view else read_gray_8bit(path)

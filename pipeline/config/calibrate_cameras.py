@@ -10,7 +10,7 @@ from pipeline.config.settings import Settings
 
 
 class CalibrateCameras(Settings):
-    """Calibration of cameras from images of ChArUco boards, and its grades.
+    """Calibration of cameras from images of boards, and its grades.
 
     A camera counts as good, weak or failed.
     """
@@ -19,6 +19,13 @@ class CalibrateCameras(Settings):
         "auto",
         description="Distortion coefficients estimated: none, k1, k1 k2, or k1 k2 p1 p2 k3 (5; fisheye: k1 k2 k3 k4, 4)"
         "; auto: for each camera as many as its views support [coefficients]",
+    )
+    # A lens that was focused or zoomed anew differs by about as much.
+    given_lens_error: float = Field(
+        0.01,
+        gt=0,
+        description="With intrinsics: refine, standard deviation of the given lenses: of f over itself, of all else "
+        "over that of ordinary lenses",
     )
     most_views: int | None = Field(
         None, ge=1, description="Views used, evenly spread over those recorded; null: all of them [views]"

@@ -111,7 +111,7 @@ CAMERAS = CostedStage(
     ),
     unit="corners",
     work=lambda output: len(read_table(output["residuals"])),
-    runs_on=lambda subject: _method(subject, "cameras") == "charuco",
+    runs_on=lambda subject: _method(subject, "cameras") in ("boards", "charuco"),
 )
 
 LIGHTS = CostedStage(

@@ -1,27 +1,27 @@
-"""Calibrate intrinsics, distortion and poses of all cameras from images of ChArUco boards.
+"""Calibrate intrinsics, distortion and poses of all cameras from images of boards.
 
 They are metric, in the rig's own frame.
 
 Corners are detected in every image, each camera is calibrated alone (Zhang 2000), cameras are joined through the views
 they share, and one bundle adjustment over everything refines the result. Each camera is then judged, and one that moved
 between views is named. The rig's frame is that of the first board view; calibrate_lights moves it into the stage's.
-With `method: known` the given cameras are validated and copied.
+Given lenses may stay or be refined; images that were not taken at once may have times. With `method: known` the given
+cameras are validated and copied.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pandas as pd
 
 from pipeline.base.command import run_as_command
-from pipeline.base.errors import Complaints, InputError
+from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.cameras.board_views import (
@@ -31,7 +31,14 @@ from pipeline.calibration.cameras.board_views import (
     find_boards,
     gather_views,
 )
-from pipeline.calibration.cameras.charuco import Board, dictionary_names
+from pipeline.calibration.cameras.boards import Board
+from pipeline.calibration.cameras.declared_boards import (
+    boards_from_index,
+    complain_of_symmetry,
+    known_beforehand,
+    lens_for,
+    times_from_index,
+)
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, calibrate_rig, inspect_rig
 from pipeline.calibration.cameras.rig_misfit import complain_of_misfits
@@ -39,16 +46,16 @@ from pipeline.calibration.cameras.rig_quality import (
     COLUMNS,
     describe_focal,
     judge_cameras,
+    open_terms,
     quality_table,
     rough_shots,
 )
+from pipeline.calibration.cameras.rig_spread import with_spread
 from pipeline.calibration.cameras.rig_start import connected_groups
 from pipeline.capture.cameras.known_cameras import read_known_cameras
 from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, write_cameras
-from pipeline.geometry.lens import Lens
-from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
 log = logging.getLogger("calibrate_cameras")
 
@@ -58,7 +65,7 @@ RESIDUAL_COLUMNS = ["camera", "view", "board", "corner", "x", "y", "residual_x",
 def run(
     *, capture: Path, index: Path, out: Path, threads: int = 1, settings: CalibrateCameras = CalibrateCameras()
 ) -> None:
-    """Calibrate all cameras of a rig together from images of ChArUco boards.
+    """Calibrate all cameras of a rig together from images of boards.
 
     Args:
         capture: folder of the capture.
@@ -77,9 +84,11 @@ def run(
         write(out, cameras, none, pd.DataFrame(columns=COLUMNS, dtype="float64").astype({"camera": "str"}), verdicts)
         return
     boards, names = boards_from_index(calibration), list(sizes)
+    complain_of_symmetry(capture, boards, len(names))
     lens = lens_for(calibration, settings)
     views = choose_shots(calibration["views"], settings.most_views)
-    detections = find_boards(capture, views, sizes, boards, threads)
+    printed = find_boards(capture, views, sizes, boards, threads)
+    detections, boards = printed.detections, printed.boards
     found = gather_views(detections, views, names, boards)
     complaints = Complaints(capture)
 
@@ -95,8 +104,17 @@ def run(
         complaints.raise_if_any()
     chosen, held = found.for_cameras(group), [names[c] for c in group]
     held_sizes = [sizes[name] for name in held]
-    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens)
+    known = known_beforehand(capture, calibration, {name: sizes[name] for name in held}, settings)
+    if (times := times_from_index(calibration)) is not None:
+        chosen = chosen.moving({(c, v): times[name, v] for c, name in enumerate(held) for v in chosen.shots_for(c)})
+    calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens, known)
+    if times is not None:
+        calibrated = with_spread(calibrated, chosen)
+        report_times(calibrated.rig, held)
     report_distortion(calibrated, held)
+    for name, terms in zip(held, open_terms(calibrated.rig), strict=True):
+        if terms:
+            log.info("camera %s: not determined by its views, left at what is usual or given: %s", name, listed(terms))
     quality, judged = judge(calibrated, chosen, held, held_sizes, settings, complaints)
     verdicts = sorted([*failed, *judged], key=lambda verdict: names.index(verdict.name))
     log_verdicts(log, verdicts)
@@ -130,38 +148,12 @@ def known_cameras(capture: Path, calibration: dict[str, Any], sizes: dict[str, t
     return cameras
 
 
-def boards_from_index(calibration: dict[str, Any]) -> list[Board]:
-    """Boards of the index's calibration_cameras.json.
-
-    They are its list, or the one board whose keys stand there directly.
-
-    Raises:
-        InputError: if OpenCV has no such dictionary.
-    """
-    keys, entries = [field.name for field in fields(Board)], calibration.get("boards") or [calibration]
-    boards = [Board(**{key: entry[key] for key in keys if key in entry}) for entry in entries]
-    for board in boards:
-        if not (board.dictionary.startswith("DICT_") and hasattr(cv2.aruco, board.dictionary)):
-            expected = f"expected one of {dictionary_names()}, found {board.dictionary}"
-            raise InputError(f"capture.yaml: dictionary: {expected}")
-    return boards
-
-
-def lens_for(calibration: dict[str, Any], settings: CalibrateCameras) -> Lens:
-    """Lens model of the index's calibration_cameras.json.
-
-    Raises:
-        InputError: if there is no such lens, or none of so many coefficients.
-    """
-    name = calibration.get("lens", BROWN_CONRADY.name)
-    if name not in LENSES:
-        raise InputError(f"capture.yaml: lens: expected one of {', '.join(LENSES)}, found {name}")
-    lens, number = LENSES[name], settings.distortion
-    if number != "auto" and number not in lens.term_counts:
-        expected = ", ".join(map(str, lens.term_counts))
-        hint = f"set calibrate_cameras.distortion, or auto, for the {name} lenses of this capture"
-        raise InputError(f"distortion: expected auto or one of {expected}, found {number}; {hint}")
-    return lens
+def report_times(rig: Rig, names: Sequence[str]) -> None:
+    """Log how far from simultaneous the images of a view are."""
+    lags = rig.parameters[rig.model.lag_columns]
+    for name, lag in zip(names, lags - lags.mean(), strict=False):
+        log.info("camera %s: its images are %+.0f ms late, by their times and the board's motion", name, 1000 * lag)
+    log.info("all: single images are off by %.0f ms from that, standard deviation", 1000 * rig.clock_sigma_s)
 
 
 def choose_cameras(
@@ -205,6 +197,9 @@ def judge(
 ) -> tuple[pd.DataFrame, list[Verdict]]:
     """The table of quality and the verdicts; complaints on what must not be used."""
     rig, where = calibrated.rig, "calibration.cameras"
+    if found.observations.motion is not None:
+        # Times that are only estimated leave errors which follow the board's motion, and so time: nobody is refused.
+        settings = settings.model_copy(update={"largest_shift_px": math.inf})
     quality = quality_table(calibrated, names, found.shot)
     inspection = inspect_rig(calibrated, found.corners_m, sizes, found.shot)
     complain_of_misfits(inspection, names, quality.views.tolist(), settings.largest_shift_px, where, complaints)
@@ -228,6 +223,8 @@ def judge(
 def report_distortion(calibrated: Calibrated, names: Sequence[str]) -> None:
     """Log what was chosen, and by which odds."""
     for name, number, odds in zip(names, calibrated.distortion, calibrated.evidence, strict=True):
+        if not odds:  # given lenses have the coefficients that they have
+            continue
         told = ", ".join(f"{k}: {value:.1f}" for k, value in odds.items())
         log.info("camera %s: %d distortion coefficients; log odds against all: %s", name, number, told)
 

@@ -20,7 +20,7 @@ from pipeline.base.files import write_table
 from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.base.whole_files import written_folder
 from pipeline.calibration.lights.ball_photos import find_outlines
-from pipeline.capture.gray import read_gray_8bit
+from pipeline.capture.gray import read_view_gray
 from pipeline.capture.images import read_image
 from pipeline.config.review_calibration import ReviewCalibration
 from pipeline.figures.balls import BallView, draw_balls, read_ball_view
@@ -94,8 +94,8 @@ def show_boards(
     names = worst(scores, grades, settings.most_panels)
     which = shown_count(len(names), len(scores), "cameras")
     views = {name: worst_view(tables[name]) for name in names}
-    paths = {(entry["camera"], entry["view"]): capture / entry["path"] for entry in found.boards["views"]}
-    images = pool.map(read_gray_8bit, [paths[name, views[name]] for name in names])
+    entries = {(entry["camera"], entry["view"]): entry for entry in found.boards["views"]}
+    images = pool.map(lambda name: read_view_gray(capture, entries[name, views[name]]), names)
     panels = [
         BoardView(name, image, tables[name][tables[name]["view"] == views[name]])
         for name, image in zip(names, images, strict=True)

@@ -10,8 +10,8 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table
-from pipeline.calibration.cameras.charuco import Board
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.charuco import CharucoBoard
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.calibrate_cameras import run
@@ -160,7 +160,7 @@ def test_lengths_in_other_units_than_metres(tmp_path, unit, factor):
 
 def test_several_boards_each_on_its_own(case, tmp_path):
     """Two boards of one dictionary, moved apart from view to view, as on a cube that is turned in the hand."""
-    small = [Board(5, 4, 0.08, 0.06, "DICT_5X5_250", first_marker=first) for first in (0, 40)]
+    small = [CharucoBoard(5, 4, 0.08, 0.06, "DICT_5X5_250", first_marker=first) for first in (0, 40)]
     images = {}
     for v in range(8):
         placed = [(small[0], pose(TURNS[v], [-0.22, 0, 0], small[0])), (small[1], pose(-TURNS[v], [0.22, 0, 0.1]))]

@@ -1,4 +1,4 @@
-"""ChArUco boards of a capture, found in its images and gathered for the calibration.
+"""Boards of a capture, found in its images and gathered for the calibration.
 
 If there are none, an error says why.
 """
@@ -6,32 +6,30 @@ If there are none, an error says why.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.progress import progress
-from pipeline.calibration.cameras.charuco import (
-    Board,
-    Detection,
-    detect_boards,
-    matching_dictionary,
-    mirrored_markers,
-    read_markers,
-)
-from pipeline.calibration.cameras.rig_model import Observations
-from pipeline.calibration.cameras.rig_start import usable_views
-from pipeline.capture.gray import read_gray_8bit
+from pipeline.calibration.cameras.board_identity import identify_board
+from pipeline.calibration.cameras.board_motion import with_motion
+from pipeline.calibration.cameras.boards import Board, BoardPhoto, Detection, detect_boards
+from pipeline.calibration.cameras.rig_inputs import Observations
+from pipeline.calibration.cameras.rig_start import LEAST_CORNERS, usable_views
+from pipeline.capture.gray import read_view_gray
 
 log = logging.getLogger("calibrate_cameras")
 
 EXPLAINING_IMAGES = 8
 """Images in which mirrored boards and other dictionaries are sought when none is found: some will show the board."""
+
+TRIED_IMAGES = 60
+"""Images in which other prints of a board are tried: enough that some show it, even where it is mostly out of view."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +53,13 @@ class BoardViews:
         views, view = np.unique(seen.view, return_inverse=True)
         number = {camera: k for k, camera in enumerate(cameras)}
         camera = np.array([number[int(c)] for c in seen.camera], np.int64)
-        renumbered = Observations(camera, view.astype(np.int64), seen.corner, seen.pixel)
+        renumbered = replace(seen, camera=camera, view=view.astype(np.int64))
         return BoardViews(renumbered, self.corners_m, self.shot[views], self.board[views])
+
+    def moving(self, times_s: Mapping[tuple[int, int], float]) -> BoardViews:
+        """The views with their corners' velocities; `times_s`: when each (camera, shot) was taken."""
+        moving = with_motion(self.observations, self.shot, self.board, times_s)
+        return replace(self, observations=moving).for_cameras(range(int(self.observations.camera.max()) + 1))
 
     def shots_for(self, camera: int) -> Int64[np.ndarray, " shots"]:
         """Numbers of the shots in which a camera sees a board."""
@@ -71,10 +74,25 @@ def choose_shots(views: Sequence[dict], most: int | None) -> list[dict]:
     return [view for view in views if view["view"] in shots]
 
 
+@dataclass(frozen=True)
+class FoundBoards:
+    """Boards as they are printed, and where they are.
+
+    Attributes:
+        boards: as declared, or a variant of that: inverted, of the legacy pattern.
+        detections: per image, each board's corners in it.
+    """
+
+    boards: list[Board]
+    detections: list[list[Detection]]
+
+
 def find_boards(
     capture: Path, views: Sequence[dict], sizes: dict[str, tuple[int, int]], boards: Sequence[Board], threads: int
-) -> list[list[Detection]]:
-    """Per image, each board's corners in it.
+) -> FoundBoards:
+    """Find each board in each image.
+
+    A board that was printed in another way is found as it is, and that is logged.
 
     Args:
         views: entries of the index: camera, view, path.
@@ -84,19 +102,25 @@ def find_boards(
         InputError: if an image has not the sensor's size, or if there is no board in any of them.
     """
 
-    def search(view: dict, legacy: Sequence[bool]) -> tuple[list[Detection], tuple[int, int]]:
-        gray = read_gray_8bit(capture / view["path"])
-        return detect_boards(gray, boards, legacy), (gray.shape[1], gray.shape[0])
+    def search(view: dict, boards: Sequence[Board]) -> tuple[list[Detection], tuple[int, int]]:
+        gray = read_view_gray(capture, view)
+        return detect_boards(gray, boards), (gray.shape[1], gray.shape[0])
 
-    def search_all(legacy: Sequence[bool]) -> list[tuple[list[Detection], tuple[int, int]]]:
+    def search_all(views: Sequence[dict], boards: Sequence[Board]) -> list[tuple[list[Detection], tuple[int, int]]]:
         with ThreadPoolExecutor(threads) as pool:
-            return list(progress(pool.map(lambda view: search(view, legacy), views), "board images", len(views)))
+            return list(progress(pool.map(lambda view: search(view, boards), views), "board images", len(views)))
 
-    found = search_all([False] * len(boards))
-    legacy = [board.squares_y % 2 == 0 and _bare([d[b] for d, _ in found]) for b, board in enumerate(boards)]
-    if any(legacy):
-        log.info("no corners between the markers: trying the pattern printed before OpenCV 4.6")
-        found = search_all(legacy)
+    found, printed = search_all(views, boards), list(boards)
+    for b, board in enumerate(boards):
+        if not any(_is_seen(detections[b]) for detections, _ in found):
+            variants = board.variants()
+            tried = [each for each, _ in search_all(_spread(views, TRIED_IMAGES), variants)]
+            seen = [sum(len(each[k].ids) for each in tried if _is_seen(each[k])) for k in range(len(variants))]
+            printed[b] = variants[int(np.argmax(seen))]
+            if printed[b] != board:
+                log.info("board %d: declared %s; found: %s", b, board.describe(), printed[b].describe())
+    if printed != list(boards):
+        found = search_all(views, printed)
     complaints = Complaints(capture)
     for view, (_, size) in zip(views, found, strict=True):
         if size != sizes[view["camera"]]:
@@ -105,12 +129,18 @@ def find_boards(
     complaints.raise_if_any()
     detections = [each for each, _ in found]
     if not any(len(detection.ids) for each in detections for detection in each):
-        raise InputError(f"{capture}: calibration.cameras: {explain_nothing(capture, views, boards, detections)}")
-    return detections
+        raise InputError(f"{capture}: calibration.cameras: {explain_nothing(capture, views, printed, detections)}")
+    return FoundBoards(printed, detections)
 
 
-def _bare(detections: Sequence[Detection]) -> bool:
-    return any(d.markers for d in detections) and not any(len(d.ids) for d in detections)
+def _is_seen(detection: Detection) -> bool:
+    """True for a board of enough corners to count."""
+    return len(detection.ids) >= LEAST_CORNERS
+
+
+def _spread(views: Sequence[dict], most: int) -> list[dict]:
+    """At most so many of the images, evenly spread."""
+    return list(views[:: max(1, -(-len(views) // most))])
 
 
 def explain_nothing(
@@ -120,24 +150,38 @@ def explain_nothing(
 
     As far as can be told: what was expected and found, and what to do.
     """
-    dictionaries = " or ".join(dict.fromkeys(board.dictionary for board in boards))
-    grays = [read_gray_8bit(capture / view["path"]) for view in views[:: max(1, len(views) // EXPLAINING_IMAGES)]]
-    expected = f"dictionary: expected a board of {dictionaries}, found none in {len(views)} images"
+    names = list(dict.fromkeys(board.markers_of for board in boards if board.markers_of))
+    wanted = " or ".join(names or dict.fromkeys(board.describe() for board in boards))
+    grays = [read_view_gray(capture, view) for view in _spread(views, EXPLAINING_IMAGES)]
+    expected = f"{'dictionary: ' * bool(names)}expected a board of {wanted}, found none in {len(views)} images"
     mirrored = sum(mirrored_markers(gray, boards) for gray in grays)
-    if mirrored > 0:
+    match = identify_board(grays, boards)
+    if mirrored > (match.markers if match else 0):
         hint = f"in their mirror images there are {mirrored} markers: flip the images, or print the board unmirrored"
         return f"{expected}; {hint}"
+    told = "" if match is None or match.board is None else f"; found: {match.describe()}"
     if markers := sum(detection.markers for each in detections for detection in each):
-        sizes = " or ".join(dict.fromkeys(f"{board.squares_x} x {board.squares_y}" for board in boards))
-        found = f"{markers} markers of it but no corner of a board of {sizes} squares"
-        return f"expected the board of {dictionaries}, found {found}; check squares_x and squares_y"
-    for name in dict.fromkeys(board.dictionary for board in boards):
-        if len(ids := np.concatenate([read_markers(gray, name)[1] for gray in grays])):
-            return f"{expected}; its markers {ids.min()} to {ids.max()} are those of no board: check first_marker"
-    match = matching_dictionary(grays)
-    return f"{expected}; " + (
-        f"its markers match {match[0]} ({match[1]} read)" if match else "no OpenCV dictionary matches either"
-    )
+        described = " or ".join(dict.fromkeys(board.describe() for board in boards))
+        found = f"{markers} markers of it but no corner of a board of {described}"
+        return f"expected the board of {wanted}, found {found}; check squares_x and squares_y{told}"
+    for name, inverted in dict.fromkeys((board.markers_of, board.inverted) for board in boards if board.markers_of):
+        if len(ids := np.concatenate([BoardPhoto(gray).markers(name, inverted)[1] for gray in grays])):
+            return f"{expected}; its markers {ids.min()} to {ids.max()} are those of no board: check first_marker{told}"
+    if match is None:
+        return f"{expected}; no OpenCV dictionary matches either"
+    if match.dictionary is None:
+        return f"{expected}{told}"
+    return f"{expected}; its markers match {match.dictionary} ({match.markers} read){told}"
+
+
+def mirrored_markers(gray: UInt8[np.ndarray, "height width"], boards: Sequence[Board]) -> int:
+    """Number of markers in the mirror image of an image, less those in itself.
+
+    Of the boards' dictionaries.
+    """
+    photo, mirror = BoardPhoto(gray), BoardPhoto(np.ascontiguousarray(gray[:, ::-1]))
+    read = {(board.markers_of, inverted) for board in boards if board.markers_of for inverted in (False, True)}
+    return sum(len(mirror.markers(*key)[1]) - len(photo.markers(*key)[1]) for key in read)
 
 
 def gather_views(

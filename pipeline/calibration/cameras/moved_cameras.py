@@ -8,14 +8,15 @@ second pose of one camera from one view on? It needs no second adjustment, and h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Int64
 
 from pipeline.base.distributions import chi2_tail, f_tail
 from pipeline.calibration.cameras.rig import Rig
-from pipeline.calibration.cameras.rig_model import POSE, Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
+from pipeline.calibration.cameras.rig_model import POSE
 
 FALSE_ALARM = 1e-6
 """Probability that a rig in which nothing moved is suspected, over all its cameras and views: never in practice."""
@@ -175,6 +176,4 @@ def split_camera(
 ) -> Observations:
     """The same observations, those of `camera` from `when` on as camera number `new`."""
     later = (observations.camera == camera) & (time[observations.view] >= when)
-    return Observations(
-        np.where(later, new, observations.camera), observations.view, observations.corner, observations.pixel
-    )
+    return replace(observations, camera=np.where(later, new, observations.camera))

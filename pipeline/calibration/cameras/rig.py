@@ -6,16 +6,23 @@ With its error bars.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
-from pipeline.calibration.cameras.rig_model import Observations, RigModel
+from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
+from pipeline.calibration.cameras.rig_model import RigModel
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.least_squares import CAUCHY, solve_least_squares
 from pipeline.geometry.rotations import skew
+
+LEAST_CLOCK_SIGMA_S = 1e-5
+"""Times are never better than this: a hundredth of a pixel at 1000 pixels per second, the speed of a waved board."""
+
+CLOCK_ROUNDS, CLOCK_SETTLED = 12, 0.05
+"""Rounds at most until the standard deviation changes by less than this share: error bars need no more."""
 
 LEAST_SIGMA_PX = 1e-3
 """Corners are never better than this: a fiftieth of the best that a detector does."""
@@ -35,6 +42,7 @@ class Rig:
         center_covariance: of all centres, after the rigid motion that fits them best to the true ones: the rig's
             shape, which is all that a board tells. Where the first view happens to lie does not count.
         intrinsics_covariance: of each `Camera.intrinsics`; zero where a term is not estimated.
+        clock_sigma_s: standard deviation of the images' times, estimated; 0 where those of a view are taken at once.
         model, parameters, normal_inverse: the problem, its minimum, and the inverse of its weighted normal matrix.
     """
 
@@ -47,6 +55,7 @@ class Rig:
     center_sigma_m: Float64[np.ndarray, " cameras"]
     center_covariance: Float64[np.ndarray, "axes axes"]
     intrinsics_covariance: Float64[np.ndarray, "cameras intrinsics intrinsics"]
+    clock_sigma_s: float
     model: RigModel
     parameters: Float64[np.ndarray, " parameters"]
     normal_inverse: Float64[np.ndarray, "free free"]
@@ -59,16 +68,22 @@ def adjust_rig(
     rig_from_board: Float64[np.ndarray, "views 4 4"],
     distortion: int | Sequence[int],
     lens_index: Sequence[int] | None = None,
+    known: RigPriors = NOTHING_KNOWN,
 ) -> Rig:
     """Refine `cameras` and `rig_from_board` together; view 0 is the frame and does not move.
 
     Args:
         distortion: number of coefficients, of all lenses or of each.
         lens_index: number of each camera's lens, counted from 0 without gaps; None: each camera has its own.
+        known: what is known beforehand; lenses that are known and stay are those of `cameras`.
     """
     owned = np.arange(len(cameras)) if lens_index is None else np.asarray(lens_index, np.int64)
     numbers = [distortion] * len(np.unique(owned)) if isinstance(distortion, int) else list(distortion)
-    model = RigModel(observations, corners_m[observations.corner], cameras, rig_from_board, numbers, owned)
+    model = RigModel(observations, corners_m[observations.corner], cameras, rig_from_board, numbers, owned, known)
+    return _adjust(model)
+
+
+def _adjust(model: RigModel) -> Rig:
     start, (mean, sigma), free = model.start(), model.priors(), model.free
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csc_array]:
@@ -85,13 +100,31 @@ def adjust_rig(
     inflation = robust_inflation(solution.residual / solution.sigma, len(free))
     covariance[np.ix_(free, free)] = _rescaled(solution.covariance, precision, inflation)
     centers = center_covariance(covariance, model.center_jacobian(full), solved)
-    intrinsics = np.stack([covariance[at, at] for at in map(model.intrinsics_columns, owned.tolist())])
+    intrinsics = np.stack([covariance[at, at] for at in map(model.intrinsics_columns, model.lens_index.tolist())])
     focal_sigma = np.sqrt(intrinsics[:, 0, 0]) / np.array([camera.K[0, 0] for camera in solved])
     center_sigma = np.sqrt(np.maximum(np.diag(centers), 0).reshape(-1, 3).mean(1))
+    at = model.times_columns
+    clock = _clock_sigma(full[at] - mean[at], covariance[at, at], model.clocked[0][:, 1], model.known.clock_sigma_s)
     return Rig(
         solved, boards, solution.residual, solution.weight, solution.sigma, focal_sigma, center_sigma, centers,
-        intrinsics, model, full, solution.covariance,
+        intrinsics, clock, model, full, solution.covariance,
     )  # fmt: skip
+
+
+def settle_clock(rig: Rig) -> Rig:
+    """The rig adjusted with as good a clock as its images show, if they have times.
+
+    MacKay's fixed point (1992) for the standard deviation of the times.
+    """
+    model = rig.model
+    for _ in range(CLOCK_ROUNDS):
+        before = model.known.clock_sigma_s
+        if not len(model.clocked[0]) or abs(rig.clock_sigma_s - before) < CLOCK_SETTLED * before:
+            break
+        known = replace(model.known, clock_sigma_s=rig.clock_sigma_s)
+        model = replace(model, cameras=rig.cameras, rig_from_board=rig.rig_from_board, known=known)
+        rig = _adjust(model)
+    return rig
 
 
 def robust_inflation(scaled: Float64[np.ndarray, "observations 2"], fitted: int) -> float:
@@ -113,6 +146,22 @@ def robust_inflation(scaled: Float64[np.ndarray, "observations 2"], fitted: int)
     return float(influence * weight.mean() / slope**2) if slope > 0 else float(len(scaled))
 
 
+def _clock_sigma(
+    error_s: np.ndarray, covariance: np.ndarray, view: Int64[np.ndarray, " images"], prior_sigma_s: float
+) -> float:
+    """Root mean square of the times' errors, over as many as the images determine; 0 without times.
+
+    All images of a view may be late together: then the board was elsewhere. So only differences within views count.
+    """
+    if len(error_s) == 0:
+        return 0.0
+    together = (view[:, None] == view) / np.bincount(view)[view]
+    apart = np.eye(len(view)) - together
+    left_open = np.diag(apart @ covariance @ apart) / prior_sigma_s**2
+    determined = np.clip(np.diag(apart) - left_open, 0, 1).sum()
+    return max(float(np.sqrt(((apart @ error_s) ** 2).sum() / max(determined, 1.0))), LEAST_CLOCK_SIGMA_S)
+
+
 def _rescaled(inverse: np.ndarray, precision: np.ndarray, inflation: float) -> np.ndarray:
     """(N / inflation + P)^-1 from (N + P)^-1: the data's part is rescaled, the priors stay."""
     change = (inflation - 1) * inverse * precision
@@ -124,15 +173,18 @@ def center_covariance(
     jacobian: Float64[np.ndarray, "axes parameters"],
     cameras: Sequence[Camera],
 ) -> Float64[np.ndarray, "axes axes"]:
-    """Covariance of the centres after a best rigid motion.
+    """Covariance of the centres after a best rigid motion."""
+    keep_by_parameters = shape_projection(cameras) @ jacobian
+    return keep_by_parameters @ covariance @ keep_by_parameters.T
 
-    Its directions are projected out (Kanatani and Morris 2001).
 
-    With up to two cameras little of a shape remains: none of one, the distance of two.
+def shape_projection(cameras: Sequence[Camera]) -> Float64[np.ndarray, "axes axes"]:
+    """Projection of small motions of the centres onto those that change the rig's shape.
+
+    The directions of rigid motions are projected out (Kanatani and Morris 2001). With up to two cameras little of a
+    shape remains: none of one, the distance of two.
     """
     centers = np.stack([camera.center for camera in cameras])
     moved = [np.concatenate([np.eye(3), -skew(center)], 1) for center in centers - centers.mean(0)]
     motions = np.concatenate(moved)
-    keep = np.eye(len(motions)) - motions @ np.linalg.pinv(motions, rcond=1e-9)
-    keep_by_parameters = keep @ jacobian
-    return keep_by_parameters @ covariance @ keep_by_parameters.T
+    return np.eye(len(motions)) - motions @ np.linalg.pinv(motions, rcond=1e-9)

@@ -6,15 +6,15 @@ Where to start, how much distortion, one adjustment, and whether all views fit i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from pipeline.calibration.cameras.moved_cameras import find_moved, split_camera
-from pipeline.calibration.cameras.rig import Rig, adjust_rig
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig import Rig, adjust_rig, settle_clock
+from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
 from pipeline.calibration.cameras.rig_start import connected_groups, possible_starts, view_rows
 from pipeline.geometry.cameras import PINHOLE_TERMS, Camera
 from pipeline.geometry.lens import Lens
@@ -85,19 +85,23 @@ def calibrate_rig(
     sizes: Sequence[tuple[int, int]],
     distortion: Literal["auto"] | int,
     lens: Lens = BROWN_CONRADY,
+    known: RigPriors = NOTHING_KNOWN,
 ) -> Calibrated:
     """Calibrate cameras of `sizes` (width, height), all connected by shared views.
 
     Args:
         distortion: number of coefficients, one of the lens's `term_counts`; auto: chosen for each camera.
         lens: the model of all lenses.
+        known: what is known beforehand; of given lenses all coefficients count.
     """
-    full = _adjust_from_starts(observations, corners_m, sizes, lens)
+    full = settle_clock(_adjust_from_starts(observations, corners_m, sizes, lens, known=known))
+    if known.lenses is not None:
+        return Calibrated(full, [len(lens.terms)] * len(sizes), [{}] * len(sizes), full)
     evidence = distortion_evidence(full)
     chosen = choose_distortion(evidence) if distortion == "auto" else [distortion] * len(sizes)
     if all(number == len(lens.terms) for number in chosen):
         return Calibrated(full, chosen, evidence, full)
-    rig = adjust_rig(observations, corners_m, full.cameras, full.rig_from_board, chosen)
+    rig = adjust_rig(observations, corners_m, full.cameras, full.rig_from_board, chosen, known=full.model.known)
     return Calibrated(rig, chosen, evidence, full)
 
 
@@ -162,8 +166,11 @@ def inspect_rig(
         if len(connected_groups(observations, len(owner))) > 1:
             movements.append(Movement(suspects, moved.time, moved.shift_px, np.nan, np.nan))
             break
-        known = [rig.cameras[k] for k in owner]
-        rig = _adjust_from_starts(observations, corners_m, [sizes[k] for k in owner], rig.model.lens, known, owner)
+        lenses, known = [rig.cameras[k] for k in owner], calibrated.full.model.known
+        if known.lenses is not None:
+            known = replace(known, lenses=[known.lenses[k] for k in owner])
+        owned = [sizes[k] for k in owner]
+        rig = _adjust_from_starts(observations, corners_m, owned, rig.model.lens, lenses, owner, known)
         movements.append(Movement(suspects, moved.time, *_difference(rig, before, after)))
     gross_outliers: dict[int, list[int]] = {}
     for camera, view in _gross_outliers(rig):
@@ -178,6 +185,7 @@ def _adjust_from_starts(
     lens: Lens,
     intrinsics: Sequence[Camera] | None = None,
     lens_index: Sequence[int] | None = None,
+    known: RigPriors = NOTHING_KNOWN,
 ) -> Rig:
     """Best of a few adjustments with all coefficients.
 
@@ -185,15 +193,19 @@ def _adjust_from_starts(
 
     Args:
         intrinsics: cameras whose intrinsics to start with; None: those that each camera has from its own views.
-        lens_index: as in `adjust_rig`.
+        lens_index, known: as in `adjust_rig`.
     """
     rigs: list[Rig] = []
+    if intrinsics is None:
+        intrinsics = known.lenses
     for _ in range(ROUNDS):
         starts = possible_starts(observations, corners_m, sizes, intrinsics, lens)[:STARTS]
         number = len(lens.terms)
-        rigs += [adjust_rig(observations, corners_m, s.cameras, s.rig_from_board, number, lens_index) for s in starts]
+        rigs += [
+            adjust_rig(observations, corners_m, s.cameras, s.rig_from_board, number, lens_index, known) for s in starts
+        ]
         rigs = [min(rigs, key=_robust_cost)]
-        if not _gross_outliers(rigs[0]):
+        if not _gross_outliers(rigs[0]) or known.fixed:
             break
         intrinsics = rigs[0].cameras
     return rigs[0]

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float64, Int64
 
+from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
 from pipeline.geometry.cameras import PINHOLE_TERMS, Camera, project_with_jacobian
 from pipeline.geometry.lens import Lens
 from pipeline.geometry.rotations import left_jacobian, matrix_from_rotation_vector, skew
@@ -23,25 +24,12 @@ PRIOR_SIGMA = {"f": np.inf, "aspect": 0.01, "cx": 0.03, "cy": 0.03}
 """Standard deviations of the priors of `PINHOLE_TERMS`: about the spread of ordinary cameras, cx and cy in units of the
 longer side, none for f. Those of a lens's terms are its own."""
 
+LAG_SIGMA_S = 0.1
+"""Standard deviation of the prior of a camera's lag behind the others: three images of an ordinary camera wait for the
+computer. All lags together are open, as they move all boards alike."""
+
 POSE = 6
 """Numbers per pose: a rotation vector applied after the starting rotation, and the translation."""
-
-
-@dataclass(frozen=True)
-class Observations:
-    """Board corners seen by cameras; one row per camera, view and corner. Pixels: first centre at (0.5, 0.5).
-
-    A `view` is one pose of one board: two boards in one shot are two views. `corner` counts through all boards.
-    """
-
-    camera: Int64[np.ndarray, " observations"]
-    view: Int64[np.ndarray, " observations"]
-    corner: Int64[np.ndarray, " observations"]
-    pixel: Float64[np.ndarray, "observations 2"]
-
-    def select(self, chosen: np.ndarray) -> Observations:
-        """The rows that a mask or an index array names."""
-        return Observations(self.camera[chosen], self.view[chosen], self.corner[chosen], self.pixel[chosen])
 
 
 @dataclass(frozen=True)
@@ -55,6 +43,7 @@ class RigModel:
         cameras, rig_from_board: where the parameters start; rotations are increments to these.
         distortion: number of leading coefficients of each physical lens that are estimated; the others are zero.
         lens_index: of each camera, its physical lens: a camera that stood in two places is two cameras with one lens.
+        known: what is known beforehand.
     """
 
     observations: Observations
@@ -63,6 +52,20 @@ class RigModel:
     rig_from_board: Float64[np.ndarray, "views 4 4"]
     distortion: Sequence[int]
     lens_index: Int64[np.ndarray, " cameras"]
+    known: RigPriors = NOTHING_KNOWN
+
+    @cached_property
+    def clocked(self) -> tuple[Int64[np.ndarray, "images 2"], Int64[np.ndarray, " observations"]]:
+        """Images (camera, view) whose time is estimated, and of each observation its image.
+
+        -1 for none. Those of views that one camera sees alone stay: their time only moves the board.
+        """
+        seen = self.observations
+        if seen.motion is None:
+            return np.zeros((0, 2), np.int64), np.full(len(seen.camera), -1)
+        images, number = np.unique(np.stack([seen.camera, seen.view], 1), axis=0, return_inverse=True)
+        shared = np.bincount(images[:, 1])[images[:, 1]] > 1
+        return images[shared], np.where(shared, np.cumsum(shared) - 1, -1)[number.ravel()]
 
     @cached_property
     def lens(self) -> Lens:
@@ -98,8 +101,11 @@ class RigModel:
         """
         estimated = self._estimated()
         intrinsics = np.concatenate([np.ones((len(estimated), len(PINHOLE_TERMS)), bool), estimated], 1).ravel()
+        if self.known.fixed:
+            intrinsics[:] = False
         boards = np.arange(len(self.rig_from_board) * POSE) >= POSE
-        return np.flatnonzero(np.concatenate([intrinsics, np.ones(len(self.cameras) * POSE, bool), boards]))
+        times = np.ones(self.start().size - len(intrinsics) - len(self.cameras) * POSE - len(boards), bool)
+        return np.flatnonzero(np.concatenate([intrinsics, np.ones(len(self.cameras) * POSE, bool), boards, times]))
 
     def start(self) -> np.ndarray:
         """Start of all parameters; rotations as increments, so zero."""
@@ -107,7 +113,17 @@ class RigModel:
         intrinsics = np.stack([camera.intrinsics() for camera in self.lens_cameras]) * known
         camera_pose = [[0, 0, 0, *c.t] for c in self.cameras]
         board_pose = [[0, 0, 0, *pose[:3, 3]] for pose in self.rig_from_board]
-        return np.concatenate([np.ravel(part) for part in (intrinsics, camera_pose, board_pose)]).astype(np.float64)
+        lags = np.zeros(len(self.cameras) if len(self.clocked[0]) else 0)
+        parts = (intrinsics, camera_pose, board_pose, self._measured_times(), lags)
+        return np.concatenate([np.ravel(part) for part in parts]).astype(np.float64)
+
+    def _measured_times(self) -> np.ndarray:
+        """Of each image of `clocked`, its time in the table."""
+        images, number = self.clocked
+        times = np.zeros(len(images))
+        if self.observations.motion is not None:
+            times[number[number >= 0]] = self.observations.motion.time_s[number >= 0]
+        return times
 
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation of each parameter's prior, infinite where there is none."""
@@ -118,12 +134,34 @@ class RigModel:
             sigma[at] = intrinsics_prior_sigma(camera)
             flawless = self.lens.no_distortion()
             mean[at] = [camera.K[0, 0], 1, camera.width / 2, camera.height / 2, *flawless]
+            if self.known.lenses is not None and not self.known.fixed:
+                given = self.known.lenses[np.flatnonzero(self.lens_index == c)[0]]
+                mean[at] = given.intrinsics()
+                sigma[at][0] = given.K[0, 0]
+                sigma[at] *= self.known.lens_sigma
+        if len(self.clocked[0]):
+            mean[self.times_columns], sigma[self.times_columns] = self._measured_times(), self.known.clock_sigma_s
+            sigma[self.lag_columns] = LAG_SIGMA_S
         return mean, sigma
+
+    @property
+    def times_columns(self) -> slice:
+        """Place of the times of the images of `clocked` among all parameters."""
+        first = len(self.lens_cameras) * self.intrinsics_count + (len(self.cameras) + len(self.rig_from_board)) * POSE
+        return slice(first, first + len(self.clocked[0]))
+
+    @property
+    def lag_columns(self) -> slice:
+        """Place of the cameras' lags among all parameters: the last.
+
+        All times of a camera are late by its lag.
+        """
+        return slice(self.times_columns.stop, None)
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Intrinsics [lenses, intrinsics], poses of the cameras and of the boards [:, 6]."""
         intrinsics = len(self.lens_cameras) * self.intrinsics_count
-        parts = np.split(x, [intrinsics, intrinsics + len(self.cameras) * POSE])
+        parts = np.split(x[: self.times_columns.start], [intrinsics, intrinsics + len(self.cameras) * POSE])
         return parts[0].reshape(-1, self.intrinsics_count), parts[1].reshape(-1, POSE), parts[2].reshape(-1, POSE)
 
     def intrinsics_columns(self, lens: int) -> slice:
@@ -187,7 +225,27 @@ class RigModel:
         rows = np.broadcast_to(np.arange(2 * len(c)).reshape(-1, 2, 1), blocks.shape)
         column = np.broadcast_to(column[:, None], blocks.shape)
         matrix = scipy.sparse.csc_array((blocks.ravel(), (rows.ravel(), column.ravel())), shape=(2 * len(c), len(x)))
-        return pixel - self.observations.pixel, matrix[:, self.free]
+        residual = pixel - self.observations.pixel
+        if len(self.clocked[0]):
+            moved, by_time = self._moved(x)
+            residual, matrix = residual + moved, matrix + by_time
+        return residual, matrix[:, self.free]
+
+    def _moved(self, x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csc_array]:
+        """How far each corner has moved since its view's mean time [n, 2], and the derivative [2 n, parameters].
+
+        To second order: a hand turns round in tenths of a second, and images of one view are as much as a tenth apart.
+        """
+        image, motion = self.clocked[1], self.observations.motion
+        rows = np.flatnonzero(image >= 0)
+        columns = np.stack([self.times_columns.start + image, self.lag_columns.start + self.observations.camera], 1)
+        late = x[columns[rows]].sum(1)[:, None]
+        moved, slope = np.zeros_like(motion.velocity), motion.velocity[rows] - motion.acceleration[rows] * late
+        moved[rows] = (motion.velocity[rows] - motion.acceleration[rows] * late / 2) * late
+        at = np.repeat(2 * rows[:, None] + [0, 1], 2, axis=1)
+        column, value = np.tile(columns[rows], 2), np.repeat(slope, 2, axis=1)
+        shape = (2 * len(image), len(x))
+        return moved, scipy.sparse.csc_array((value.ravel(), (at.ravel(), column.ravel())), shape=shape)
 
 
 def intrinsics_prior_sigma(camera: Camera) -> Float64[np.ndarray, " intrinsics"]:

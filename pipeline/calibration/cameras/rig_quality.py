@@ -14,6 +14,7 @@ from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection, Movement, choose_distortion
 from pipeline.calibration.cameras.rig_misfit import describe_movement, too_many_gross_outliers
 from pipeline.config.calibrate_cameras import CalibrateCameras
+from pipeline.geometry.cameras import PINHOLE_TERMS
 
 CELLS = 8
 """Cells along either side of the grid that corners should cover: one is about as large as a square of the board."""
@@ -25,6 +26,9 @@ corner's noise on a small board, is cos 6 degrees, either way and for two boards
 
 DECISIVE = 5.0
 """Log odds from which on a lens is said to need more coefficients: very strong evidence (Kass and Raftery 1995)."""
+
+OPEN_SHARE = 0.5
+"""Standard deviation over its prior's, above which a term is said not to be determined."""
 
 COLUMNS = [
     "camera", "views", "corners", "rms_px", "focal_sigma", "center_sigma_m", "coverage", "tilt_deg", "distortion",
@@ -95,6 +99,8 @@ def wanted_distortion(calibrated: Calibrated, camera: int) -> int:
     The one it has where it needs no other.
     """
     odds, used = calibrated.evidence[camera], calibrated.distortion[camera]
+    if not odds:
+        return used
     wanted = choose_distortion([odds])[0]
     return wanted if odds[wanted] - odds[used] > DECISIVE else used
 
@@ -143,6 +149,20 @@ def describe_focal(focal_sigma: float, tilt_deg: float) -> str:
     if tilt_deg < PARALLEL_DEG:
         return f"all its views of the board are parallel (within {tilt_deg:.0f} degrees): tilt it by 30 and more"
     return "its focal length is uncertain: show it the board tilted by 30 degrees and more, and at several distances"
+
+
+def open_terms(rig: Rig) -> list[list[str]]:
+    """Intrinsics of each camera that its views hardly determine.
+
+    Half of what was open before, or more, is still open.
+    """
+    names = np.array([*PINHOLE_TERMS, *rig.model.lens.terms])
+    _, prior = rig.model.priors()
+    found = []
+    for camera, covariance in enumerate(rig.intrinsics_covariance):
+        sigma = prior[rig.model.intrinsics_columns(int(rig.model.lens_index[camera]))]
+        found.append(names[np.sqrt(np.diag(covariance)) > OPEN_SHARE * sigma].tolist())
+    return found
 
 
 def rough_shots(

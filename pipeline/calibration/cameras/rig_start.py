@@ -17,8 +17,8 @@ from jaxtyping import Float64
 
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.calibration.cameras.rig import adjust_rig
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_join import BoardImage, Sighting, join_cameras, place_board, sight
-from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.lens import Lens
 from pipeline.geometry.lenses import BROWN_CONRADY

@@ -16,7 +16,7 @@ from pipeline.base.files import digest_bytes, digest_file
 from pipeline.capture.cameras.camera_formats import SourceImage
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
 from pipeline.capture.paths import locate
-from pipeline.capture.schema.camera_schema import KnownCameras
+from pipeline.capture.schema.camera_schema import CameraFile, KnownCameras
 from pipeline.geometry.cameras import Camera, read_cameras
 
 ROTATION_TOLERANCE = 1e-4
@@ -29,7 +29,7 @@ AGREEMENT_DISTANCES_M = (0.5, 5.0)
 """Where that is measured: a stage's subjects and walls are between these."""
 
 
-def digest_known_cameras(root: Path, section: KnownCameras) -> str:
+def digest_known_cameras(root: Path, section: CameraFile) -> str:
     """Digest of the file, or of the names and contents of all files of a COLMAP model.
 
     Raises:
@@ -67,6 +67,19 @@ def read_known_cameras(
             scaled = [replace(image, camera=_in_metres(image.camera, section.scale_to_m)) for image in mine]
             _check_agreement(section.path, scaled, complaints)
             cameras[name] = scaled[0].camera
+    return cameras
+
+
+def read_known_lenses(
+    root: Path, section: CameraFile, lens: str, sizes: Mapping[str, tuple[int, int]], complaints: Complaints
+) -> dict[str, Camera]:
+    """Cameras of `sizes` from a file of which only the lenses count, all of one model."""
+    file = KnownCameras(method="known", **section.model_dump())
+    cameras = read_known_cameras(root, file, sizes, complaints)
+    for name, camera in cameras.items():
+        if camera.lens.name != lens:
+            hint = "set calibration.cameras.lens to the lens of the file"
+            complaints.add(file.path, f"{name}: lens", expected=lens, found=camera.lens.name, hint=hint)
     return cameras
 
 

@@ -7,7 +7,7 @@ their digests are filled in afterwards by `with_digests`.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -15,23 +15,26 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import digest_file
-from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_known_cameras
+from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_known_cameras, read_known_lenses
 from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, complain_unknown, read_csv
 from pipeline.capture.index.image_checks import ExpectedImage
 from pipeline.capture.index.tables import read_patches_csv
-from pipeline.capture.paths import fill, find_files
+from pipeline.capture.paths import fill, find_files, locate
+from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
     ChartColor,
-    CharucoCameras,
     KnownCameras,
     KnownLights,
     MirrorBallLights,
     NoColor,
 )
+from pipeline.capture.video_frames import VIDEO_SUFFIXES, count_frames
 
 CAMERAS = "the table of cameras"
 
 CORNER_COLUMNS: Mapping[str, Kind] = {"camera": "name", "corner": "whole", "x": "number", "y": "number"}
+
+TIME_COLUMNS: Mapping[str, Kind] = {"camera": "name", "view": "whole", "time_s": "number"}
 
 CORNERS = 4
 
@@ -45,7 +48,7 @@ FEWEST_SIGHTINGS = 2
 
 
 def find_camera_calibration(
-    root: Path, section: CharucoCameras | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
+    root: Path, section: PhotographedBoards | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
 ) -> IndexSection:
     """`calibration_cameras.json`, and the board views, which must be of sensor size."""
     content: dict[str, Any] = section.model_dump(exclude_none=True)
@@ -55,13 +58,53 @@ def find_camera_calibration(
             sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
             read_known_cameras(root, section, sizes, complaints)
         return content, []
-    views = [{**values, "path": path} for path, values in find_files(root, section.path).items()]
-    views = [{key: view[key] for key in ("camera", "view", "path")} for view in views]
+    files = [{**values, "path": path} for path, values in find_files(root, section.path).items()]
+    filmed = PurePosixPath(section.path).suffix.lower() in VIDEO_SUFFIXES
+    if filmed:
+        views = _frames(root, files, cameras, complaints)
+    else:
+        views = [{key: file[key] for key in ("camera", "view", "path")} for file in files]
     complain_unknown(complaints, section.path, "camera", [v["camera"] for v in views], list(cameras["camera"]), CAMERAS)
     if blind := [camera for camera in cameras["camera"] if camera not in {view["camera"] for view in views}]:
         found = f"none for {listed(blind)}"
         complaints.add(section.path, "camera", expected="at least one view of the board per camera", found=found)
-    return {**content, "views": views}, _at_sensor_size(views, cameras)
+    if section.times is not None:
+        views = _with_times(root, section.times, views, complaints)
+    if section.lenses_from is not None:
+        with complaints.collecting():
+            content["lenses_digest"] = digest_known_cameras(root, section.lenses_from)
+            sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
+            read_known_lenses(root, section.lenses_from, section.lens, sizes, complaints)
+    content["views"] = views
+    return content, [] if filmed else _at_sensor_size(views, cameras)
+
+
+def _frames(root: Path, files: list[dict], cameras: pd.DataFrame, complaints: Complaints) -> list[dict]:
+    """A view for each frame of each camera's video, which must be of sensor size."""
+    sizes, views = {row.camera: (row.sensor_width, row.sensor_height) for row in cameras.itertuples()}, []
+    for file in files:
+        with complaints.collecting():
+            path, camera = locate(root, file["path"]), file["camera"]
+            count, size = count_frames(path)
+            if size != sizes.get(camera, size):
+                expected = "x".join(map(str, sizes[camera]))
+                found = "x".join(map(str, size))
+                complaints.add(file["path"], "size", expected=f"the sensor's {expected}", found=found)
+            entry = {"camera": camera, "path": file["path"], "digest": digest_file(path)}
+            views += [{**entry, "view": frame, "frame": frame} for frame in range(count)]
+    return views
+
+
+def _with_times(root: Path, path: str, views: list[dict], complaints: Complaints) -> list[dict]:
+    """The views, each with its `time_s` of the table."""
+    table = read_csv(root, path, TIME_COLUMNS, complaints)
+    if table is None:
+        return views
+    complain_repeats(complaints, path, table, ["camera", "view"])
+    times = {(row.camera, row.view): float(row.time_s) for row in table.itertuples()}
+    if untimed := [view["path"] for view in views if (view["camera"], view["view"]) not in times]:
+        complaints.add(path, "time_s", expected="a row for each image of a board", found=f"none for {listed(untimed)}")
+    return [{**view, "time_s": times.get((view["camera"], view["view"]), 0.0)} for view in views]
 
 
 def find_light_calibration(
@@ -178,6 +221,7 @@ def with_digests(content: dict[str, Any], digests: dict[str, str]) -> dict[str, 
     """The same content, each entry of its lists of images with the digest of the file it names."""
 
     def complete(entry: Any) -> Any:
-        return {**entry, "digest": digests[entry["path"]]} if isinstance(entry, dict) and "path" in entry else entry
+        named = isinstance(entry, dict) and entry.get("path") in digests
+        return {**entry, "digest": digests[entry["path"]]} if named else entry
 
     return {key: [complete(e) for e in value] if isinstance(value, list) else value for key, value in content.items()}

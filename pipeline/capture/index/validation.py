@@ -19,9 +19,9 @@ from pipeline.capture.index.eye_tables import read_gaze_csv
 from pipeline.capture.index.frame_images import expected_images, find_frame_images
 from pipeline.capture.index.image_checks import ExpectedImage, inspect_images
 from pipeline.capture.index.template_checks import check_template
+from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
     Capture,
-    CharucoCameras,
     Images,
     KnownCameras,
     KnownLights,
@@ -125,7 +125,7 @@ def _find_calibration(
 
 
 def _check_stage_frame(
-    cameras: CharucoCameras | KnownCameras, lights: MirrorBallLights | KnownLights, complaints: Complaints
+    cameras: PhotographedBoards | KnownCameras, lights: MirrorBallLights | KnownLights, complaints: Complaints
 ) -> None:
     in_stage = isinstance(cameras, KnownCameras) and cameras.frame == "stage"
     if not in_stage and isinstance(lights, KnownLights):

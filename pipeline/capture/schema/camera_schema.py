@@ -1,85 +1,121 @@
-"""Keys of `calibration.cameras`: ChArUco boards, or cameras calibrated elsewhere.
-
-Each board has markers of its own.
-"""
+"""Keys of `calibration.cameras`: photographed boards, or cameras calibrated elsewhere."""
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Any, Literal
 
-import cv2
 from pydantic import AfterValidator, Field, field_validator
 
 from pipeline.capture.paths import check_relative, check_suffix
-from pipeline.capture.schema.sections import Length, Section, ViewPattern
+from pipeline.capture.schema.board_schema import (
+    BoardLength,
+    CharucoBoard,
+    Checkerboard,
+    CircleGrid,
+    TagGrid,
+    check_markers,
+    fits_a_square,
+    holds_a_charuco_board,
+)
+from pipeline.capture.schema.sections import BoardPattern, CsvPath, Length, Section
 from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
-LARGEST_SQUARE_M = 1.0
-"""No printed square is larger; any square above 1 cm is, if centimetres or millimetres are taken for metres."""
+
+class CameraFile(Section):
+    """Cameras that were calibrated elsewhere."""
+
+    format: Literal["cameras_json", "colmap", "nerfstudio"] = Field(
+        "cameras_json",
+        description="cameras_json: R, t, K, dist, width, height per camera, and lens: fisheye where dist is k1 to k4; "
+        "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json. All at sensor "
+        "resolution",
+    )
+    path: Annotated[str, AfterValidator(check_relative)] = Field(
+        description="the .json file, or the folder of a COLMAP model"
+    )
+
+    # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
+    @field_validator("path")
+    @classmethod
+    def _is_of_the_format(cls, path: str, info: Any) -> str:
+        return path if info.data.get("format") == "colmap" else check_suffix(path, (".json",))
 
 
-def _in_metres(length: float) -> float:
-    if length > LARGEST_SQUARE_M:
-        raise ValueError(f"metres, {LARGEST_SQUARE_M:g} at most (not centimetres or millimetres)")
-    return length
+class PhotographedBoards(Section):
+    """Cameras are calibrated from images of boards, at sensor resolution.
 
-
-BoardLength = Annotated[Length, AfterValidator(_in_metres)]
-
-
-# `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
-def _fits_a_square(marker_m: float | None, info: Any) -> float | None:
-    square_m = info.data.get("square_m")
-    if marker_m is not None and square_m is not None and marker_m >= square_m:
-        raise ValueError(f"less than square_m, {square_m}")
-    return marker_m
-
-
-def _is_large_enough(dictionary: str | None, info: Any) -> str | None:
-    if dictionary is None:
-        return None
-    if not dictionary.startswith("DICT_") or not hasattr(cv2.aruco, dictionary):
-        raise ValueError("a predefined dictionary of cv2.aruco, for instance DICT_5X5_250")
-    held = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)).bytesList)
-    # A marker lies in every other square.
-    markers = (info.data.get("squares_x") or 0) * (info.data.get("squares_y") or 0) // 2
-    needed = (info.data.get("first_marker") or 0) + markers
-    if needed > held:
-        raise ValueError(f"a dictionary of at least {needed} markers for this board (this one has {held})")
-    return dictionary
-
-
-class CharucoBoard(Section):
-    """One of several ChArUco boards."""
-
-    squares_x: int = Field(ge=2, description="squares of the board in x")
-    squares_y: int = Field(ge=2, description="squares of the board in y")
-    square_m: BoardLength = Field(description="side of a square, metres")
-    marker_m: BoardLength = Field(description="side of a marker, metres; smaller than the square")
-    first_marker: int = Field(0, ge=0, description="number of the board's first marker; the others follow it")
-    dictionary: str = Field(description="a predefined dictionary of cv2.aruco, for instance DICT_5X5_250")
-
-    _check_marker = field_validator("marker_m")(_fits_a_square)
-    _check_dictionary = field_validator("dictionary")(_is_large_enough)
-
-
-class CharucoCameras(Section):
-    """Cameras are calibrated from images of one ChArUco board or a list of `boards`.
-
-    Images are at sensor resolution. Boards need not be fixed to each other: each has its own pose in every view.
+    Boards need not be fixed to each other: each has its own pose in every view.
     """
 
-    method: Literal["charuco"] = Field(description="which method this section is about")
-    path: ViewPattern = Field(
+    method: Literal["boards", "charuco"] = Field(description="which method this section is about")
+    path: BoardPattern = Field(
         description="pattern with {camera} and {view:03d}; exists where the camera sees a board; views of one number "
-        "were taken at once, and the numbers are in the order of time"
+        "were taken at once, and the numbers are in the order of time. Or videos, {camera}.mp4: frame 12 is view 12"
     )
     lens: Literal[tuple(LENSES)] = Field(
         BROWN_CONRADY.name,
         description="model of all lenses: brown_conrady (perspective; OpenCV's k1 k2 p1 p2 k3) or fisheye (OpenCV's k1 "
         "to k4), for lenses that see more than about 100 degrees",
     )
+    times: CsvPath | None = Field(
+        None,
+        description="csv: camera, view, time_s; when each image was taken, where a view's images were not taken at "
+        "once: the board may move between them",
+    )
+    intrinsics: Literal["estimate", "refine", "known"] = Field(
+        "estimate",
+        description="estimate: lenses are found from the boards alone; refine: those of lenses_from are a prior; "
+        "known: they stay as they are, and only poses are found",
+    )
+    lenses_from: CameraFile | None = Field(
+        None, description="lenses for refine or known, whose poses do not count", validate_default=True
+    )
+
+    @field_validator("lenses_from")
+    @classmethod
+    def _is_given_if_needed(cls, lenses: CameraFile | None, info: Any) -> CameraFile | None:
+        needed = info.data.get("intrinsics", "estimate") != "estimate"
+        if needed and lenses is None:
+            raise ValueError(f"a file of lenses, format and path, for intrinsics: {info.data['intrinsics']}")
+        if not needed and lenses is not None and "intrinsics" in info.data:
+            raise ValueError("no lenses for intrinsics: estimate (or say intrinsics: refine or known)")
+        return lenses
+
+
+class BoardCameras(PhotographedBoards):
+    """Cameras are calibrated from images of boards of any kind.
+
+    At least one list of boards is given.
+    """
+
+    method: Literal["boards"] = Field(description="which method this section is about")
+    charuco: list[CharucoBoard] = Field([], description="ChArUco boards")
+    tag_grids: list[TagGrid] = Field([], description="grids of AprilTags or ArUco markers")
+    checkerboards: list[Checkerboard] = Field([], description="checkerboards")
+    circle_grids: list[CircleGrid] = Field([], description="grids of circles", validate_default=True)
+
+    @field_validator("circle_grids")
+    @classmethod
+    def _are_some(cls, grids: list[CircleGrid], info: Any) -> list[CircleGrid]:
+        kinds = ("charuco", "tag_grids", "checkerboards")
+        # A list that is itself wrong is not in `data`: it has its own complaint.
+        if not grids and all(info.data.get(kind) == [] for kind in kinds):
+            raise ValueError(f"at least one board under {', '.join(kinds)} or circle_grids")
+        check_markers([*info.data.get("charuco", []), *info.data.get("tag_grids", [])])
+        plain = [*info.data.get("checkerboards", []), *grids]
+        if any(plain.count(board) > 1 for board in plain):
+            raise ValueError("boards without markers that differ: two that are alike cannot be told apart")
+        return grids
+
+
+class CharucoCameras(PhotographedBoards):
+    """Cameras are calibrated from images of one ChArUco board or a list of `boards`.
+
+    Short for method boards. Images are at sensor resolution. Boards need not be fixed to each other: each has its own
+    pose in every view.
+    """
+
+    method: Literal["charuco"] = Field(description="which method this section is about")
     boards: list[CharucoBoard] | None = Field(None, description="several boards, instead of the keys of one")
     squares_x: int | None = Field(None, ge=2, description="squares of the board in x", validate_default=True)
     squares_y: int | None = Field(None, ge=2, description="squares of the board in y", validate_default=True)
@@ -91,25 +127,15 @@ class CharucoCameras(Section):
         None, description="a predefined dictionary of cv2.aruco, for instance DICT_5X5_250", validate_default=True
     )
 
-    _check_marker = field_validator("marker_m")(_fits_a_square)
-    _check_dictionary = field_validator("dictionary")(_is_large_enough)
+    _check_marker = field_validator("marker_m")(fits_a_square)
+    _check_dictionary = field_validator("dictionary")(holds_a_charuco_board)
 
     @field_validator("boards")
     @classmethod
     def _share_no_marker(cls, boards: list[CharucoBoard] | None) -> list[CharucoBoard] | None:
         if boards == []:
             raise ValueError("at least one board")
-        taken: dict[tuple[str, int], int] = {}
-        for number, board in enumerate(boards or []):
-            # DICT_5X5_50 is the beginning of DICT_5X5_250.
-            family = re.sub(r"_\d+$", "", board.dictionary)
-            last = board.first_marker + board.squares_x * board.squares_y // 2
-            for marker in range(board.first_marker, last):
-                if (other := taken.setdefault((family, marker), number)) != number:
-                    raise ValueError(
-                        f"boards that share no marker: boards {other} and {number} (counted from 0) both have marker "
-                        f"{marker} of {family}; set first_marker"
-                    )
+        check_markers(boards or [])
         return boards
 
     @field_validator("squares_x", "squares_y", "square_m", "marker_m", "dictionary")
@@ -124,28 +150,13 @@ class CharucoCameras(Section):
         return value
 
 
-class KnownCameras(Section):
+class KnownCameras(CameraFile):
     """Cameras were calibrated elsewhere."""
 
     method: Literal["known"] = Field(description="which method this section is about")
-    format: Literal["cameras_json", "colmap", "nerfstudio"] = Field(
-        "cameras_json",
-        description="cameras_json: R, t, K, dist, width, height per camera, and lens: fisheye where dist is k1 to k4; "
-        "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json. All at sensor "
-        "resolution",
-    )
-    path: Annotated[str, AfterValidator(check_relative)] = Field(
-        description="the .json file, or the folder of a COLMAP model"
-    )
     scale_to_m: Length = Field(1.0, description="a length in metres is this times a length in the file")
     frame: Literal["stage", "own"] = Field(
         "stage",
         description="stage: that of the surveyed lights; own: any other, which mirror-ball images then lay over the "
         "stage's by turning and shifting it",
     )
-
-    # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
-    @field_validator("path")
-    @classmethod
-    def _is_of_the_format(cls, path: str, info: Any) -> str:
-        return path if info.data.get("format") == "colmap" else check_suffix(path, (".json",))

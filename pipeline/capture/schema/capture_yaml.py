@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.capture.schema.camera_schema import CharucoCameras, KnownCameras
+from pipeline.capture.schema.camera_schema import BoardCameras, CharucoCameras, KnownCameras
 from pipeline.capture.schema.sections import (
     BallPattern,
     ChartPattern,
@@ -100,7 +100,9 @@ class NoColor(Section):
 class Calibration(Section):
     """Methods of calibrating the stage's cameras, lights and colours."""
 
-    cameras: CharucoCameras | KnownCameras = Field(discriminator="method", description="poses and lenses")
+    cameras: BoardCameras | CharucoCameras | KnownCameras = Field(
+        discriminator="method", description="poses and lenses"
+    )
     lights: MirrorBallLights | KnownLights = Field(discriminator="method", description="positions of the LEDs")
     color: ChartColor | NoColor = Field(discriminator="method", description="colour response of each camera")
 

@@ -94,11 +94,14 @@ def _kind(annotation: Any) -> str:
         return " or ".join(_kind(part) for part in get_args(annotation) if part is not type(None))
     if get_origin(annotation) is list:
         return f"list of {_kind(get_args(annotation)[0])}s"
-    return {str: "text", int: "whole number", float: "number"}[annotation]
+    return {str: "text", int: "whole number", float: "number", bool: "true or false"}[annotation]
 
 
 def _default(value: Any) -> str:
-    return "" if value in (None, []) else f", {value if isinstance(value, str) else f'{value:g}'} if left out"
+    if value is None or value == []:
+        return ""
+    told = str(value).lower() if isinstance(value, str | bool) else f"{value:g}"
+    return f", {value if isinstance(value, str) else told} if left out"
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ EXPECTED_TYPES = {
     "int_type": "a whole number",
     "float_type": "a number",
     "string_type": "text (quote a number or yes/no that is meant as text)",
+    "bool_type": "true or false",
     "list_type": "a list",
     "model_type": "a section of keys",
     "model_attributes_type": "a section of keys",

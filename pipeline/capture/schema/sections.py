@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from pipeline.capture.paths import check_pattern, check_relative, check_suffix
+from pipeline.capture.video_frames import VIDEO_SUFFIXES
 
 EXR_OR_PNG = (".exr", ".png")
 OPENCV_IMAGE = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -24,10 +26,17 @@ def pattern_with(*placeholders: str, suffixes: tuple[str, ...]) -> AfterValidato
     return AfterValidator(lambda path: check_suffix(check_pattern(check_relative(path), placeholders), suffixes))
 
 
+def _board_pattern(path: str) -> str:
+    relative = check_relative(path)
+    if PurePosixPath(relative).suffix.lower() in VIDEO_SUFFIXES:
+        return check_pattern(relative, ("camera",))
+    return check_suffix(check_pattern(relative, ("camera", "view")), OPENCV_IMAGE)
+
+
 CsvPath = Annotated[str, path_to(".csv")]
 ImagePattern = Annotated[str, pattern_with("camera", "frame", suffixes=EXR_OR_PNG)]
 MaskPattern = Annotated[str, pattern_with("camera", "frame", suffixes=(".png",))]
-ViewPattern = Annotated[str, pattern_with("camera", "view", suffixes=OPENCV_IMAGE)]
+BoardPattern = Annotated[str, AfterValidator(_board_pattern)]
 BallPattern = Annotated[str, pattern_with("position", "camera", "light", suffixes=OPENCV_IMAGE)]
 SilhouettePattern = Annotated[str, pattern_with("position", "camera", suffixes=OPENCV_IMAGE)]
 ChartPattern = Annotated[str, pattern_with("camera", suffixes=EXR_OR_PNG)]

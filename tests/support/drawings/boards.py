@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.files import write_json, write_table
-from pipeline.calibration.cameras.charuco import Board
+from pipeline.calibration.cameras.charuco import CharucoBoard
 
 SIZE = (320, 240)
-BOARD = Board(7, 5, 0.12, 0.09, "DICT_5X5_250")
+BOARD = CharucoBoard(7, 5, 0.12, 0.09, "DICT_5X5_250")
 FOCAL = 400.0
 K = np.array([[FOCAL, 0, 160], [0, FOCAL, 120], [0, 0, 1]])
 SQUARE, MARGIN = 80, 40

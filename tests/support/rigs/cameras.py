@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import scipy.spatial.transform
 
-from pipeline.calibration.cameras.charuco import Board
+from pipeline.calibration.cameras.charuco import CharucoBoard
 from pipeline.calibration.cameras.rig import adjust_rig
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_start import start_rig, usable_views
 from pipeline.geometry.cameras import Camera
 
 SIZE = (640, 480)
-BOARD = Board(7, 5, 0.12, 0.09, "DICT_5X5_250")
+BOARD = CharucoBoard(7, 5, 0.12, 0.09, "DICT_5X5_250")
 
 
 def look_at(center, target, roll=0.0):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.lenses import FISHEYE
 from tests.support.rigs.cameras import BOARD, SIZE, look_at

@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.calibration.cameras.moved_cameras import find_moved
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig, inspect_rig
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.geometry.cameras import Camera
 from tests.support.rigs.cameras import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import scipy.spatial.transform
 
+from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_join import BoardImage
-from pipeline.calibration.cameras.rig_model import Observations
 from pipeline.calibration.cameras.rig_start import connected_groups, start_camera, usable_views, view_rows
 from pipeline.geometry.cameras import Camera, project_with_jacobian
 from pipeline.geometry.lenses import BROWN_CONRADY

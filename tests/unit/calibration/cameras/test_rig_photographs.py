@@ -9,7 +9,7 @@ import pytest
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.calibration.cameras.moved_cameras import find_moved
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
-from pipeline.calibration.cameras.rig_model import Observations
+from pipeline.calibration.cameras.rig_inputs import Observations
 from tests.support.shared_data import shared_data
 
 PHOTOGRAPHS, pytestmark = shared_data("data/calib_opencv_chessboard")
