@@ -19,8 +19,8 @@ from pipeline.base.splits import VALIDATION
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.export_viewer import ExportViewer
 from pipeline.viewer.captured import captured_pictures, choose_cameras
-from pipeline.viewer.page import MEGA, facts_of, frame_blocks, frames_that_fit, page_html
-from pipeline.viewer.shown_frame import require_analytic, shown_frame, spread, surface_matter
+from pipeline.viewer.page import MEGA, common_texts, facts_of, frame_blocks, frames_that_fit, page_html
+from pipeline.viewer.shown_frame import require_analytic, shown_frame, spread
 from pipeline.viewer.stage_lights import read_stage_lights
 
 log = logging.getLogger("export_viewer")
@@ -65,15 +65,15 @@ def run(
         common = shown if common is None else common
         blocks.append(frame_blocks(shown, common, stage))
     captured = captured_pictures(images, chosen, choose_cameras(images, chosen, settings.captured_cameras))
-    built, count = read_json(avatar / "config.json").get("built", spec.in_words), len(loaded.avatar.albedo)
-    facts, matter = facts_of(subject, built, spec, count, stage, captured), surface_matter(loaded.avatar)
-    room = frames_that_fit(blocks, len(page_html(facts, matter, [])) / MEGA, settings.page_mb)
+    built = read_json(avatar / "config.json").get("built", spec.in_words)
+    facts, texts = facts_of(subject, built, loaded, stage, captured), common_texts(loaded)
+    room = frames_that_fit(blocks, len(page_html(facts, texts, [])) / MEGA, settings.page_mb)
     if room < len(blocks):
         log.info("%d of %d frames fit into %g MB", room, len(blocks), settings.page_mb)
-    page = page_html(facts, matter, spread(blocks, room))
+    page = page_html(facts, texts, spread(blocks, room))
     with written_whole(out) as temporary:
         temporary.write_text(page, "utf-8")
-    log.info("%s: %d Gaussians, %d frames, %.1f MB", out.name, count, room, len(page) / MEGA)
+    log.info("%s: %d Gaussians, %d frames, %.1f MB", out.name, loaded.atlas.texel_count, room, len(page) / MEGA)
 
 
 def main() -> None:

@@ -49,12 +49,12 @@ def table(*columns: UInt16[np.ndarray, "n *more"]) -> UInt16[np.ndarray, "n 8"]:
     return np.pad(beside, ((0, 0), (0, COLUMNS - beside.shape[1])))
 
 
-def agree(one: UInt16[np.ndarray, "n 8"], other: UInt16[np.ndarray, "n 8"]) -> bool:
+def agree(one: UInt16[np.ndarray, "n columns"], other: UInt16[np.ndarray, "n columns"]) -> bool:
     """Tables differ by no more than the rounding of what they were made from."""
     return bool((np.abs(one.astype(np.int64) - other) <= 1).all())
 
 
-def table_bytes(columns: UInt16[np.ndarray, "n 8"]) -> bytes:
+def table_bytes(columns: UInt16[np.ndarray, "n columns"]) -> bytes:
     """A table as differences down each column, low bytes of all columns before high bytes."""
     steps = np.diff(columns.T, axis=1, prepend=np.uint16(0))
     return np.stack([steps & 255, steps >> 8]).astype(np.uint8).tobytes()

@@ -9,12 +9,17 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
-
-from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
 from pipeline.viewer.packing import agree, block, table_bytes, visibility_words
-from pipeline.viewer.shown_frame import LOG_SCALES, SKY_HEIGHT, ShownFrame, left_out
+from pipeline.viewer.shown_frame import (
+    LOG_SCALES,
+    SKY_HEIGHT,
+    ShownFrame,
+    left_out,
+    surface_matter,
+    texel_anchors,
+)
 from pipeline.viewer.stage_lights import StageLights
 
 BUNDLE = "bundle/page.html"
@@ -54,6 +59,7 @@ def frame_blocks(shown: ShownFrame, common: ShownFrame, stage: StageLights) -> B
         "seen": visibility_words(shown.visibility_bits, len(shown.place)),
         "hit_counts": shown.hit_counts.tobytes(),
         "hits": shown.hits.astype("<u4").tobytes(),
+        "vertices": table_bytes(shown.vertices),
     }
     if shown is common or not agree(shown.shape, common.shape):
         contents["shape"] = table_bytes(shown.shape)
@@ -81,23 +87,34 @@ def frames_that_fit(frames: Sequence[Blocks], others_mb: float, page_mb: float) 
 
 
 def facts_of(
-    subject: str, built: str, spec: AvatarSpec, gaussians: int, stage: StageLights, captured: list[dict[str, Any]]
+    subject: str, built: str, loaded: LoadedAvatar, stage: StageLights, captured: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """Everything that is no table, for the page's JSON."""
+    spec, atlas = loaded.avatar.spec, loaded.atlas
     chosen = asdict(spec)
     lights = [
         {"name": name, "position": position.tolist(), "intensity": intensity.tolist()}
         for name, position, intensity in zip(stage.names, stage.positions, stage.intensities, strict=True)
     ]
     return {
-        "subject": subject, "built": built, "left_out": left_out(spec), "gaussians": gaussians,
-        "rendering": {name: chosen[name] for name in RENDERING}, "log_scales": list(LOG_SCALES),
+        "subject": subject, "built": built, "left_out": left_out(spec), "gaussians": atlas.texel_count,
+        "vertices": len(atlas.rest_vertices), "rendering": {name: chosen[name] for name in RENDERING}, "log_scales": list(LOG_SCALES),
         "sky_height": SKY_HEIGHT, "shadow": spec.traced, "bounce": spec.indirect == "bounce", "lights": lights,
         "captured": captured,
     }  # fmt: skip
 
 
-def page_html(facts: dict[str, Any], matter: np.ndarray, frames: Sequence[Blocks]) -> str:
+def common_texts(loaded: LoadedAvatar) -> dict[str, str]:
+    """Blocks that all frames share: matter, and the mesh that casts shadows."""
+    atlas = loaded.atlas
+    contents = {
+        "matter": table_bytes(surface_matter(loaded.avatar)), "anchors": table_bytes(texel_anchors(atlas)),
+        "faces": atlas.faces.astype("<u4").tobytes(),
+    }  # fmt: skip
+    return {name: block(content) for name, content in contents.items()}
+
+
+def page_html(facts: dict[str, Any], common: dict[str, str], frames: Sequence[Blocks]) -> str:
     """The whole page.
 
     Raises:
@@ -108,7 +125,7 @@ def page_html(facts: dict[str, Any], matter: np.ndarray, frames: Sequence[Blocks
     except OSError as error:
         raise InputError(f"pipeline/viewer/{BUNDLE}: expected the built viewer, found: {error}; make viewer") from error
     described = facts | {"frames": [frame.facts | {"blocks": list(frame.texts)} for frame in frames]}
-    texts = {"matter": block(table_bytes(matter))}
+    texts = dict(common)
     for place, frame in enumerate(frames):
         texts |= {f"{name}-{place}": text for name, text in frame.texts.items()}
     stored = [script("facts", "application/json", json.dumps(described, allow_nan=False).replace("<", "\\u003c"))]

@@ -18,7 +18,8 @@ from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord
 from pipeline.lighting.distant import FAR_M
 from pipeline.lighting.environment import Environment
-from pipeline.viewer.packing import half_floats, octahedral, quantized, table
+from pipeline.geometry.texels import Atlas
+from pipeline.viewer.packing import LEVELS, half_floats, octahedral, quantized, table
 
 SKY_HEIGHT = 8
 """Rows of the panorama whose pixels are lights of the page: 128 directions, one texel of bits each Gaussian."""
@@ -33,11 +34,12 @@ class ShownFrame:
 
     Attributes:
         frame: its number.
-        low, high: box around the Gaussians' means, metres.
+        low, high: box around the Gaussians' means and the mesh, metres.
         place: x, y, z in the box, opacity, and the quaternion w, x, y, z.
         shape: logarithms of the scales, 0, shading normal and the mesh's, both in the Gaussian's own axes.
         visibility_bits: rows of the stage's lights, then of the sky's pixels.
         hit_counts, hits: texels hit by the rays of each, one after the other.
+        vertices: of the posed mesh in the box: lamps that are placed in the page cast its shadows.
     """
 
     frame: int
@@ -48,6 +50,7 @@ class ShownFrame:
     visibility_bits: UInt8[np.ndarray, "lights bytes"]
     hit_counts: UInt8[np.ndarray, " n"]
     hits: UInt32[np.ndarray, " hits"]
+    vertices: UInt16[np.ndarray, "vertices 3"]
 
 
 def require_analytic(spec: AvatarSpec, name: str) -> None:
@@ -88,7 +91,8 @@ def shown_frame(loaded: LoadedAvatar, record: FrameRecord, lights: Float64[np.nd
     inputs = FrameInputs(loaded.atlas, replace(record, light_positions=places, light_intensities=np.ones_like(places)))
     prepared = loaded.avatar.prepare(inputs)
     means = prepared.gaussians.means.numpy().astype(np.float64)
-    low, high = means.min(0), means.max(0)
+    together = np.concatenate([means, record.vertices])
+    low, high = together.min(0), together.max(0)
     count, bits = len(means), prepared.incident.lights.visibility_bits
     bits = np.full((len(places), -(-count // 8)), 255, np.uint8) if bits is None else bits
     hits = np.zeros((count, 0), np.int64)
@@ -97,7 +101,7 @@ def shown_frame(loaded: LoadedAvatar, record: FrameRecord, lights: Float64[np.nd
     met = hits < count
     return ShownFrame(
         record.frame, low, high, _place(prepared, low, high), _shape(prepared), bits,
-        met.sum(1).astype(np.uint8), hits[met].astype(np.uint32),
+        met.sum(1).astype(np.uint8), hits[met].astype(np.uint32), quantized(record.vertices, low, high),
     )  # fmt: skip
 
 
@@ -127,6 +131,13 @@ def surface_matter(avatar: Avatar) -> UInt16[np.ndarray, "n 8"]:
     if avatar.spec.specular_model == "ggx":
         width, gloss = (getattr(avatar, name).exp().numpy()[:, None] for name in ("log_ggx_width", "log_gloss"))
     return table(half_floats(albedo), half_floats(width), half_floats(gloss))
+
+
+def texel_anchors(atlas: Atlas) -> UInt16[np.ndarray, "n 4"]:
+    """Face of each texel, low and high bits, and the weights of the face's first two corners."""
+    face = atlas.face.astype(np.uint32)
+    halves = np.stack([face & LEVELS, face >> 16], 1).astype(np.uint16)
+    return np.concatenate([halves, quantized(atlas.barycentric[:, :2], 0.0, 1.0)], 1)
 
 
 def spread(numbers: Iterable[int], count: int) -> list[int]:

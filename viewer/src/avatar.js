@@ -11,11 +11,13 @@ export class Avatar {
     this.frames = new Map();
   }
 
-  /** What no frame changes: matter, and the shapes of the first frame. */
+  /** What no frame changes: matter, the mesh, and the shapes of the first frame. */
   async load() {
-    const [matter, shape] = await Promise.all([readBlock("matter"), readBlock("shape-0")]);
+    const [matter, shape, anchors, faces] = await Promise.all(["matter", "shape-0", "anchors", "faces"].map(readBlock));
     this.matter = tableFrom(matter, this.count);
     this.shape = tableFrom(shape, this.count);
+    this.anchors = tableFrom(anchors, this.count, 4);
+    this.faces = wordsFrom(faces);
   }
 
   /** Tables of a frame by its place on the timeline. */
@@ -38,16 +40,18 @@ export class Avatar {
       seen: wordsFrom(bytes.seen),
       starts: startsFrom(bytes.hit_counts),
       hits: wordsFrom(bytes.hits),
-      means: meansOf(table, this.count, facts),
+      means: pointsFrom(table, 8, facts),
+      vertices: pointsFrom(tableFrom(bytes.vertices, this.facts.vertices, 3), 3, facts),
     };
   }
 }
 
-/** Means of the Gaussians, metres, x y z of each. */
-function meansOf(table, count, { low, high }) {
-  const means = new Float32Array(3 * count);
-  for (let i = 0; i < count; i++) {
-    for (let k = 0; k < 3; k++) means[3 * i + k] = low[k] + ((high[k] - low[k]) * table[8 * i + k]) / LEVELS;
+/** Points in the box of a frame, metres, x y z of each; they are the first of `columns` columns. */
+function pointsFrom(table, columns, { low, high }) {
+  const points = new Float32Array(3 * (table.length / columns));
+  for (let i = 0; i < points.length; i++) {
+    const k = i % 3;
+    points[i] = low[k] + ((high[k] - low[k]) * table[columns * ((i - k) / 3) + k]) / LEVELS;
   }
-  return means;
+  return points;
 }

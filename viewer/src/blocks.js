@@ -1,7 +1,5 @@
 // Reads the blocks of text that pipeline/viewer/packing.py writes.
 
-const COLUMNS = 8;
-
 /** Bytes of an element's text: base64, zlib. */
 export async function readBlock(name) {
   const element = document.getElementById(name);
@@ -12,16 +10,16 @@ export async function readBlock(name) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** A table of eight columns of 16 bits, row by row, from differences down each column. */
-export function tableFrom(bytes, count) {
-  const table = new Uint16Array(COLUMNS * count);
-  for (let column = 0; column < COLUMNS; column++) {
+/** A table of columns of 16 bits, row by row, from differences down each column. */
+export function tableFrom(bytes, count, columns = 8) {
+  const table = new Uint16Array(columns * count);
+  for (let column = 0; column < columns; column++) {
     const low = column * count;
-    const high = (COLUMNS + column) * count;
+    const high = (columns + column) * count;
     let value = 0;
     for (let i = 0; i < count; i++) {
       value = (value + bytes[low + i] + 256 * bytes[high + i]) & 65535;
-      table[COLUMNS * i + column] = value;
+      table[columns * i + column] = value;
     }
   }
   return table;

@@ -23,8 +23,9 @@ export function makeProgram(gl, vertex, fragment) {
   return { program, places };
 }
 
-/** A texture without filtering, and its target. */
-export function makeTexture(gl, filter = gl.NEAREST, target = gl.TEXTURE_2D) {
+/** A texture that does not repeat. */
+export function makeTexture(gl, filter = gl.NEAREST) {
+  const target = gl.TEXTURE_2D;
   const texture = gl.createTexture();
   gl.bindTexture(target, texture);
   for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(target, name, filter);
@@ -67,16 +68,16 @@ export class Target {
   }
 }
 
-/** Sets uniforms by name; textures are [unit, texture] or [unit, texture, target]. */
+/** Sets uniforms by name: t_ are textures, as [unit, texture], i_ integers, m_ matrices, all others floats. */
 export function setUniforms(gl, { program, places }, values) {
   gl.useProgram(program);
   for (const [name, value] of Object.entries(values)) {
     const place = places[name];
     if (place === undefined) continue;
     if (name.startsWith("t_")) {
-      const [unit, texture, target = gl.TEXTURE_2D] = value;
+      const [unit, texture] = value;
       gl.activeTexture(gl.TEXTURE0 + unit);
-      gl.bindTexture(target, texture);
+      gl.bindTexture(gl.TEXTURE_2D, texture);
       gl.uniform1i(place, unit);
     } else if (name.startsWith("i_")) gl.uniform1i(place, value);
     else if (name.startsWith("m_")) gl.uniformMatrix3fv(place, false, value);

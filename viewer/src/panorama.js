@@ -76,7 +76,7 @@ export function skyLamps(radiance, rows, bit, gain = 1) {
       const direction = directionAt((column + 0.5) / (2 * rows), (row + 0.5) / rows);
       const intensity = [0, 1, 2].map((k) => gain * angle * FAR_M ** 2 * radiance[3 * cell + k]);
       if (intensity.some((x) => x > 0)) {
-        lamps.push({ position: direction.map((x) => FAR_M * x), intensity, bit: bit + cell, map: -1 });
+        lamps.push({ position: direction.map((x) => FAR_M * x), intensity, bit: bit + cell });
       }
     }
   }

@@ -3,12 +3,14 @@ import { centerOf } from "./camera.js";
 import { makeProgram, makeTexture, setUniforms, Target, uploadWords, WIDTH } from "./gl.js";
 import { WHOLE } from "./shaders/gaussian.js";
 import { BOUNCE, DIFFUSE, LAYER } from "./shaders/lighting.js";
-import { DEPTH_FRAGMENT, DEPTH_VERTEX, DISPLAY, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders/splatting.js";
-import { ShadowMaps } from "./shadow_maps.js";
+import { DISPLAY, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders/splatting.js";
 
 export const LAYERS = ["picture", "albedo", "normals", "diffuse", "specular", "shadow", "bounce"];
 const NEAR_M = 0.01;
 const CUTOFF = 3;
+
+/** Bits from this on are of lamps that are placed in the page; float32 holds it and what follows exactly. */
+export const PLACED = 1 << 20;
 
 /** Weights of the samples of a pixel in one direction; see pipeline/rendering/supersample.py. */
 export function filterTaps({ pixel_filter: filter, filter_std_px: std }, factor) {
@@ -33,10 +35,10 @@ export class Renderer {
     this.programs = {
       diffuse: makeProgram(gl, WHOLE, DIFFUSE), bounce: makeProgram(gl, WHOLE, BOUNCE),
       layer: makeProgram(gl, WHOLE, LAYER), splat: makeProgram(gl, SPLAT_VERTEX, SPLAT_FRAGMENT),
-      depth: makeProgram(gl, DEPTH_VERTEX, DEPTH_FRAGMENT), display: makeProgram(gl, WHOLE, DISPLAY),
+      display: makeProgram(gl, WHOLE, DISPLAY),
     };
     this.textures = Object.fromEntries(
-      ["place", "shape", "matter", "seen", "starts", "hits", "lights"].map((name) => [name, makeTexture(gl)]),
+      ["place", "shape", "matter", "seen", "starts", "hits", "placed", "lights"].map((name) => [name, makeTexture(gl)]),
     );
     this.textures.sky = makeTexture(gl, gl.LINEAR);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, 1, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(4));
@@ -44,8 +46,8 @@ export class Renderer {
       diffuse: new Target(gl, gl.RGBA32F), bounce: new Target(gl, gl.RGBA32F), colors: new Target(gl, gl.RGBA32F),
       image: new Target(gl, wide),
     };
-    this.maps = new ShadowMaps(gl);
     this.rows = Math.ceil(this.count / WIDTH);
+    this.setPlaced(new Uint32Array(this.count));
     this.#makeOrder();
   }
 
@@ -56,12 +58,10 @@ export class Renderer {
     gl.bindVertexArray(this.arrays);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.indices);
     gl.bufferData(gl.ARRAY_BUFFER, Uint32Array.from({ length: this.count }, (_, i) => i), gl.DYNAMIC_DRAW);
-    for (const { program } of [this.programs.splat, this.programs.depth]) {
-      const place = gl.getAttribLocation(program, "index");
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribIPointer(place, 1, gl.UNSIGNED_INT, 0, 0);
-      gl.vertexAttribDivisor(place, 1);
-    }
+    const place = gl.getAttribLocation(this.programs.splat.program, "index");
+    gl.enableVertexAttribArray(place);
+    gl.vertexAttribIPointer(place, 1, gl.UNSIGNED_INT, 0, 0);
+    gl.vertexAttribDivisor(place, 1);
     gl.bindVertexArray(null);
   }
 
@@ -76,7 +76,11 @@ export class Renderer {
     for (const name of ["place", "shape"]) uploadWords(gl, textures[name], wide(frame[name]), 4);
     for (const name of ["seen", "starts", "hits"]) uploadWords(gl, textures[name], frame[name], 1);
     this.frame = frame;
-    this.maps.forget();
+  }
+
+  /** Bit k of a Gaussian's word says that it sees the lamp that is placed as number k. */
+  setPlaced(words) {
+    uploadWords(this.gl, this.textures.placed, words, 1);
   }
 
   /** Front-to-back order of the next pictures. */
@@ -98,11 +102,8 @@ export class Renderer {
   /** Diffuse light and its bounce; again when the frame or a lamp has changed. */
   light(lights) {
     const { gl, targets, programs } = this;
-    lights.forEach(({ map, position }) => {
-      if (map >= 0) this.maps.update(map, position, this.frame, programs.depth, (...what) => this.#splat(...what));
-    });
     const texels = new Float32Array(8 * Math.max(1, lights.length));
-    lights.forEach(({ position, intensity, bit, map }, j) => texels.set([...position, bit, ...intensity, map], 8 * j));
+    lights.forEach(({ position, intensity, bit }, j) => texels.set([...position, bit, ...intensity, 0], 8 * j));
     gl.bindTexture(gl.TEXTURE_2D, this.textures.lights);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 2, texels.length / 8, 0, gl.RGBA, gl.FLOAT, texels);
     this.lights = lights.length;
@@ -140,13 +141,12 @@ export class Renderer {
   }
 
   #whole(program, target, more = {}) {
-    const { gl, textures, frame, facts } = this;
+    const { gl, textures } = this;
     target.bind(WIDTH, this.rows);
     setUniforms(gl, program, {
       ...this.#gaussians(), t_lights: [3, textures.lights], t_seen: [4, textures.seen],
-      t_maps: [5, this.maps.texture, gl.TEXTURE_2D_ARRAY], i_lights: this.lights, i_count: this.count, ...more,
+      t_placed: [5, textures.placed], i_lights: this.lights, i_count: this.count, ...more,
     });
-    if (program.places.maps) gl.uniformMatrix4fv(program.places.maps, false, this.maps.matrices);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 

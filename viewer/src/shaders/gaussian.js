@@ -5,7 +5,6 @@ precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp usampler2D;
-precision highp sampler2DArrayShadow;
 `;
 
 export const GAUSSIAN = `

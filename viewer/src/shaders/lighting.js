@@ -1,40 +1,26 @@
 // Light of every Gaussian: Lambert, one bounce and GGX, as pipeline/lighting/microfacet.py and bounces.py have them.
 import { GAUSSIAN, HEAD } from "./gaussian.js";
 
-/** Lamps with what hides each: traced bits of the frame, a shadow map, or nothing. */
+/** Lamps with what hides each: bits that were traced for the frame, bits that the page traced, or nothing. */
 const LIGHTS = `
 uniform sampler2D t_lights;
-uniform usampler2D t_seen;
-uniform sampler2DArrayShadow t_maps;
+uniform usampler2D t_seen, t_placed;
 uniform int i_lights, i_count;
-uniform mat4 maps[8];
 const float PI = 3.141592653589793;
+const int PLACED = 1 << 20;
 
-struct Light { vec3 position, intensity; int bit, map; };
+struct Light { vec3 position, intensity; int bit; };
 
 Light lamp(int j) {
   vec4 a = texelFetch(t_lights, ivec2(0, j), 0), b = texelFetch(t_lights, ivec2(1, j), 0);
-  return Light(a.xyz, b.rgb, int(a.w), int(b.a));
+  return Light(a.xyz, b.rgb, int(a.w));
 }
 
-/* Share of a placed lamp that passes: its shadow map holds the far sides of what it lights. */
-float unhidden(int map, vec3 point) {
-  vec4 seen = maps[map] * vec4(point, 1.0);
-  vec3 p = seen.xyz / seen.w;
-  if (seen.w <= 0.0 || any(greaterThan(abs(p.xy), vec2(1.0)))) return 1.0;
-  vec3 at = vec3(0.5 * p.xy + 0.5, seen.z);
-  float sum = 0.0, step = 1.0 / float(textureSize(t_maps, 0).x);
-  for (int k = 0; k < 4; k++)
-    sum += texture(t_maps, vec4(at.xy + step * (vec2(k & 1, k >> 1) - 0.5), float(map), 0.5 * at.z + 0.5));
-  return 0.25 * sum;
-}
-
-float visible(Light light, int i, vec3 point) {
-  if (light.bit >= 0) {
-    uint word = texelFetch(t_seen, at((light.bit >> 5) * i_count + i), 0).r;
-    return float((word >> (light.bit & 31)) & 1u);
-  }
-  return light.map >= 0 ? unhidden(light.map, point) : 1.0;
+/* Bits from PLACED on are of lamps that are placed in the page. */
+float visible(Light light, int i) {
+  if (light.bit < 0) return 1.0;
+  uint word = light.bit < PLACED ? texelFetch(t_seen, at((light.bit >> 5) * i_count + i), 0).r : texelFetch(t_placed, at(i), 0).r;
+  return float((word >> (light.bit & 31)) & 1u);
 }
 `;
 
@@ -54,7 +40,7 @@ void main() {
     float distance2 = max(dot(offset, offset), 1e-8);
     vec3 falling = light.intensity * (along / (distance2 * sqrt(distance2)));
     sent += falling;
-    arriving += falling * visible(light, i, g.mean);
+    arriving += falling * visible(light, i);
   }
   const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
   float full = dot(sent, LUMINANCE);
@@ -106,7 +92,7 @@ vec3 gloss(int i, Gaussian g, Matter m) {
     float d = a2 / (PI * t * t);
     float fresnel = F0 + (1.0 - F0) * pow(max(1.0 - 0.5 * size, 0.0), 5.0);
     float masked = 0.5 / (ci * sqrt(a2 + (1.0 - a2) * co * co) + co * sqrt(a2 + (1.0 - a2) * ci * ci));
-    sum += light.intensity * (visible(light, i, g.mean) * d * fresnel * masked * ci * inverse2);
+    sum += light.intensity * (visible(light, i) * d * fresnel * masked * ci * inverse2);
   }
   return m.gloss * sum;
 }

@@ -71,23 +71,6 @@ void main() {
 }
 `;
 
-/** Far sides of the surface as a placed lamp would see them, by their distance from its plane. */
-export const DEPTH_VERTEX = `${HEAD}${GAUSSIAN}${FOOTPRINT}
-uniform vec2 range;
-void main() {
-  Gaussian g = gaussian(int(index));
-  gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  if (dot(g.face, center - g.mean) > 0.0) return;
-  vec3 pixel = placed(g);
-  if (pixel.z < 0.0) return;
-  gl_Position = vec4(2.0 * pixel.xy / size - 1.0, 2.0 * (pixel.z - range.x) / (range.y - range.x) - 1.0, 1.0);
-}
-`;
-
-export const DEPTH_FRAGMENT = `${HEAD}${ALPHA}
-void main() { if (covered() < 0.5) discard; }
-`;
-
 /** Filters samples down to pixels, puts what is behind, and encodes for the display. */
 export const DISPLAY = `${HEAD}
 uniform sampler2D t_image, t_sky;
