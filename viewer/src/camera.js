@@ -1,6 +1,9 @@
 // Cameras: pinholes as the pipeline has them (x right, y down, z forward; the first pixel's centre is 0.5), and an orbit.
 
 const FOV_Y = 36;
+
+/** The middle of what an orbit looks at stands so much above that of the picture: the timeline lies below. */
+const RAISED = 0.03;
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => a.map((x) => x / Math.hypot(...a));
@@ -54,7 +57,7 @@ export class Orbit {
   reset() {
     this.target = [...this.home];
     [this.around, this.above] = [0.35, 0.08];
-    this.distance = 1.12 * this.radius / Math.sin(FOV_Y * Math.PI / 360);
+    this.distance = 1.15 * this.radius / Math.sin(FOV_Y * Math.PI / 360);
   }
 
   turn(around, above) {
@@ -77,7 +80,9 @@ export class Orbit {
     const away = [flat * Math.sin(this.around), Math.sin(this.above), flat * Math.cos(this.around)];
     const eye = this.target.map((x, k) => x + this.distance * away[k]);
     const focal = Math.min(height, 1.4 * width) / (2 * Math.tan(FOV_Y * Math.PI / 360));
-    return lookAt(eye, this.target, focal, width, height);
+    const camera = lookAt(eye, this.target, focal, width, height);
+    camera.K[1][2] -= RAISED * height;
+    return camera;
   }
 
   /** Goes on from where another camera stands. */

@@ -27,7 +27,7 @@ const columns = (R) => [0, 1, 2].flatMap((k) => [R[0][k], R[1][k], R[2][k]]);
 
 export class Renderer {
   constructor(canvas, facts) {
-    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, powerPreference: "high-performance" });
+    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, powerPreference: "high-performance", preserveDrawingBuffer: true });
     if (!gl || !gl.getExtension("EXT_color_buffer_float")) throw new Error("webgl2");
     [this.gl, this.canvas, this.facts, this.count] = [gl, canvas, facts, facts.gaussians];
     gl.getExtension("OES_texture_float_linear");
@@ -138,6 +138,19 @@ export class Renderer {
       exposure: layer === 1 ? 1 : exposure, ...pinhole(camera),
     });
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  /** Calls back once all that was asked for is drawn. */
+  finished(done) {
+    const { gl } = this;
+    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const look = () => {
+      if (gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) return setTimeout(look, 1);
+      gl.deleteSync(fence);
+      return done();
+    };
+    setTimeout(look, 0);
   }
 
   #whole(program, target, more = {}) {
