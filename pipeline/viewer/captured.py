@@ -20,13 +20,13 @@ JPEG_QUALITY = 90
 
 
 def choose_cameras(images: ImageShards, frames: Collection[int], count: int) -> list[str]:
-    """At most `count` of the cameras that have pictures of these frames, spread over their sorted names."""
+    """At most `count` cameras with pictures of these frames, spread over their sorted names."""
     table = images.table
     return spread(sorted(set(table.camera[table.frame.isin(list(frames))])), count)
 
 
 def captured_pictures(images: ImageShards, frames: Collection[int], cameras: Collection[str]) -> list[dict[str, Any]]:
-    """Camera and JPEG of every picture that these cameras took of these frames, for the page's JSON."""
+    """Camera and JPEG of each picture by these cameras of these frames, for the page's JSON."""
     table = images.table
     rows = np.flatnonzero(table.frame.isin(list(frames)) & table.camera.isin(list(cameras)))
     return [described(images[int(row)]) for row in rows]

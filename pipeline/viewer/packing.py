@@ -1,4 +1,4 @@
-"""Numbers of an avatar as the page's textures hold them: 16 bits each, in blocks of compressed text.
+"""Numbers of an avatar for the page's textures: 16 bits each, in blocks of compressed text.
 
 A Gaussian has tables of eight columns of 16 bits, which the page uploads as one texel of four 32-bit integers. In the
 file, each column is stored as differences from texel to texel, low bytes before high bytes: neighbours on the surface
@@ -26,13 +26,16 @@ WORD = 32
 def quantized(
     values: Float[np.ndarray, "*shape"], low: Float[np.ndarray, "..."] | float, high: Float[np.ndarray, "..."] | float
 ) -> UInt16[np.ndarray, "*shape"]:
-    """Nearest of the 65,536 levels from `low` to `high`, both included; what is beyond is clipped."""
+    """Nearest of 65,536 levels from `low` to `high`, both included; the rest is clipped."""
     span = np.maximum(np.asarray(high, np.float64) - low, np.finfo(np.float32).tiny)
     return np.round(np.clip((values - low) / span, 0, 1) * LEVELS).astype(np.uint16)
 
 
 def octahedral(normals: Float[np.ndarray, "n 3"]) -> UInt16[np.ndarray, "n 2"]:
-    """Unit vectors as points of an unfolded octahedron (Cigolle et al. 2014): at worst 0.003 degrees off."""
+    """Unit vectors as points of an unfolded octahedron, at worst 0.003 degrees off.
+
+    Cigolle et al. 2014, "A Survey of Efficient Representations for Independent Unit Vectors".
+    """
     x, y, z = (normals / np.abs(normals).sum(1, keepdims=True).clip(np.finfo(np.float32).tiny)).T
     folded = (1 - np.abs(np.stack([y, x]))) * np.where(np.stack([x, y]) >= 0, 1.0, -1.0)
     return quantized(np.where(z >= 0, np.stack([x, y]), folded).T, -1.0, 1.0)
@@ -43,7 +46,7 @@ def half_floats(values: Float[np.ndarray, "*shape"]) -> UInt16[np.ndarray, "*sha
     return values.astype(np.float16).view(np.uint16)
 
 
-def table(*columns: UInt16[np.ndarray, "n *more"]) -> UInt16[np.ndarray, "n 8"]:
+def table(*columns: UInt16[np.ndarray, "n _"]) -> UInt16[np.ndarray, "n 8"]:
     """Columns beside each other, filled up with zeros."""
     beside = np.concatenate([column.reshape(len(column), -1) for column in columns], 1)
     return np.pad(beside, ((0, 0), (0, COLUMNS - beside.shape[1])))

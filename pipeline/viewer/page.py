@@ -53,7 +53,7 @@ class Blocks:
 
 
 def frame_blocks(shown: ShownFrame, common: ShownFrame, stage: StageLights) -> Blocks:
-    """Blocks of a frame; its shapes only if they differ from those of the frame that has them for all."""
+    """Blocks of a frame; its shapes only if they differ from those of `common`, which all share."""
     contents = {
         "place": table_bytes(shown.place),
         "seen": visibility_words(shown.visibility_bits, len(shown.place)),
@@ -80,8 +80,8 @@ def frames_that_fit(frames: Sequence[Blocks], others_mb: float, page_mb: float) 
     count = int((page_mb - others_mb) / largest)
     if count < 1:
         raise InputError(
-            f"--page-mb: expected room for one frame, {others_mb + largest:.0f} MB, found {page_mb:g}; give it more, or "
-            "lower captured_cameras"
+            f"--page-mb: expected room for one frame, {others_mb + largest:.0f} MB, found {page_mb:g}; give it more, "
+            "or lower captured_cameras"
         )
     return min(count, len(frames))
 
@@ -98,8 +98,9 @@ def facts_of(
     ]
     return {
         "subject": subject, "built": built, "left_out": left_out(spec), "gaussians": atlas.texel_count,
-        "vertices": len(atlas.rest_vertices), "rendering": {name: chosen[name] for name in RENDERING}, "log_scales": list(LOG_SCALES),
-        "sky_height": SKY_HEIGHT, "shadow": spec.traced, "bounce": spec.indirect == "bounce", "lights": lights,
+        "vertices": len(atlas.rest_vertices), "rendering": {name: chosen[name] for name in RENDERING},
+        "log_scales": list(LOG_SCALES), "sky_height": SKY_HEIGHT,
+        "shadow": spec.traced, "bounce": spec.indirect == "bounce", "lights": lights,
         "captured": captured,
     }  # fmt: skip
 

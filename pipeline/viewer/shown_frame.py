@@ -1,9 +1,10 @@
-"""One frame of an avatar as the page draws it: Gaussians, what they see, and what light they send each other."""
+"""One frame of an avatar as the page draws it: Gaussians, their visibility and bounces."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -16,10 +17,12 @@ from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord
+from pipeline.geometry.texels import Atlas
 from pipeline.lighting.distant import FAR_M
 from pipeline.lighting.environment import Environment
-from pipeline.geometry.texels import Atlas
 from pipeline.viewer.packing import LEVELS, half_floats, octahedral, quantized, table
+
+Item = TypeVar("Item")
 
 SKY_HEIGHT = 8
 """Rows of the panorama whose pixels are lights of the page: 128 directions, one texel of bits each Gaussian."""
@@ -61,8 +64,8 @@ def require_analytic(spec: AvatarSpec, name: str) -> None:
     """
     if spec.shading != "microfacet" or spec.shadow_net or spec.indirect == "ambient":
         raise InputError(
-            f"{name}: spec: expected Lambert and GGX with traced shadows and one bounce or none, which a page can compute; "
-            f"found {spec.in_words}; train a variant with shading: microfacet and visibility: traced"
+            f"{name}: spec: expected Lambert and GGX with traced shadows and one bounce or none, which a page can "
+            f"compute; found {spec.in_words}; train a variant with shading: microfacet and visibility: traced"
         )
 
 
@@ -73,7 +76,7 @@ def left_out(spec: AvatarSpec) -> list[str]:
 
 
 def sky_positions() -> Float64[np.ndarray, "pixels 3"]:
-    """Pixels of the page's sky as lights so far away that they count as distant, as relight_avatar has them."""
+    """Positions of the sky's pixels, as distant lights that relight_avatar would make of them."""
     black = Environment(np.zeros((SKY_HEIGHT, 2 * SKY_HEIGHT, 3), np.float32))
     return FAR_M * black.directions().reshape(-1, 3)
 
@@ -125,7 +128,10 @@ def _shape(prepared: PreparedFrame) -> UInt16[np.ndarray, "n 8"]:
 
 @torch.no_grad()
 def surface_matter(avatar: Avatar) -> UInt16[np.ndarray, "n 8"]:
-    """Albedo, width of GGX and scale of its gloss, which no frame changes, as float16; no gloss is a scale of 0."""
+    """Albedo, width of GGX and scale of its gloss, as float16.
+
+    No frame changes them. An avatar without gloss has a scale of 0.
+    """
     albedo = avatar.albedo.numpy()
     width, gloss = np.ones((len(albedo), 1)), np.zeros((len(albedo), 1))
     if avatar.spec.specular_model == "ggx":
@@ -140,8 +146,7 @@ def texel_anchors(atlas: Atlas) -> UInt16[np.ndarray, "n 4"]:
     return np.concatenate([halves, quantized(atlas.barycentric[:, :2], 0.0, 1.0)], 1)
 
 
-def spread(numbers: Iterable[int], count: int) -> list[int]:
-    """At most `count` of the numbers, evenly spread, the first among them."""
-    known = list(numbers)
-    chosen = np.linspace(0, len(known), min(count, len(known)), endpoint=False).astype(int)
-    return [known[place] for place in chosen]
+def spread(items: Sequence[Item], count: int) -> list[Item]:
+    """At most `count` of the items, evenly spread, the first among them."""
+    chosen = np.linspace(0, len(items), min(count, len(items)), endpoint=False).astype(int)
+    return [items[place] for place in chosen]

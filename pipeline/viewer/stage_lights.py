@@ -30,10 +30,12 @@ class StageLights:
     intensities: Float64[np.ndarray, "lights 3"]
     patterns: pd.DataFrame
 
-    def pattern(self, frame: int) -> list[list[float]]:
+    def pattern(self, frame: int) -> list[list[int | float]]:
         """Index and intensities of each light that is lit in a frame."""
         rows = self.patterns[self.patterns.frame == frame]
-        return [[int(row.light), *(round(float(getattr(row, name)), 6) for name in CHANNELS)] for row in rows.itertuples()]
+        return [
+            [int(row.light), *(round(float(getattr(row, name)), 6) for name in CHANNELS)] for row in rows.itertuples()
+        ]
 
 
 def read_stage_lights(lights: Path, patterns: Path) -> StageLights:

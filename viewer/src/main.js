@@ -79,7 +79,7 @@ async function open() {
   scene.onShown(() => {
     describe(scene);
     const ms = scene.milliseconds;
-    const rate = ms ? `, ${ms.toFixed(ms < 10 ? 1 : 0)} ms a picture, ${(1000 / ms).toFixed(0)} per second` : "";
+    const rate = ms ? `, ${ms.toFixed(ms < 10 ? 1 : 0)} ms a picture, ${(1000 / ms).toFixed(ms > 100 ? 1 : 0)} per second` : "";
     byId("rate").textContent = `${avatar.count.toLocaleString("en")} Gaussians${rate}`;
   });
   fillStage(scene);

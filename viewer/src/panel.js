@@ -148,12 +148,13 @@ export class Beside {
 
 /** Sentences about what is computed here, and what is not. */
 export function about({ facts }) {
+  const directions = 2 * facts.sky_height ** 2;
   const sentences = [
     `${facts.gaussians.toLocaleString("en")} Gaussians: ${facts.built}. Light is computed in this page, for every Gaussian, from albedo, normal and roughness.`,
     facts.shadow
-      ? "Shadows are traced: of the stage's lights and of 128 directions of a panorama when the page was written, of lamps that you place while you drag them."
+      ? `Shadows are traced: of the stage's lights and of ${directions} directions of a panorama when the page was written, of lamps that you place while you drag them.`
       : "The avatar was built without shadows: every light reaches every part that faces it.",
-    `A panorama shines as ${2 * facts.sky_height ** 2} distant lamps, each with a shadow of its own.`,
+    `A panorama shines as ${directions} distant lamps, each with a shadow of its own.`,
     facts.bounce ? "One bounce of diffuse light between parts of the body is added." : "",
     ...facts.left_out,
     "Nothing was loaded from a network, and nothing leaves this page.",

@@ -27,7 +27,7 @@ const columns = (R) => [0, 1, 2].flatMap((k) => [R[0][k], R[1][k], R[2][k]]);
 
 export class Renderer {
   constructor(canvas, facts) {
-    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, powerPreference: "high-performance", preserveDrawingBuffer: true });
+    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, powerPreference: "high-performance" });
     if (!gl || !gl.getExtension("EXT_color_buffer_float")) throw new Error("webgl2");
     [this.gl, this.canvas, this.facts, this.count] = [gl, canvas, facts, facts.gaussians];
     gl.getExtension("OES_texture_float_linear");

@@ -111,13 +111,14 @@ export class Scene {
     }
     this.drawing = true;
     for (const listener of this.shown) listener(this);
-    renderer.finished(() => this.#finished(began));
+    renderer.finished(() => this.#finished(began, fast));
   }
 
   /** The graphics processor is done; what was asked for meanwhile comes next, so that nothing lags behind. */
-  #finished(began) {
-    this.times = [...this.times, performance.now() - began].slice(-REMEMBERED);
-    this.slow = this.milliseconds > SLOW_MS;
+  #finished(began, fast) {
+    const taken = performance.now() - began;
+    this.times = [...this.times, taken].slice(-REMEMBERED);
+    if (!fast) this.slow = taken > SLOW_MS;
     this.drawing = false;
     if (this.again) this.request();
     this.again = false;
