@@ -12,6 +12,7 @@ from PIL import Image
 
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.base.color import srgb_from_linear
+from pipeline.capture.records import ImageRecord
 from pipeline.geometry.cameras import Camera
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -39,7 +40,7 @@ def lamp(position, intensity, bit: int | None = None) -> dict:
     return placed if bit is None else placed | {"bit": bit}
 
 
-def page_picture(page, place: int, camera: Camera, lights: list[dict], exposure: float) -> np.ndarray:
+def page_picture(page, place: int, camera: Camera | ImageRecord, lights: list[dict], exposure: float) -> np.ndarray:
     """sRGB in [0, 1] that the page shows over black."""
     seen = {"R": camera.R.tolist(), "t": camera.t.tolist(), "K": camera.K.tolist()}
     seen |= {"width": camera.width, "height": camera.height}
