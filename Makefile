@@ -123,8 +123,11 @@ viewer:
 # Everything else is Snakemake's to make, and to decide whether it is up to date.
 Makefile pyproject.toml $(LOCKS): ;
 
-# The folder of a report, or of a viewer, is its page.
-results/%/report results/%/viewer: $(READY) FORCE
+# The folder of a report, and that of a viewer, is its page.
+results/%/report: $(READY) FORCE
+	$(BIN)/snakemake --cores $(CORES) $(FLAGS) -- '$@/index.html'
+
+results/%/viewer: $(READY) FORCE
 	$(BIN)/snakemake --cores $(CORES) $(FLAGS) -- '$@/index.html'
 
 %: $(READY) FORCE
