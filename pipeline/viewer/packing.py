@@ -32,9 +32,10 @@ def quantized(
 
 
 def octahedral(normals: Float[np.ndarray, "n 3"]) -> UInt16[np.ndarray, "n 2"]:
-    """Unit vectors as points of an unfolded octahedron, at worst 0.003 degrees off.
+    """Unit vectors as points of an unfolded octahedron, at worst 0.004 degrees off.
 
-    Cigolle et al. 2014, "A Survey of Efficient Representations for Independent Unit Vectors".
+    Half a level in both coordinates is 2.2e-5, and where a face is nearest to the middle, angles are three times as
+    large.
     """
     x, y, z = (normals / np.abs(normals).sum(1, keepdims=True).clip(np.finfo(np.float32).tiny)).T
     folded = (1 - np.abs(np.stack([y, x]))) * np.where(np.stack([x, y]) >= 0, 1.0, -1.0)
