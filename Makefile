@@ -19,7 +19,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases scaling growth effects time lint docs schema curves presets lock FORCE
+.PHONY: help test hard-cases scaling growth effects time lint docs schema curves presets lock viewer FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -33,6 +33,7 @@ help:
 	@echo 'make schema                        write what is generated: config.yaml, its schema, pages of settings and commands'
 	@echo 'make curves                        measure what accuracy costs on subjectA, for presets and budgets'
 	@echo 'make presets                       write the presets draft, standard and reference from these curves'
+	@echo 'make viewer                        build the page of results/SUBJECT/viewer from viewer/; needs node'
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
@@ -115,11 +116,18 @@ $(READY): pyproject.toml $(LOCKS)
 	$(BIN)/python -m pipeline.avatar.training.compile_kernels
 	touch '$@'
 
+# The viewer's page without an avatar, which the package ships; only a change to viewer/ needs node and npm.
+viewer:
+	cd viewer && npm ci && npm run build
+
 # Everything else is Snakemake's to make, and to decide whether it is up to date.
 Makefile pyproject.toml $(LOCKS): ;
 
-# A report's folder is its page.
+# The folder of a report, and that of a viewer, is its page.
 results/%/report: $(READY) FORCE
+	$(BIN)/snakemake --cores $(CORES) $(FLAGS) -- '$@/index.html'
+
+results/%/viewer: $(READY) FORCE
 	$(BIN)/snakemake --cores $(CORES) $(FLAGS) -- '$@/index.html'
 
 %: $(READY) FORCE

@@ -56,7 +56,7 @@ def row(results: Path, variant: str) -> list[str]:
 
 def minutes(benchmarks: Path, variant: str) -> float:
     """Wall time of all jobs but the training of other variants, and what nothing of metrics.csv needs."""
-    aside = ("measure_cost", "review_", "relight_", "write_report", "check_budget")
+    aside = ("measure_cost", "review_", "relight_", "export_", "write_report", "check_budget")
     jobs = [path for path in benchmarks.glob("*.tsv") if not path.name.startswith(aside)]
     others = {path for path in benchmarks.glob("train_avatar.*.tsv") if path.name != f"train_avatar.{variant}.tsv"}
     return sum(float(pd.read_csv(path, sep="\t").s.iloc[-1]) for path in jobs if path not in others) / 60

@@ -19,6 +19,7 @@ from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.config.export_viewer import ExportViewer
 from pipeline.config.fit_eyes import FitEyes
 from pipeline.config.index_capture import IndexCapture
 from pipeline.config.measure_cost import MeasureCost
@@ -80,6 +81,7 @@ class SubjectSettings(Settings):
     train_avatar: TrainAvatar = TrainAvatar()
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
     relight_avatar: RelightAvatar = RelightAvatar()
+    export_viewer: ExportViewer = ExportViewer()
     check_budget: CheckBudget = CheckBudget()
     measure_cost: MeasureCost = MeasureCost()
     budget_errors: BudgetErrors = BudgetErrors()

@@ -39,6 +39,7 @@ FILES = {
     "budget": "budget.csv",
     "error_budget": "error_budget",
     "page": "report/index.html",
+    "viewer": "viewer/index.html",
 }
 """Files and folders below results/SUBJECT, by name."""
 
@@ -62,6 +63,7 @@ ARGUMENTS = {
     "train_avatar": "subject atlas shards frames=frame_shards effects fitted_eyes=eyes out=avatar",
     "evaluate_avatar": "subject atlas shards frames=frame_shards effects avatars=avatar out=scores",
     "relight_avatar": "atlas avatar tracking textures index cameras environment lights=light_list out=relit",
+    "export_viewer": "subject atlas avatar shards frames=frame_shards lights patterns out=viewer",
     "check_budget": "results capture estimate chunk_size out=budget",
     "measure_cost": "results capture out=results chunk_size variant stage_settings",
     "budget_errors": "results capture out=error_budget chunk_size variant stage_settings",

@@ -18,7 +18,7 @@ LAYERS = [
     {"effects"},
     {"avatar"},
     {"figures"},
-    {"report"},
+    {"report", "viewer"},
     {"dials"},
     {"stages"},
 ]

@@ -27,6 +27,7 @@ def dry_run(repo_root):
     ("target", "command"),
     [
         ("results/subjectA/metrics.csv", "snakemake --cores 2  -- 'results/subjectA/metrics.csv'"),
+        ("results/subjectA/viewer", "snakemake --cores 2  -- 'results/subjectA/viewer/index.html'"),
         ("results/subjectA/report", "snakemake --cores 2  -- 'results/subjectA/report/index.html'"),
         ("results/subjectA/report/index.html", "snakemake --cores 2  -- 'results/subjectA/report/index.html'"),
         ("scaling", "python -m benchmarks.bench_scaling --out results/scaling"),

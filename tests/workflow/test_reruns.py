@@ -36,6 +36,7 @@ ON_REQUEST = {
     "measure_cost",
     "budget_errors",
     "relight_avatar",
+    "export_viewer",
     "write_report",
     "compare_subjects",
 }

@@ -12,6 +12,10 @@ import psutil
 import pytest
 
 from docs.generate.flowchart import FLOW
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.base.color import srgb_from_linear
+from pipeline.capture.shards import read_frame_shards, read_image_shards
+from tests.support.viewer.relit_page import CHROMIUM, lamp, launch, open_page, page_picture, psnr_db
 
 TARGET = "results/tiny/metrics.csv"
 DEADLINE_S = 900
@@ -20,6 +24,9 @@ DEADLINE_S = 900
 COMMITTED_DB, SAME_DB = 19.149, 0.05
 """PSNR of tiny's test images, and how far roundings of another processor may move it: 60 steps are few enough for them
 not to grow. A change that moves it further has a reason, which belongs into the commit that changes the number."""
+
+ENOUGH, PARITY_DB = 20, 45.0
+"""Held-out images that the viewer's page is compared on, and how near it has to come: it rounds to 8 bits, 59 dB."""
 
 STAGES = {
     "synthesize_capture",
@@ -188,3 +195,34 @@ def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
     shown = re.findall(r"^Adding (\S+)", done.stdout, re.MULTILINE)
     assert sorted(shown) == ["ablations.csv", "atlas.png", "index.html", "metrics.csv", "sync.png"]
     assert (copy.folder / "snakemake.html").stat().st_size > 1e6
+
+
+def test_viewer_of_an_analytic_variant_is_the_pipelines_picture(workflow, tmp_path):
+    """The workflow trains the variant and writes its page; a browser shows what the evaluation would render."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("no Chromium: apt-get install chromium")
+    copy, target = workflow.copied(tmp_path / "project"), "results/tiny/viewer/index.html"
+    copy.append("config/subjects/tiny.yaml", "variants: {analytic: {shading: microfacet}}\n")
+    assert {"train_avatar", "export_viewer"} <= set(copy.ran(target))
+    results = copy.folder / "results/tiny"
+    loaded = load_avatar(results / "avatars/analytic", results / "atlas.safetensors")
+    frames = read_frame_shards([results / "shards/frames"])
+    images = read_image_shards([results / "shards/test"])
+    with sync_api.sync_playwright() as playwright:
+        page = launch(playwright).new_page()
+        assert open_page(page, copy.folder / target) == "open"
+        facts = page.evaluate("scene.facts")
+        places = {frame["frame"]: place for place, frame in enumerate(facts["frames"])}
+        scores = []
+        for image in images[:ENOUGH]:
+            place = places[image.frame]
+            lit = [
+                lamp(facts["lights"][light]["position"], rgb, light)
+                for light, *rgb in facts["frames"][place]["pattern"]
+            ]
+            rgb, alpha = (tensor.numpy() for tensor in loaded.render(frames[image.frame], image))
+            shown = page_picture(page, place, image, lit, 1.0)
+            scores.append(psnr_db(shown, srgb_from_linear(rgb.clip(0, 1)), alpha > 0.5))
+    assert len(scores) == min(ENOUGH, len(images))
+    assert min(scores) >= PARITY_DB, scores

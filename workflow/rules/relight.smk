@@ -40,3 +40,41 @@ rule relight_avatar:
         "{wildcards.subject}: avatar {wildcards.variant} under {wildcards.light}"
     shell:
         "python -m pipeline.stages.relight_avatar {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+
+
+# Nothing needs it; ask for it by name. The page is of the subject's first avatar.
+rule export_viewer:
+    input:
+        atlas="results/{subject}/atlas.safetensors",
+        avatar=lambda wildcards: job(wildcards).avatars("avatar.safetensors")[0],
+        config=lambda wildcards: job(wildcards).avatars("config.json")[0],
+        train=lambda wildcards: job(wildcards).shards("shards/train"),
+        validation=lambda wildcards: job(wildcards).shards("shards/validation"),
+        test=lambda wildcards: job(wildcards).shards("shards/test"),
+        frames=lambda wildcards: job(wildcards).frame_shards(),
+        lights="results/{subject}/calibration/lights.parquet",
+        patterns="results/{subject}/patterns.parquet",
+        page="pipeline/viewer/bundle/page.html",
+    output:
+        "results/{subject}/viewer/index.html",
+    log:
+        "results/{subject}/logs/export_viewer.log",
+    benchmark:
+        "results/{subject}/benchmarks/export_viewer.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 16
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_for("export_viewer"),
+        arguments=arguments_for(
+            "export_viewer",
+            avatar=lambda wildcards: job(wildcards).avatars()[0],
+            frame_shards=lambda wildcards: job(wildcards).frame_folders()[0],
+        ),
+        settings=settings_for("export_viewer"),
+    message:
+        "{wildcards.subject}: writing the page that relights the avatar"
+    shell:
+        "python -m pipeline.stages.export_viewer {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

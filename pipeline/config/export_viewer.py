@@ -1,0 +1,21 @@
+"""Settings of export_viewer."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.config.settings import Settings
+
+
+class ExportViewer(Settings):
+    """Contents of the page that relights an avatar in a browser."""
+
+    timeline_frames: int = Field(
+        12,
+        ge=1,
+        description="tracked frames on the timeline, spread over all; fewer where page_mb asks for it [frames]",
+    )
+    captured_cameras: int = Field(
+        4, ge=0, description="cameras whose captured pictures can be shown beside the avatar [cameras]"
+    )
+    page_mb: float = Field(30.0, gt=1, description="largest size of the page [MB]")

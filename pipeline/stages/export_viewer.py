@@ -1,0 +1,85 @@
+"""Write an avatar as a page that relights it in a browser.
+
+In: an avatar of Lambert and GGX, the shards it was trained and scored on, and the lights of the stage. Out: index.html,
+one file that asks for no other: it opens from a disk, and computes the light itself. `docs/viewer.md` says what it
+shows, and how near it comes to the pipeline's own pictures.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json, written_whole
+from pipeline.base.progress import progress
+from pipeline.base.splits import VALIDATION
+from pipeline.capture.shards import read_frame_shards, read_image_shards
+from pipeline.config.export_viewer import ExportViewer
+from pipeline.viewer.captured import captured_pictures, choose_cameras
+from pipeline.viewer.page import MEGA, common_texts, facts_of, frame_blocks, frames_that_fit, page_html
+from pipeline.viewer.shown_frame import require_analytic, shown_frame, spread
+from pipeline.viewer.stage_lights import read_stage_lights
+
+log = logging.getLogger("export_viewer")
+
+
+def run(
+    *,
+    atlas: Path,
+    avatar: Path,
+    shards: Path,
+    lights: Path,
+    patterns: Path,
+    out: Path,
+    subject: str,
+    frames: Path | None = None,
+    settings: ExportViewer = ExportViewer(),
+) -> None:
+    """Write the page.
+
+    Args:
+        atlas: atlas.safetensors of unwrap_atlas.
+        avatar: folder of train_avatar.
+        shards: folder with train/, test/, validation/ and frames/ of pack_shards.
+        lights: calibration/lights.parquet.
+        patterns: patterns.parquet of book_patterns.
+        out: HTML file to write.
+        subject: name of the subject, for the title.
+        frames: folder of frame shards, if they are not those in SHARDS/frames.
+        settings: see the flags below.
+    """
+    loaded = load_avatar(avatar, atlas)
+    spec = loaded.avatar.spec
+    require_analytic(spec, f"{avatar}/config.json")
+    stage, records = read_stage_lights(lights, patterns), read_frame_shards([frames or shards / "frames"])
+    if not len(records):
+        raise InputError(f"{shards}/frames: expected at least one frame, found none; run pack_shards again")
+    images = read_image_shards([shards / folder for folder in ("train", VALIDATION, "test")])
+
+    chosen, common, blocks = spread(sorted(records), settings.timeline_frames), None, []
+    for number in progress(chosen, "frames"):
+        shown = shown_frame(loaded, records[number], stage.positions)
+        common = shown if common is None else common
+        blocks.append(frame_blocks(shown, common, stage))
+    captured = captured_pictures(images, chosen, choose_cameras(images, chosen, settings.captured_cameras))
+    built = read_json(avatar / "config.json").get("built", spec.in_words)
+    facts, texts = facts_of(subject, built, loaded, stage, captured), common_texts(loaded)
+    room = frames_that_fit(blocks, len(page_html(facts, texts, [])) / MEGA, settings.page_mb)
+    if room < len(blocks):
+        log.info("%d of %d frames fit into %g MB", room, len(blocks), settings.page_mb)
+    page = page_html(facts, texts, spread(blocks, room))
+    with written_whole(out) as temporary:
+        temporary.write_text(page, "utf-8")
+    log.info("%s: %d Gaussians, %d frames, %.1f MB", out.name, loaded.atlas.texel_count, room, len(page) / MEGA)
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,274 @@
+"""The page that relights an avatar, in Chromium without a GPU: its pictures against the pipeline's, and its controls.
+
+Needs Debian's chromium and the Python package playwright; without them it is skipped, and says so.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.avatar.relighting.driving_signal import from_record
+from pipeline.avatar.relighting.film import Relighter
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.capture.shards import read_frame_shards
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.geometry.camera_paths import orbit
+from pipeline.lighting.environment import Environment
+from pipeline.lighting.frame_lights import FrameLights
+from pipeline.stages import export_viewer
+from pipeline.viewer.shown_frame import SKY_HEIGHT
+from tests.support.viewer.ball_avatar import BRIGHT, LAMPS, MIDDLE, write_ball
+from tests.support.viewer.relit_page import (
+    CHROMIUM,
+    lamp,
+    launch,
+    open_page,
+    page_picture,
+    pipeline_picture,
+    psnr_db,
+)
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
+
+LEAST_DB = 45.0
+"""The page rounds to 8 bits, 59 dB, and its tables to 16; a shadow's edge that falls on another texel costs more."""
+
+DESK, PHONE = (1100, 700), (360, 740)
+PLACED = {"position": (1.5, 4.0, 4.0), "intensity": (20.0, 24.0, 30.0)}
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball")
+    inputs = write_ball(folder)
+    export_viewer.run(**inputs, out=folder / "index.html", subject="ball & floor")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def playwright():
+    with sync_api.sync_playwright() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def browser(playwright):
+    started = launch(playwright)
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def visit(browser, ball):
+    """A function: the opened page. Afterwards: it has asked for nothing but itself, and complained of nothing."""
+    opened, requests, complaints = [], [], []
+
+    def visit(size=DESK, **options):
+        width, height = size
+        context = browser.new_context(viewport={"width": width, "height": height}, **options)
+        opened.append(context)
+        page = context.new_page()
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        assert open_page(page, ball / "index.html") == "open"
+        return page
+
+    yield visit
+    for context in opened:
+        context.close()
+    asked = [url for url in requests if not url.startswith(("data:", "blob:"))]
+    assert asked == [f"file://{ball}/index.html"] * len(opened)
+    assert not complaints
+
+
+@pytest.fixture(scope="module")
+def relighter(ball):
+    return Relighter(load_avatar(ball / "avatar", ball / "atlas.safetensors"), TraceIrradiance())
+
+
+def lit_by(kind, relighter, signal, page):
+    """A frame under the stage's lights, placed lamps or a panorama, and the same lights for the page."""
+    if kind == "panorama":
+        rng = np.random.default_rng(2)
+        sky = Environment(rng.random((SKY_HEIGHT, 2 * SKY_HEIGHT, 3)).astype(np.float32) ** 4)
+        asked = [sky.radiance.ravel().tolist(), SKY_HEIGHT, len(LAMPS)]
+        lights = page.evaluate("([radiance, rows, bit]) => skyLamps(radiance, rows, bit)", asked)
+        return relighter.under_pixels(signal, sky, np.eye(3)), lights
+    if kind == "placed":
+        lights = [lamp(**PLACED), lamp((-4.0, 3.0, 2.0), (30.0, 10.0, 5.0))]
+    else:
+        lights = [lamp(position, BRIGHT, bit) for bit, position in enumerate(LAMPS.values())]
+    arrays = (np.array([light[name] for light in lights]) for name in ("position", "intensity"))
+    return relighter.under_lights(signal, FrameLights(*arrays)), lights
+
+
+@pytest.mark.parametrize("kind", ["stage", "placed", "panorama"])
+def test_pictures_are_those_of_the_pipeline(visit, ball, relighter, kind):
+    """Two frames from four sides, near and far: 24 pictures of three kinds of light."""
+    page, frames = visit(), read_frame_shards([ball / "shards/frames"])
+    scores = []
+    for place, number in enumerate((10, 11)):
+        frame, lights = lit_by(kind, relighter, from_record(frames[number]), page)
+        for camera in orbit(MIDDLE, 7.0 - 3 * place, 1.5, 1.0, 40.0, 96, 128, 4):
+            expected, exposure, subject = pipeline_picture(relighter, frame, camera)
+            shown = page_picture(page, place, camera, lights, exposure)
+            assert subject.mean() > 0.2
+            scores.append(psnr_db(shown, expected, subject))
+    assert min(scores) >= LEAST_DB, scores
+
+
+def test_a_lamp_that_is_hidden_is_told_from_one_that_is_not(visit, ball):
+    """Below the floor a lamp lights nothing of its upper side, which fills the picture."""
+    page = visit()
+    camera = orbit(np.array([2.0, 0, 0]), 0.5, 3.0, 0.0, 20.0, 32, 32, 1)[0]
+    above, below = (page_picture(page, 0, camera, [lamp((2.0, y, 0.5), BRIGHT)], 1.0) for y in (4.0, -4.0))
+    assert above.mean() > 0.2
+    assert below.max() == 0
+
+
+def pixels(page):
+    """Mean colour of the canvas, as a screenshot shows it once drawing is done."""
+    page.wait_for_timeout(500)
+    page.evaluate("() => new Promise(done => { const look = () => scene.drawing || scene.asked ? setTimeout(look, 20)"
+                  " : done(); look(); })")  # fmt: skip
+    shot = page.locator("#canvas").screenshot()
+    return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(np.float64)
+
+
+def changed(one, other):
+    return float(np.abs(one - other).mean())
+
+
+def test_every_control_changes_the_picture(visit):
+    page = visit()
+    pictures = [pixels(page)]
+    steps = [
+        lambda: page.select_option("#stage-mode", "off"),
+        lambda: page.click("#add-lamp"),
+        lambda: page.locator(".lamp input[type=color]").fill("#ff2000"),
+        lambda: page.select_option("#sky", "evening"),
+        lambda: page.locator("#sky-turn").fill("90"),
+        lambda: page.locator("#sky-gain").fill("-1"),
+        lambda: page.locator("#sky-shown").uncheck(),
+        lambda: page.locator("#exposure").fill("1"),
+        lambda: page.select_option("#layer", "2"),
+        lambda: page.select_option("#layer", "5"),
+        lambda: page.locator("#frame").fill("1"),
+    ]
+    for step in steps:
+        step()
+        pictures.append(pixels(page))
+    moved = [changed(before, after) for before, after in itertools.pairwise(pictures)]
+    assert min(moved) > 0.2, moved
+    assert "ms a picture" in page.locator("#rate").inner_text()
+    label = page.locator("#canvas").get_attribute("aria-label")
+    assert label == "ball & floor, frame 11, shadow, lit by 0 lights of the stage, 1 placed lamp, the panorama evening"
+
+
+def test_lights_of_the_stage_are_chosen_by_name(visit):
+    page = visit()
+    buttons = page.locator("#stage-lights button")
+    assert buttons.all_inner_texts() == list(LAMPS)
+    pressed = "buttons => buttons.map(button => button.ariaPressed)"
+    assert buttons.evaluate_all(pressed) == ["true", "true", "false"]
+    buttons.nth(0).click()
+    assert buttons.evaluate_all(pressed) == ["false", "true", "false"]
+    assert page.locator("#stage-mode").input_value() == "chosen"
+
+
+def test_lamp_is_dragged_and_moved_by_keys(visit):
+    page = visit()
+    page.click("#add-lamp")
+    handle = page.locator(".handle")
+    pixels(page)
+    box = handle.bounding_box()
+    page.mouse.move(box["x"] + 10, box["y"] + 10)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 10 - 60, box["y"] + 10 + 40, steps=4)
+    page.mouse.up()
+    pixels(page)
+    after = handle.bounding_box()
+    assert (after["x"] - box["x"], after["y"] - box["y"]) == pytest.approx((-60, 40), abs=2)
+    page.keyboard.press("ArrowRight")
+    pixels(page)
+    assert handle.bounding_box()["x"] > after["x"] + 10
+    page.keyboard.press("Delete")
+    assert handle.count() == 0
+
+
+def test_keys_turn_and_step(visit):
+    page = visit()
+    page.select_option("#quality", "exact")
+    page.locator("#canvas").focus()
+    page.keyboard.press("0")  # keys also bring the ring of the focus, which is part of a screenshot
+    start = pixels(page)
+    for _ in range(4):
+        page.keyboard.press("ArrowRight")
+    turned = pixels(page)
+    assert changed(start, turned) > 0.5
+    page.keyboard.press("0")
+    assert changed(start, pixels(page)) < 0.1
+    page.keyboard.press(".")
+    pixels(page)
+    assert page.locator("#frame-name").inner_text() == "frame 11"
+
+
+def test_finger_turns_on_a_phone_and_nothing_is_wider_than_it(visit):
+    page = visit(PHONE, has_touch=True, is_mobile=True)
+    start = pixels(page)
+    send = page.context.new_cdp_session(page).send
+    for kind, x in (("touchStart", 100), ("touchMove", 160), ("touchMove", 240), ("touchEnd", None)):
+        points = [] if x is None else [{"x": x, "y": 200}]
+        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    assert changed(start, pixels(page)) > 0.5
+    assert page.evaluate("document.documentElement.scrollWidth") <= PHONE[0]
+
+
+def test_captured_picture_stands_beside_the_avatar(visit):
+    page = visit()
+    page.select_option("#beside", "cam1")
+    pixels(page)
+    assert page.locator("#photograph").evaluate("image => image.naturalWidth") == 40
+    assert page.locator("#captured-caption").inner_text() == "captured by cam1"
+    page.click("#home")
+    assert page.locator("#captured").is_hidden()
+
+
+def test_dropped_panorama_shines_and_other_files_are_refused(visit, tmp_path):
+    page = visit()
+    page.select_option("#stage-mode", "off")
+    dark = pixels(page)
+    radiance = np.full((16, 32, 3), 0.5, np.float32)
+    cv2.imwrite(str(tmp_path / "grey.hdr"), radiance)
+    page.set_input_files("#sky-file", tmp_path / "grey.hdr")
+    page.locator("#sky-shown").uncheck()
+    assert changed(dark, pixels(page)) > 1
+    cv2.imwrite(str(tmp_path / "square.png"), np.zeros((8, 8, 3), np.uint8))
+    page.set_input_files("#sky-file", tmp_path / "square.png")
+    page.wait_for_selector("#message:not([hidden])")
+    expected = "square.png: expected a panorama twice as wide as high, found 8 × 8"
+    assert page.locator("#message").inner_text() == expected
+
+
+def test_controls_have_names(visit):
+    page = visit()
+    page.click("#add-lamp")
+    nameless = page.evaluate("""() => [...document.querySelectorAll('button, input, select, canvas')].filter(element =>
+      !(element.getAttribute('aria-label') || element.labels?.length || element.textContent.trim()))
+      .map(element => element.outerHTML)""")
+    assert nameless == []
+
+
+def test_without_webgl_the_page_says_so(playwright, ball):
+    browser = launch(playwright, "--disable-gpu", "--disable-software-rasterizer", "--disable-3d-apis")
+    page = browser.new_page()
+    open_page(page, ball / "index.html")
+    assert page.locator("#viewer").is_hidden()
+    assert "needs WebGL2" in page.locator("#message").inner_text()
+    browser.close()

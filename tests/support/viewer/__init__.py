@@ -1,0 +1,1 @@
+"""Pages of export_viewer in a browser, and the avatars in them."""

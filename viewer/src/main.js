@@ -1,0 +1,97 @@
+// Opens the page: an avatar, its scene, and the controls; or a message.
+import { Avatar } from "./avatar.js";
+import { LampControls } from "./lamps.js";
+import { followKeys, followPointers } from "./navigation.js";
+import { about, Beside, describe, panoramaControls, pictureControls, StageControls } from "./panel.js";
+import { skyLamps } from "./panorama.js";
+import { Scene } from "./scene.js";
+import { Timeline } from "./timeline.js";
+
+const SHOWN_MS = 6000;
+const TURNS = 60;
+const byId = (id) => document.getElementById(id);
+const message = byId("message");
+
+/** A sentence in place of the viewer, or for a while above it. */
+function say(text, forGood = false) {
+  message.textContent = text;
+  message.hidden = false;
+  message.classList.toggle("passing", !forGood);
+  if (!forGood) setTimeout(() => { message.hidden = true; }, SHOWN_MS);
+}
+
+/** What the browser lacks, if anything. */
+function missing() {
+  if (typeof DecompressionStream === "undefined") return "a newer browser: Chrome 103, Firefox 115, Safari 16.4 or later";
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) return "WebGL2, which this browser does not have or has turned off; try another browser, or turn on hardware acceleration";
+  return gl.getExtension("EXT_color_buffer_float") ? "" : "a graphics processor that draws into textures of floats";
+}
+
+/** Canvas as large as its place on the screen. */
+function fillStage(scene) {
+  const { canvas } = scene;
+  new ResizeObserver(() => {
+    const scale = Math.min(devicePixelRatio, 2);
+    [canvas.width, canvas.height] = [canvas.clientWidth, canvas.clientHeight].map((x) => Math.max(1, Math.round(scale * x)));
+    scene.move();
+  }).observe(canvas);
+}
+
+/** Turns once around the avatar, as fast as it goes, and keeps the median time of a picture. */
+async function measure(scene) {
+  scene.times = [];
+  for (let k = 0; k < TURNS; k++) {
+    scene.orbit.turn(2 * Math.PI / TURNS, 0);
+    const drawn = new Promise((resolve) => { scene.afterwards = resolve; });
+    scene.move();
+    await drawn;
+  }
+}
+
+async function open() {
+  const lacking = missing();
+  if (lacking) return say(`To show the avatar, this page needs ${lacking}.`, true);
+  const avatar = new Avatar();
+  await avatar.load();
+  byId("viewer").hidden = false;
+  const scene = new Scene(avatar, byId("canvas"));
+  byId("subject").textContent = avatar.facts.subject;
+  const beside = new Beside(scene);
+  const stage = new StageControls(scene);
+  const timeline = new Timeline(scene, () => {
+    stage.refresh();
+    if (scene.beside) beside.refresh();
+  });
+  new LampControls(scene);
+  panoramaControls(scene, say, (name) => {
+    if (scene.lights.sky.map) scene.renderer.setSky(scene.lights.sky.map);
+    // A sky alone first: the stage's lights would hide it.
+    if (name !== "none" && scene.lights.stage.mode !== "chosen") byId("stage-mode").value = scene.lights.stage.mode = "off";
+    if (name === "none" && scene.lights.stage.mode === "off") byId("stage-mode").value = scene.lights.stage.mode = "captured";
+    stage.refresh();
+  });
+  pictureControls(scene, beside.leave);
+  followPointers(scene, beside.leave);
+  followKeys(scene, beside.leave, timeline);
+  byId("measure").addEventListener("click", () => measure(scene));
+  about(scene);
+  scene.onShown(() => {
+    describe(scene);
+    const ms = scene.milliseconds;
+    const rate = ms ? `, ${ms.toFixed(ms < 10 ? 1 : 0)} ms a picture, ${(1000 / ms).toFixed(ms > 100 ? 1 : 0)} per second` : "";
+    byId("rate").textContent = `${avatar.count.toLocaleString("en")} Gaussians${rate}`;
+  });
+  fillStage(scene);
+  await timeline.show(0);
+  Object.assign(window, { scene, skyLamps });
+}
+
+open().then(
+  () => { document.body.dataset.state = "open"; },
+  (error) => {
+    document.body.dataset.state = "failed";
+    byId("viewer").hidden = true;
+    say(`The avatar could not be shown: ${error.message}`, true);
+  },
+);

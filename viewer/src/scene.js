@@ -1,0 +1,154 @@
+// What is shown, and the loop that draws it when something has changed.
+import { fitted, Orbit } from "./camera.js";
+import { Lights } from "./lights.js";
+import { Renderer } from "./renderer.js";
+import { Sorter } from "./sorter.js";
+import { Tracer } from "./tracer.js";
+
+const SLOW_MS = 40;
+const REST_MS = 180;
+const BACKDROP = [0.0066, 0.0075, 0.0091];
+const REMEMBERED = 20;
+
+/** The avatar, its lights, its camera and the canvas. */
+export class Scene {
+  constructor(avatar, canvas) {
+    Object.assign(this, { avatar, canvas, facts: avatar.facts });
+    const [first] = this.facts.frames;
+    this.orbit = new Orbit(first.low, first.high);
+    this.lights = new Lights(this.facts, this.orbit.home, this.orbit.radius);
+    this.renderer = new Renderer(canvas, this.facts);
+    this.renderer.setMatter(avatar.matter);
+    [this.sorter, this.tracer] = [new Sorter(), new Tracer(avatar)];
+    Object.assign(this, { place: 0, layer: 0, exposure: 0, beside: "", quality: "auto", fixed: null, times: [], moved: 0 });
+    this.shown = [];
+  }
+
+  /** Called after every picture. */
+  onShown(listener) {
+    this.shown.push(listener);
+  }
+
+  /** Shows a frame of the timeline. */
+  async showFrame(place) {
+    this.place = place;
+    const frame = await this.avatar.frame(place);
+    if (this.place !== place) return;
+    const order = await this.sorter.sort(frame.means, this.camera().R[2]);
+    if (this.place !== place || !order) return;
+    this.frame = frame;
+    this.renderer.setFrame(frame);
+    this.renderer.setOrder(order);
+    this.relight();
+  }
+
+  /** Traces the lamps anew, and lights the avatar at once and when the rays are back. */
+  relight() {
+    this.lit = false;
+    for (const lamp of this.lights.lamps) this.#trace(lamp);
+    this.request();
+  }
+
+  async #trace(lamp) {
+    const { frame } = this;
+    const at = lamp.position.join();
+    if (!frame || (lamp.tracedFrame === frame && lamp.tracedAt === at)) return;
+    [lamp.tracedFrame, lamp.tracedAt] = [frame, at];
+    const seen = await this.tracer.trace(lamp, frame, lamp.position);
+    if (!seen) return;
+    lamp.seen = seen;
+    this.lit = false;
+    this.request();
+  }
+
+  /** The camera that the canvas shows. */
+  camera() {
+    const { width, height } = this.canvas;
+    return this.fixed ? fitted(this.fixed, width, height) : this.orbit.camera(width, height);
+  }
+
+  /** Something has moved: sort anew, and draw. */
+  async move() {
+    this.moved = performance.now();
+    this.request();
+    const { frame } = this;
+    if (!frame) return;
+    const order = await this.sorter.sort(frame.means, this.camera().R[2]);
+    if (!order || frame !== this.frame) return;
+    this.renderer.setOrder(order);
+    this.request();
+  }
+
+  /** Draws before the next frame of the display. */
+  request() {
+    if (this.drawing) this.again = true;
+    else {
+      this.asked ??= requestAnimationFrame(() => {
+        this.asked = null;
+        if (this.frame) this.draw();
+      });
+    }
+  }
+
+  /** Draws now. While the view moves and pictures take long, with one sample a pixel. */
+  draw() {
+    const { renderer, lights } = this;
+    const began = performance.now();
+    if (!this.lit) {
+      renderer.setPlaced(lights.placedWords(this.avatar.count));
+      renderer.light(lights.list(this.frame));
+      this.lit = true;
+    }
+    const fast = this.quality === "fast" || (this.quality === "auto" && this.slow && performance.now() - this.moved < REST_MS);
+    const { sky } = lights;
+    renderer.draw(this.camera(), {
+      layer: this.layer, exposure: 2 ** this.exposure, backdrop: this.fixed ? [0, 0, 0] : BACKDROP,
+      sky: sky.map && sky.shown ? { turn: sky.turn, gain: lights.skyGain } : null, factor: fast ? 1 : undefined,
+    });
+    if (fast && this.quality === "auto") {
+      clearTimeout(this.rest);
+      this.rest = setTimeout(() => this.request(), REST_MS);
+    }
+    this.drawing = true;
+    for (const listener of this.shown) listener(this);
+    renderer.finished(() => this.#finished(began, fast));
+  }
+
+  /** The graphics processor is done; what was asked for meanwhile comes next, so that nothing lags behind. */
+  #finished(began, fast) {
+    const taken = performance.now() - began;
+    this.times = [...this.times, taken].slice(-REMEMBERED);
+    if (!fast) this.slow = taken > SLOW_MS;
+    this.drawing = false;
+    if (this.again) this.request();
+    this.again = false;
+    this.afterwards?.();
+  }
+
+  /** Median time from the start of a picture until the graphics processor is done with it, of the last ones. */
+  get milliseconds() {
+    return [...this.times].sort((a, b) => a - b)[this.times.length >> 1] ?? 0;
+  }
+
+  /** Picture of the canvas at another size, for a camera and lights, as the pipeline would make it. */
+  async still({ place, camera, lights, options = {} }) {
+    const frame = await this.avatar.frame(place);
+    const { renderer, canvas, tracer } = this;
+    const words = new Uint32Array(this.avatar.count);
+    for (const [k, lamp] of lights.filter(({ bit }) => bit === undefined).entries()) {
+      const seen = await tracer.trace(lamp, frame, lamp.position);
+      seen.forEach((one, i) => { words[i] |= one << k; });
+      lamp.bit = (1 << 20) + k;
+    }
+    const order = await this.sorter.sort(frame.means, camera.R[2]);
+    [canvas.width, canvas.height] = [camera.width, camera.height];
+    renderer.setFrame(frame);
+    renderer.setOrder(order);
+    renderer.setPlaced(words);
+    renderer.light(lights);
+    renderer.draw(camera, options);
+    const picture = canvas.toDataURL();
+    this.frame = null;
+    return picture;
+  }
+}
