@@ -127,7 +127,10 @@ def read_atlas(path: Path) -> Atlas:
 
 
 def adjoining_texels(atlas: Atlas) -> Int32[np.ndarray, "t 9"]:
-    """Indices of each texel and of the eight around it; t, one past the last, for those not in its chart."""
+    """Indices of each texel and of the eight around it.
+
+    t, one past the last, stands for those that are not in its chart.
+    """
     around = np.full((atlas.size + 2, atlas.size + 2), atlas.texel_count, np.int32)
     row, column = atlas.texel.T + 1
     around[row, column] = np.arange(atlas.texel_count)

@@ -37,11 +37,11 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
 
 
 def total_variation(values: Float[Tensor, "texels *channels"], adjoining: Int[Tensor, "texels 9"]) -> Float[Tensor, ""]:
-    """Sum of the differences to the texels on the right and below, mean over texels (Rudin et al. 1992).
+    """Sum of the differences to the texels on the right and below, a mean over texels.
 
-    `adjoining` as `pipeline.geometry.texels.adjoining_texels` makes them. An edge costs as much as a slope of the same
-    height, noise costs more. Differences far below `SMALLEST_DIFFERENCE` count squared, so that the slope is
-    continuous.
+    Total variation (Rudin et al. 1992): an edge costs as much as a slope of the same height, noise costs more.
+    Differences far below `SMALLEST_DIFFERENCE` count squared, so that the slope is continuous. `adjoining` as
+    `pipeline.geometry.texels.adjoining_texels` makes them.
     """
     rows, total = values.reshape(len(values), -1), values.new_zeros(())
     for column in (RIGHT, BELOW):

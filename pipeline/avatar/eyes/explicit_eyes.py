@@ -156,7 +156,10 @@ class Eyes(nn.Module):
 
     @torch.no_grad()
     def traced(self, inputs: FrameInputs) -> tuple[LidOcclusion, Tensor | None]:
-        """Lids and, where eyes are lit apart, the light that passes them: traced once for a frame, and kept."""
+        """Lids and, where eyes are lit apart, the light that passes them.
+
+        Traced once for a frame, and kept.
+        """
         if inputs not in self._traced:
             motion = inputs.head_from_world, frame_gaze(inputs, self.parts, self.axes)
             (_, _, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
