@@ -51,6 +51,7 @@ rule measure_cost:
         mem_mb=4000,
     params:
         code=lambda wildcards: [code_for(stage)(wildcards) for stage in ("measure_cost", *COSTED_STAGES)],
+        capture=capture_folder,
         arguments=arguments_for(
             "measure_cost",
             variant=lambda wildcards: job(wildcards).variants[0],
@@ -60,7 +61,8 @@ rule measure_cost:
     message:
         "{wildcards.subject}: measuring what accuracy costs in time"
     shell:
-        "python -m pipeline.stages.measure_cost {params.arguments:q} --threads {threads} "
+        "python -m pipeline.stages.measure_cost --capture {params.capture:q} {params.arguments:q} "
+        "--threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 
@@ -88,6 +90,7 @@ rule budget_errors:
         mem_mb=8000,
     params:
         code=lambda wildcards: [code_for(stage)(wildcards) for stage in ("budget_errors", *RETRAINED_STAGES)],
+        capture=capture_folder,
         arguments=arguments_for(
             "budget_errors",
             variant=lambda wildcards: job(wildcards).variants[0],
@@ -97,7 +100,8 @@ rule budget_errors:
     message:
         "{wildcards.subject}: measuring how many decibels each input costs"
     shell:
-        "python -m pipeline.stages.budget_errors {params.arguments:q} --threads {threads} "
+        "python -m pipeline.stages.budget_errors --capture {params.capture:q} {params.arguments:q} "
+        "--threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
 
 

@@ -1,0 +1,27 @@
+"""Command lines of the rules, as they are written."""
+
+import importlib
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+RULES = sorted((Path(__file__).resolve().parents[3] / "workflow/rules").glob("*.smk"))
+CALLS = {
+    stage: words
+    for path in RULES
+    for stage, words in re.findall(r'"python -m pipeline\.stages\.(\w+) ((?:[^"]|"\s*")*?) > \{log', path.read_text())
+}
+
+
+def test_every_stage_has_a_rule():
+    stages = {path.stem for path in (RULES[0].parents[2] / "pipeline/stages").glob("[a-z]*.py")}
+    assert set(CALLS) == stages
+
+
+@pytest.mark.parametrize("stage", CALLS)
+def test_stages_that_read_the_capture_are_told_where_it_lies(stage):
+    """The folder may be moved without a rerun, so it is no argument like the others."""
+    takes = "capture" in inspect.signature(importlib.import_module(f"pipeline.stages.{stage}").run).parameters
+    assert ("--capture {params.capture:q}" in CALLS[stage]) == takes
