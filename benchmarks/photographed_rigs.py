@@ -18,7 +18,7 @@ from pipeline.base.files import write_json, write_table
 from pipeline.geometry.cameras import Camera, write_cameras
 
 CALISCOPE_BOARD = {"squares_x": 4, "squares_y": 5, "square_m": 0.054, "marker_m": 0.0405, "dictionary": "DICT_4X4_1000"}
-"""As charuco.toml has it; that it is printed white on black is left to be found."""
+"""As the note of the data has it; that it is printed white on black is left to be found."""
 
 CALISCOPE_SIZE = (1280, 720)
 
@@ -29,7 +29,7 @@ CHECKERBOARD_SIZE = (640, 480)
 
 
 def caliscope_cameras(data: Path) -> dict[str, Camera]:
-    """The authors' cameras, of camera_array.toml, by the names cam_0 to cam_3."""
+    """The authors' cameras, of their table, by the names cam_0 to cam_3."""
     table = tomllib.loads((data / "camera_array.toml").read_text())["cameras"]
     return {f"cam_{name}": _camera(entry) for name, entry in table.items()}
 
@@ -82,7 +82,7 @@ def prepare_checkerboard(data: Path, folder: Path) -> dict[str, Path]:
 
 
 def opencv_left_focal(data: Path) -> float:
-    """Focal length of the left camera in left_intrinsics.yml, pixels."""
+    """Focal length of the left camera as its authors have it, pixels."""
     storage = cv2.FileStorage(str(data / "left_intrinsics.yml"), cv2.FILE_STORAGE_READ)
     return float(storage.getNode("camera_matrix").mat()[0, 0])
 

@@ -11,7 +11,7 @@ import base64
 import zlib
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8, UInt16
+from jaxtyping import Bool, Float, Int32, UInt8, UInt16
 
 COLUMNS = 8
 """Of a table: 16 bytes a Gaussian, one texel of a 32-bit RGBA texture."""
@@ -51,6 +51,11 @@ def table(*columns: UInt16[np.ndarray, "n _"]) -> UInt16[np.ndarray, "n 8"]:
     """Columns beside each other, filled up with zeros."""
     beside = np.concatenate([column.reshape(len(column), -1) for column in columns], 1)
     return np.pad(beside, ((0, 0), (0, COLUMNS - beside.shape[1])))
+
+
+def differences_down(rows: Int32[np.ndarray, "n columns"]) -> bytes:
+    """32-bit differences from row to row, column after column; of indices of neighbours nearly all are 1."""
+    return np.diff(rows.T, axis=1, prepend=np.zeros((rows.shape[1], 1), np.int32)).astype("<i4").tobytes()
 
 
 def agree(one: UInt16[np.ndarray, "n columns"], other: UInt16[np.ndarray, "n columns"]) -> bool:

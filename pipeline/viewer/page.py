@@ -9,9 +9,11 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from pipeline.avatar.frames.inputs import BOUNCE_RAYS
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
-from pipeline.viewer.packing import agree, block, table_bytes, visibility_words
+from pipeline.geometry.texels import adjoining_texels
+from pipeline.viewer.packing import agree, block, differences_down, table_bytes, visibility_words
 from pipeline.viewer.shown_frame import (
     LOG_SCALES,
     SKY_HEIGHT,
@@ -100,17 +102,17 @@ def facts_of(
         "subject": subject, "built": built, "left_out": left_out(spec), "gaussians": atlas.texel_count,
         "vertices": len(atlas.rest_vertices), "rendering": {name: chosen[name] for name in RENDERING},
         "log_scales": list(LOG_SCALES), "sky_height": SKY_HEIGHT,
-        "shadow": spec.traced, "bounce": spec.indirect == "bounce", "lights": lights,
+        "shadow": spec.traced, "bounce": spec.indirect == "bounce", "bounce_rays": BOUNCE_RAYS, "lights": lights,
         "captured": captured,
     }  # fmt: skip
 
 
 def common_texts(loaded: LoadedAvatar) -> dict[str, str]:
-    """Blocks that all frames share: matter, and the mesh that casts shadows."""
+    """Blocks that all frames share: matter, which texels share rays, and the mesh that casts shadows."""
     atlas = loaded.atlas
     contents = {
         "matter": table_bytes(surface_matter(loaded.avatar)), "anchors": table_bytes(texel_anchors(atlas)),
-        "faces": atlas.faces.astype("<u4").tobytes(),
+        "adjoining": differences_down(adjoining_texels(atlas)), "faces": atlas.faces.astype("<u4").tobytes(),
     }  # fmt: skip
     return {name: block(content) for name, content in contents.items()}
 

@@ -133,11 +133,11 @@ def test_a_lamp_that_is_hidden_is_told_from_one_that_is_not(visit, ball):
 
 
 def pixels(page):
-    """Mean colour of the canvas, as a screenshot shows it once drawing is done."""
+    """The canvas as a screenshot shows it once drawing is done, the measured time of a picture masked."""
     page.wait_for_timeout(500)
     page.evaluate("() => new Promise(done => { const look = () => scene.drawing || scene.asked ? setTimeout(look, 20)"
                   " : done(); look(); })")  # fmt: skip
-    shot = page.locator("#canvas").screenshot()
+    shot = page.locator("#canvas").screenshot(mask=[page.locator("#rate")])
     return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(np.float64)
 
 

@@ -1,5 +1,5 @@
 // The avatar of the page: its facts, and the tables of its frames, decoded when they are first shown.
-import { readBlock, startsFrom, tableFrom, wordsFrom } from "./blocks.js";
+import { adjoiningFrom, readBlock, startsFrom, tableFrom, wordsFrom } from "./blocks.js";
 
 const LEVELS = 65535;
 
@@ -11,12 +11,14 @@ export class Avatar {
     this.frames = new Map();
   }
 
-  /** What no frame changes: matter, the mesh, and the shapes of the first frame. */
+  /** What no frame changes: matter, texels and their neighbours, the mesh, and the shapes of the first frame. */
   async load() {
-    const [matter, shape, anchors, faces] = await Promise.all(["matter", "shape-0", "anchors", "faces"].map(readBlock));
+    const names = ["matter", "shape-0", "anchors", "adjoining", "faces"];
+    const [matter, shape, anchors, adjoining, faces] = await Promise.all(names.map(readBlock));
     this.matter = tableFrom(matter, this.count);
     this.shape = tableFrom(shape, this.count);
     this.anchors = tableFrom(anchors, this.count, 4);
+    this.adjoining = adjoiningFrom(wordsFrom(adjoining), this.count);
     this.faces = wordsFrom(faces);
   }
 

@@ -30,6 +30,16 @@ export function wordsFrom(bytes) {
   return new Uint32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength >> 2);
 }
 
+/** The nine texels at and around each, from differences down each of nine columns. */
+export function adjoiningFrom(differences, count) {
+  const adjoining = new Uint32Array(differences.length);
+  for (let k = 0; k < 9; k++) {
+    let value = 0;
+    for (let i = 0; i < count; i++) adjoining[9 * i + k] = value = (value + differences[k * count + i]) >>> 0;
+  }
+  return adjoining;
+}
+
 /** First place of each list in the lists one after the other, and their end. */
 export function startsFrom(counts) {
   const starts = new Uint32Array(counts.length + 1);

@@ -2,7 +2,7 @@
 import { centerOf } from "./camera.js";
 import { makeProgram, makeTexture, setUniforms, Target, uploadWords, WIDTH } from "./gl.js";
 import { WHOLE } from "./shaders/gaussian.js";
-import { BOUNCE, DIFFUSE, LAYER } from "./shaders/lighting.js";
+import { BOUNCE, DIFFUSE, LAYER, SHARED } from "./shaders/lighting.js";
 import { DISPLAY, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders/splatting.js";
 
 export const LAYERS = ["picture", "albedo", "normals", "diffuse", "specular", "shadow", "bounce"];
@@ -34,16 +34,17 @@ export class Renderer {
     const wide = gl.getExtension("EXT_float_blend") ? gl.RGBA32F : gl.RGBA16F;
     this.programs = {
       diffuse: makeProgram(gl, WHOLE, DIFFUSE), bounce: makeProgram(gl, WHOLE, BOUNCE),
+      shared: makeProgram(gl, WHOLE, SHARED),
       layer: makeProgram(gl, WHOLE, LAYER), splat: makeProgram(gl, SPLAT_VERTEX, SPLAT_FRAGMENT),
       display: makeProgram(gl, WHOLE, DISPLAY),
     };
     this.textures = Object.fromEntries(
-      ["place", "shape", "matter", "seen", "starts", "hits", "placed", "lights"].map((name) => [name, makeTexture(gl)]),
+      ["place", "shape", "matter", "seen", "starts", "hits", "adjoining", "placed", "lights"].map((name) => [name, makeTexture(gl)]),
     );
     this.textures.sky = makeTexture(gl, gl.LINEAR);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, 1, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(4));
     this.targets = {
-      diffuse: new Target(gl, gl.RGBA32F), bounce: new Target(gl, gl.RGBA32F), colors: new Target(gl, gl.RGBA32F),
+      diffuse: new Target(gl, gl.RGBA32F), gathered: new Target(gl, gl.RGBA32F), bounce: new Target(gl, gl.RGBA32F), colors: new Target(gl, gl.RGBA32F),
       image: new Target(gl, wide),
     };
     this.rows = Math.ceil(this.count / WIDTH);
@@ -65,9 +66,10 @@ export class Renderer {
     gl.bindVertexArray(null);
   }
 
-  /** Matter of all frames. */
-  setMatter(matter) {
+  /** Matter of all frames, and the texels around each. */
+  setSurface({ matter, adjoining }) {
     uploadWords(this.gl, this.textures.matter, wide(matter), 4);
+    uploadWords(this.gl, this.textures.adjoining, adjoining, 1);
   }
 
   /** Tables of the frame that is shown. */
@@ -108,8 +110,12 @@ export class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 2, texels.length / 8, 0, gl.RGBA, gl.FLOAT, texels);
     this.lights = lights.length;
     this.#whole(programs.diffuse, targets.diffuse);
-    this.#whole(programs.bounce, targets.bounce, {
+    this.#whole(programs.bounce, targets.gathered, {
       t_diffuse: [6, targets.diffuse.texture], t_starts: [8, this.textures.starts], t_hits: [9, this.textures.hits],
+      rays: this.facts.bounce_rays,
+    });
+    this.#whole(programs.shared, targets.bounce, {
+      t_gathered: [6, targets.gathered.texture], t_adjoining: [8, this.textures.adjoining],
     });
   }
 

@@ -18,7 +18,7 @@ export class Scene {
     this.orbit = new Orbit(first.low, first.high);
     this.lights = new Lights(this.facts, this.orbit.home, this.orbit.radius);
     this.renderer = new Renderer(canvas, this.facts);
-    this.renderer.setMatter(avatar.matter);
+    this.renderer.setSurface(avatar);
     [this.sorter, this.tracer] = [new Sorter(), new Tracer(avatar)];
     Object.assign(this, { place: 0, layer: 0, exposure: 0, beside: "", quality: "auto", fixed: null, times: [], moved: 0 });
     this.shown = [];

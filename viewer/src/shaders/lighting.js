@@ -48,12 +48,12 @@ void main() {
 }
 `;
 
-/** Light by way of the texels that traced rays hit. */
+/** Light of white by way of the texels that traced rays hit. */
 export const BOUNCE = `${HEAD}${GAUSSIAN}
 uniform sampler2D t_diffuse;
 uniform usampler2D t_starts, t_hits;
 uniform int i_count;
-const float RAYS = 32.0;
+uniform float rays;
 out vec4 color;
 void main() {
   int i = int(gl_FragCoord.x) + (int(gl_FragCoord.y) << 10);
@@ -62,7 +62,25 @@ void main() {
   vec3 sum = vec3(0.0);
   for (int k = first; k < end; k++)
     sum += max(texelFetch(t_diffuse, at(int(texelFetch(t_hits, at(k), 0).r)), 0).rgb, 0.0);
-  color = vec4(matter(i).albedo * sum / RAYS, 1.0);
+  color = vec4(sum / rays, 1.0);
+}
+`;
+
+/** The mean of that over a texel and those around it, which share their rays. */
+export const SHARED = `${HEAD}${GAUSSIAN}
+uniform sampler2D t_gathered;
+uniform usampler2D t_adjoining;
+uniform int i_count;
+out vec4 color;
+void main() {
+  int i = int(gl_FragCoord.x) + (int(gl_FragCoord.y) << 10);
+  if (i >= i_count) { color = vec4(0.0); return; }
+  vec4 sum = vec4(0.0);
+  for (int k = 0; k < 9; k++) {
+    int j = int(texelFetch(t_adjoining, at(9 * i + k), 0).r);
+    if (j < i_count) sum += texelFetch(t_gathered, at(j), 0);
+  }
+  color = vec4(matter(i).albedo * sum.rgb / sum.a, 1.0);
 }
 `;
 
