@@ -54,7 +54,10 @@ def table(*columns: UInt16[np.ndarray, "n _"]) -> UInt16[np.ndarray, "n 8"]:
 
 
 def differences_down(rows: Int32[np.ndarray, "n columns"]) -> bytes:
-    """32-bit differences from row to row, column after column; of indices of neighbours nearly all are 1."""
+    """32-bit differences from row to row, column after column.
+
+    Of indices of neighbours nearly all are 1.
+    """
     return np.diff(rows.T, axis=1, prepend=np.zeros((rows.shape[1], 1), np.int32)).astype("<i4").tobytes()
 
 

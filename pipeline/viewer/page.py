@@ -108,7 +108,7 @@ def facts_of(
 
 
 def common_texts(loaded: LoadedAvatar) -> dict[str, str]:
-    """Blocks that all frames share: matter, which texels share rays, and the mesh that casts shadows."""
+    """Blocks of all frames: matter, texels that share rays, and the mesh that casts shadows."""
     atlas = loaded.atlas
     contents = {
         "matter": table_bytes(surface_matter(loaded.avatar)), "anchors": table_bytes(texel_anchors(atlas)),
