@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Int32
+from jaxtyping import Float, Int, Int32, Int64
 
 from pipeline.base.array_module import Array, array_module, is_tensor
 from pipeline.base.errors import InputError
@@ -24,6 +24,9 @@ MIN_TANGENT_SINE = 1e-4
 """Sine between a texel's tangent and its normal below which the tangent says nothing: its part across the normal then
 is a difference of float32 numbers that agree to four digits, good to 1e-3 at best, and another frame is built
 instead."""
+
+RIGHT, BELOW = 5, 7
+"""Places of these neighbours in a row of `adjoining_texels`."""
 
 FIELD_SHAPES = {
     "faces": ("f", 3), "uv": ("f", 3, 2), "weld": ("v",), "rest_vertices": ("v", 3), "texel": ("t", 2), "face": ("t",),
@@ -137,6 +140,13 @@ def adjoining_texels(atlas: Atlas) -> Int32[np.ndarray, "t 9"]:
     found = np.stack([around[row + down, column + right] for down in (-1, 0, 1) for right in (-1, 0, 1)], 1)
     charts = np.append(atlas.chart, -1)
     return np.where(charts[found] == atlas.chart[:, None], found, atlas.texel_count).astype(np.int32)
+
+
+def texels_side_by_side(adjoining: Int32[np.ndarray, "t 9"]) -> Int64[np.ndarray, "2 pairs"]:
+    """Every texel with the one on its right, then with the one below, where its chart has them."""
+    texels = np.arange(len(adjoining))
+    pairs = [np.stack([texels, adjoining[:, place]]) for place in (RIGHT, BELOW)]
+    return np.concatenate([pair[:, pair[1] < len(texels)] for pair in pairs], 1).astype(np.int64)
 
 
 def texel_frames(

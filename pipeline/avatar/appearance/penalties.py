@@ -17,9 +17,6 @@ HALFWAY_BOUNDS = (0.01, 1.0)
 GGX_WIDTH_BOUNDS = (0.05, 1.0)
 """Bounds of the width of GGX: at 0.05 a highlight is as wide as a lamp of the stage, at 1 it is matte."""
 
-RIGHT, BELOW = 5, 7
-"""Places of these neighbours in a row of `adjoining_texels`."""
-
 SMALLEST_DIFFERENCE = 1e-3
 """Of an albedo, a normal or a logarithm, that shows: a quarter of a level of 8 bits."""
 
@@ -36,20 +33,20 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
     return (torch.relu(math.log(low) - log).square() + torch.relu(log - math.log(high)).square()).mean()
 
 
-def total_variation(values: Float[Tensor, "texels *channels"], adjoining: Int[Tensor, "texels 9"]) -> Float[Tensor, ""]:
-    """Sum of the differences to the texels on the right and below, a mean over texels.
+def total_variation(values: Float[Tensor, "texels *channels"], pairs: Int[Tensor, "2 pairs"]) -> Float[Tensor, ""]:
+    """Sum of the absolute differences of pairs of texels, per texel.
 
     Total variation (Rudin et al. 1992): an edge costs as much as a slope of the same height, noise costs more.
-    Differences far below `SMALLEST_DIFFERENCE` count squared, so that the slope is continuous. `adjoining` as
-    `pipeline.geometry.texels.adjoining_texels` makes them.
+    Differences below `SMALLEST_DIFFERENCE` count squared (Huber's loss), so that the slope is continuous.
+
+    Args:
+        values: of the texels.
+        pairs: as `pipeline.geometry.texels.texels_side_by_side` makes them.
     """
-    rows, total = values.reshape(len(values), -1), values.new_zeros(())
-    for column in (RIGHT, BELOW):
-        other = adjoining[:, column].long()
-        there = (other < len(rows))[:, None]
-        difference = (rows[other.clamp_max(len(rows) - 1)] - rows) * there
-        total = total + ((difference.square() + SMALLEST_DIFFERENCE**2).sqrt() - SMALLEST_DIFFERENCE).sum()
-    return total / len(rows)
+    rows = values.reshape(len(values), -1)
+    one, other = (rows.index_select(0, of_pairs) for of_pairs in pairs)
+    huber = torch.nn.functional.smooth_l1_loss(one, other, beta=SMALLEST_DIFFERENCE, reduction="sum")
+    return huber / len(rows)
 
 
 def negative(values: Tensor) -> Float[Tensor, ""]:

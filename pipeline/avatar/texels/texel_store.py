@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.avatar.texels.texel_parameters import TexelParameters
-from pipeline.geometry.texels import Atlas, adjoining_texels
+from pipeline.geometry.texels import Atlas, adjoining_texels, texels_side_by_side
 
 
 class TexelStore(nn.Module):
@@ -27,7 +27,9 @@ class TexelStore(nn.Module):
         super().__init__()
         self.atlas = atlas
         self.register_buffer("spacing", spacing)
-        self.register_buffer("adjoining", torch.as_tensor(adjoining_texels(atlas)), persistent=False)
+        adjoining = adjoining_texels(atlas)
+        self.register_buffer("adjoining", torch.as_tensor(adjoining), persistent=False)
+        self.register_buffer("pairs", torch.as_tensor(texels_side_by_side(adjoining)), persistent=False)
 
     def add(self, name: str, start: Float[Tensor, "texels *_"]) -> None:
         """Add a parameter that starts at `start`."""

@@ -159,7 +159,7 @@ def regularization(
         "negative": weights.weight_negative * (negative(frame.shading.diffuse) + negative(avatar.albedo)),
     }
     if weights.weight_smooth:
-        smooth = [total_variation(getattr(avatar, name), avatar.adjoining) for name in SMOOTH if hasattr(avatar, name)]
+        smooth = [total_variation(getattr(avatar, name), avatar.pairs) for name in SMOOTH if hasattr(avatar, name)]
         terms["smooth"] = weights.weight_smooth / images * torch.stack(smooth).sum()
     weight_of = {"normal": normal_weight(weights, step), "roughness": weights.weight_scale}
     for part in (avatar.built.diffuse, avatar.built.normals, avatar.built.specular):

@@ -15,7 +15,7 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training import losses
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
-from pipeline.geometry.texels import adjoining_texels
+from pipeline.geometry.texels import adjoining_texels, texels_side_by_side
 from pipeline.metrics.lpips import Lpips, build_features, linear_weights
 from pipeline.rendering.splat_types import CameraView
 from tests.support.avatars.sheet import make_frame, make_sheet
@@ -126,13 +126,14 @@ def test_terms_of_the_parameters_have_their_papers_values():
 def test_total_variation_by_hand_and_the_share_of_each_image():
     """A 4 x 4 map of two charts, columns 0 and 1 against 2 and 3: a step between charts is none."""
     atlas = replace(make_sheet(4), chart=np.tile([0, 0, 1, 1], 4).astype(np.int32))
-    adjoining = torch.as_tensor(adjoining_texels(atlas))
+    pairs = torch.as_tensor(texels_side_by_side(adjoining_texels(atlas)))
+    assert pairs.shape == (2, 4 * 2 + 3 * 4)
     flat = torch.tensor([0.0, 0.0, 5.0, 5.0]).repeat(4)[:, None].repeat(1, 3).requires_grad_()
-    assert total_variation(flat, adjoining).item() == 0
-    assert gradient(total_variation(flat, adjoining), flat).abs().max() == 0
+    assert total_variation(flat, pairs).item() == 0
+    assert gradient(total_variation(flat, pairs), flat).abs().max() == 0
     bump = torch.zeros(16)
     bump[5] = 2.0  # row 1, column 1: neighbours on the left, above and below, none of its chart on the right
-    assert total_variation(bump, adjoining).item() == pytest.approx(3 * 2.0 / 16, rel=2e-3)
+    assert total_variation(bump, pairs).item() == pytest.approx(3 * 2.0 / 16, rel=2e-3)
 
     settings = TrainAvatar(shadow="off", weight_smooth=0.6)
     avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(settings, {"near_field", "specular"}))
