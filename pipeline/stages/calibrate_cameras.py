@@ -106,7 +106,8 @@ def run(
     held_sizes = [sizes[name] for name in held]
     known = known_beforehand(capture, calibration, {name: sizes[name] for name in held}, settings)
     if (times := times_from_index(calibration)) is not None:
-        chosen = chosen.moving({(c, v): times[name, v] for c, name in enumerate(held) for v in chosen.shots_for(c)})
+        taken = {(c, int(v)): times[name, v] for c, name in enumerate(held) for v in chosen.shots_for(c)}
+        chosen = chosen.moving(taken)
     calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens, known)
     if times is not None:
         calibrated = with_spread(calibrated, chosen)

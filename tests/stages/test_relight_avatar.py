@@ -137,7 +137,7 @@ def test_keyframes_lead_the_camera(inputs, tmp_path):
         settings=settings,
     )  # fmt: skip
     assert pd.read_parquet(tmp_path / "out/pictures.parquet").z.tolist() == pytest.approx([1, 0.75, 0.5])
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["film.mp4", "pictures.parquet"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [".written_by", "film.mp4", "pictures.parquet"]
 
 
 @pytest.mark.parametrize(

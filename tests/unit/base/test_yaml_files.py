@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -47,16 +46,11 @@ def test_what_is_wrong_is_one_line_with_the_file(tmp_path: Path, text: str, said
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_many_keys_take_time_in_proportion(tmp_path: Path) -> None:
-    """20,000 keys took 26 s, a hundred times 2,000 keys; ten times are due, thirty allowed for noise."""
-
-    def seconds(keys: int) -> float:
-        (tmp_path / "a.yaml").write_text("".join(f"key_{number}: {number}\n" for number in range(keys)))
-        start = time.process_time()
-        assert len(read_yaml(tmp_path / "a.yaml")) == keys
-        return time.process_time() - start
-
-    assert seconds(20_000) < 30 * min(seconds(2_000) for _ in range(3))
+@pytest.mark.timeout(300)
+def test_many_keys_are_read(tmp_path: Path) -> None:
+    """In time that grows with their number: in time that grows with its square, 100,000 would take ten minutes."""
+    (tmp_path / "a.yaml").write_text("".join(f"key_{number}: {number}\n" for number in range(100_000)))
+    assert len(read_yaml(tmp_path / "a.yaml")) == 100_000
 
 
 @pytest.mark.parametrize("target", ["/dev/zero", "nothing", "a.yaml"])
