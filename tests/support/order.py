@@ -11,6 +11,8 @@ TESTS = Path(__file__).parents[1]
 LONGEST_FIRST = (
     "workflow/test_tiny.py",
     "unit/avatar/training/test_training.py",
+    "stages/test_viewer_in_browser.py",
+    "stages/test_calibrate_photographs.py",
     "stages/test_train_processes.py",
     "workflow/test_reruns.py",
     "workflow/test_head_without_eyes.py",
