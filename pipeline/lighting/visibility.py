@@ -91,8 +91,10 @@ class Occluders:
     """
 
     def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
-        """Raises:
-        ValueError: if a vertex is not finite (Embree would silently lose its faces), or there are no faces.
+        """Build the scene of a mesh.
+
+        Raises:
+            ValueError: if a vertex is not finite (Embree would silently lose its faces), or there are no faces.
         """
         if not len(faces) or not np.isfinite(vertices).all():
             raise ValueError(f"expected faces with finite vertices, found {len(faces)} faces")
