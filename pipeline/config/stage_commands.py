@@ -40,6 +40,7 @@ FILES = {
     "error_budget": "error_budget",
     "page": "report/index.html",
     "viewer": "viewer/index.html",
+    "export": "export",
 }
 """Files and folders below results/SUBJECT, by name."""
 
@@ -64,6 +65,7 @@ ARGUMENTS = {
     "evaluate_avatar": "subject atlas shards frames=frame_shards effects avatars=avatar out=scores",
     "relight_avatar": "atlas avatar tracking textures index cameras environment lights=light_list out=relit",
     "export_viewer": "subject atlas avatar shards frames=frame_shards lights patterns out=viewer",
+    "export_avatar": "atlas avatar shards frames=frame_shards index cameras lights patterns out=export",
     "check_budget": "results capture estimate chunk_size out=budget",
     "measure_cost": "results capture out=results chunk_size variant stage_settings",
     "budget_errors": "results capture out=error_budget chunk_size variant stage_settings",

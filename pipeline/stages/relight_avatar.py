@@ -18,10 +18,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.relighting.driving_sequence import DrivingSequence, read_poses
 from pipeline.avatar.relighting.driving_tables import code_table
-from pipeline.avatar.relighting.film import Relighter, view_independent_color
+from pipeline.avatar.relighting.film import Relighter, splats_of
 from pipeline.avatar.relighting.light_sources import ListedLights, TurningSky
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.color import srgb_from_linear
@@ -38,7 +37,7 @@ from pipeline.geometry.camera_paths import orbit, through_cameras, through_keyfr
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.lighting.environment import read_environment
 from pipeline.lighting.light_lists import read_light_list
-from pipeline.rendering.splat_ply import Splats, write_splats
+from pipeline.rendering.splat_ply import write_splats
 
 log = logging.getLogger("relight_avatar")
 
@@ -143,13 +142,6 @@ def write_stills(
     if settings.stills in ("png", "both"):
         write_png(folder / f"{picture:06d}.png", shown)
     return shown
-
-
-def splats_of(frame: PreparedFrame, exposure: float) -> Splats:
-    """The frame's Gaussians with the colour that all sides share."""
-    rgb, gaussians = exposure * view_independent_color(frame), frame.gaussians
-    shapes = (gaussians.opacities, gaussians.scales, gaussians.quaternions)
-    return Splats(gaussians.means, frame.surface.posed.normals, rgb, *shapes)
 
 
 def picture_table(sequence: DrivingSequence, path: list[Camera]) -> pd.DataFrame:

@@ -38,6 +38,7 @@ from pipeline.lighting.environment_sh import project_environment
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
 from pipeline.lighting.irradiance import LUMINANCE
+from pipeline.rendering.splat_ply import Splats
 
 
 class Relighter:
@@ -162,3 +163,10 @@ def view_independent_color(frame: PreparedFrame) -> Float[Tensor, "texels 3"]:
     shading = frame.shading
     color = shading.diffuse if shading.shadow is None else shading.diffuse * shading.shadow[:, None]
     return color if shading.indirect is None else color + shading.indirect
+
+
+def splats_of(frame: PreparedFrame, exposure: float) -> Splats:
+    """The frame's Gaussians with the colour that all sides share."""
+    rgb, gaussians = exposure * view_independent_color(frame), frame.gaussians
+    shapes = (gaussians.opacities, gaussians.scales, gaussians.quaternions)
+    return Splats(gaussians.means, frame.surface.posed.normals, rgb, *shapes)
