@@ -5,6 +5,7 @@ Needs Debian's chromium and the Python package playwright; without them it is sk
 
 from __future__ import annotations
 
+import base64
 import itertools
 
 import cv2
@@ -232,14 +233,24 @@ def test_keys_turn_and_step(page):
     assert page.locator("#frame-name").inner_text() == "frame 11"
 
 
-def test_finger_turns_on_a_phone_and_nothing_is_wider_than_it(browser, ball, heard):
+def test_fingers_turn_and_pinch_on_a_phone_and_nothing_is_wider_than_it(browser, ball, heard):
     page = opened(browser, ball, heard, PHONE, has_touch=True, is_mobile=True)
     start = pixels(page)
     send = page.context.new_cdp_session(page).send
-    for kind, x in (("touchStart", 100), ("touchMove", 160), ("touchMove", 240), ("touchEnd", None)):
-        points = [] if x is None else [{"x": x, "y": 200}]
-        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    assert changed(start, pixels(page)) > 0.5
+
+    def touch(*moments):
+        for moment, places in enumerate([*moments, ()]):
+            kind = "touchEnd" if not places else "touchMove" if moment else "touchStart"
+            points = [{"x": x, "y": 200, "id": finger} for finger, x in enumerate(places)]
+            send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch([100], [160], [240])
+    turned = pixels(page)
+    assert changed(start, turned) > 0.5
+    before = page.evaluate("scene.orbit.distance")
+    touch([150, 230], [130, 250], [110, 270])  # 80 pixels apart, then 160: twice as near
+    assert page.evaluate("scene.orbit.distance") == pytest.approx(before / 2)
+    assert changed(turned, pixels(page)) > 0.5
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE[0]
 
 
@@ -252,7 +263,21 @@ def test_captured_picture_stands_beside_the_avatar(page):
     assert page.locator("#captured").is_hidden()
 
 
-def test_dropped_panorama_shines_and_other_files_are_refused(page, tmp_path):
+def drop(page, path):
+    """Drop a file onto the page, as a hand would: over it first, which shows that it may fall."""
+    content = base64.b64encode(path.read_bytes()).decode()
+    carried = page.evaluate_handle("""([text, name]) => {
+      const carried = new DataTransfer();
+      carried.items.add(new File([Uint8Array.from(atob(text), c => c.charCodeAt(0))], name));
+      return carried;
+    }""", [content, path.name])  # fmt: skip
+    page.dispatch_event("main", "dragenter", {"dataTransfer": carried})
+    assert page.locator("#dropping").is_visible()
+    page.dispatch_event("main", "drop", {"dataTransfer": carried})
+    assert page.locator("#dropping").is_hidden()
+
+
+def test_opened_and_dropped_panoramas_shine_and_other_files_are_refused(page, tmp_path):
     page.select_option("#stage-mode", "off")
     dark = pixels(page)
     radiance = np.full((16, 32, 3), 0.5, np.float32)
@@ -261,8 +286,13 @@ def test_dropped_panorama_shines_and_other_files_are_refused(page, tmp_path):
     page.wait_for_selector("#sky option[data-opened]", state="attached")
     page.locator("#sky-shown").uncheck()
     assert changed(dark, pixels(page)) > 1
+    lit = pixels(page)
+    cv2.imwrite(str(tmp_path / "red.png"), np.full((8, 16, 3), (20, 20, 255), np.uint8))
+    drop(page, tmp_path / "red.png")
+    page.wait_for_selector('#sky option[value="red.png"]', state="attached")
+    assert changed(lit, pixels(page)) > 1
     cv2.imwrite(str(tmp_path / "square.png"), np.zeros((8, 8, 3), np.uint8))
-    page.set_input_files("#sky-file", tmp_path / "square.png")
+    drop(page, tmp_path / "square.png")
     page.wait_for_selector("#message:not([hidden])")
     expected = "square.png: expected a panorama twice as wide as high, found 8 × 8"
     assert page.locator("#message").inner_text() == expected
