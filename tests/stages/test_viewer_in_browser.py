@@ -25,6 +25,7 @@ from pipeline.viewer.shown_frame import SKY_HEIGHT
 from tests.support.viewer.ball_avatar import BRIGHT, LAMPS, MIDDLE, write_ball
 from tests.support.viewer.relit_page import (
     CHROMIUM,
+    SETTLED,
     lamp,
     launch,
     open_page,
@@ -42,9 +43,6 @@ LEAST_DB = 45.0
 DESK, PHONE = (800, 560), (360, 740)
 COARSE = 0.5
 """Pixels of the screen to one of the page and direction: a CPU draws them."""
-
-SETTLED = "() => new Promise(done => { const look = () => scene.settled ? done() : setTimeout(look, 5); look(); })"
-"""Waits until the picture is of what was asked for."""
 
 PLACED = {"position": (1.5, 4.0, 4.0), "intensity": (20.0, 24.0, 30.0)}
 
