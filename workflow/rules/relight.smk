@@ -9,6 +9,7 @@ rule relight_avatar:
         index_frames="results/{subject}/index/frames.parquet",
         gaze="results/{subject}/index/gaze.parquet",
         tables=lambda wildcards: job(wildcards).driving_tables(),
+        captured=lambda wildcards: job(wildcards).captured_shards(),
         cameras="results/{subject}/calibration/cameras.json",
         light=lambda wildcards: light_file(wildcards.light),
     output:
@@ -31,6 +32,7 @@ rule relight_avatar:
                 "tracking": each_chunk("tracking/{chunk}.safetensors"),
                 "environment": light_as("environment"),
                 "light_list": light_as("light_list"),
+                "captured": captured_folder,
                 "relit": lambda wildcards: job(wildcards).path("relit", wildcards.variant, wildcards.light),
             },
             textures=lambda input: input.textures,
