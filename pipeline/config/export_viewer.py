@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from pipeline.config.settings import Settings
@@ -17,5 +19,11 @@ class ExportViewer(Settings):
     )
     captured_cameras: int = Field(
         4, ge=0, description="cameras whose captured pictures can be shown beside the avatar [cameras]"
+    )
+    code_axes: int = Field(
+        2, ge=0, description="heads: sliders of expression, along the axes in which the frames' codes differ most"
+    )
+    slider_steps: Literal[1, 3, 5, 7, 9] = Field(
+        3, description="heads: positions of a slider of expression or gaze, one in the middle; 1: no sliders"
     )
     page_mb: float = Field(30.0, gt=1, description="largest size of the page [MB]")

@@ -21,7 +21,16 @@ from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.export_viewer import ExportViewer
 from pipeline.lighting.named_lights import read_named_lights
 from pipeline.viewer.captured import captured_pictures, choose_cameras
-from pipeline.viewer.page import MEGA, common_texts, facts_of, frame_blocks, frames_that_fit, page_html
+from pipeline.viewer.head_poses import head_sliders
+from pipeline.viewer.page import (
+    MEGA,
+    common_texts,
+    facts_of,
+    frame_blocks,
+    frames_that_fit,
+    page_html,
+    slider_places,
+)
 from pipeline.viewer.shown_frame import require_analytic, shown_frame
 
 log = logging.getLogger("export_viewer")
@@ -68,10 +77,20 @@ def run(
     captured = captured_pictures(images, chosen, choose_cameras(images, chosen, settings.captured_cameras))
     built = read_json(avatar / "config.json").get("built", spec.in_words)
     facts, texts = facts_of(subject, built, loaded, stage, captured), common_texts(loaded)
-    room = frames_that_fit(blocks, len(page_html(facts, texts, [])) / MEGA, settings.page_mb)
+    sliders = head_sliders(loaded, [records[number] for number in chosen], settings.code_axes, settings.slider_steps)
+    posed = [
+        frame_blocks(shown_frame(loaded, pose.record, stage.positions, pose.code), common, stage, pose.label)
+        for pose in progress(slider_places(sliders, 0)[0], "poses")
+    ]
+    others_mb, posed_mb = len(page_html(facts, texts, [])) / MEGA, sum(one.megabytes for one in posed)
+    if posed and others_mb + posed_mb + blocks[0].megabytes > settings.page_mb:
+        log.warning("no sliders: their %.0f MB leave no room for a frame; lower slider_steps or code_axes", posed_mb)
+        posed, sliders, posed_mb = [], [], 0.0
+    room = frames_that_fit(blocks, others_mb + posed_mb, settings.page_mb)
     if room < len(blocks):
         log.info("%d of %d frames fit into %g MB", room, len(blocks), settings.page_mb)
-    page = page_html(facts, texts, spread(blocks, room))
+    facts |= {"timeline": room, "sliders": slider_places(sliders, room)[1]}
+    page = page_html(facts, texts, [*spread(blocks, room), *posed])
     with written_whole(out) as temporary:
         temporary.write_text(page, "utf-8")
     log.info("%s: %d Gaussians, %d frames, %.1f MB", out.name, loaded.atlas.texel_count, room, len(page) / MEGA)

@@ -14,6 +14,7 @@ from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
 from pipeline.geometry.texels import adjoining_texels
 from pipeline.lighting.named_lights import NamedLights
+from pipeline.viewer.head_poses import HeadPose, HeadSlider
 from pipeline.viewer.packing import agree, block, differences_down, table_bytes, visibility_words
 from pipeline.viewer.shown_frame import (
     LOG_SCALES,
@@ -54,8 +55,11 @@ class Blocks:
         return sum(map(len, self.texts.values())) / MEGA
 
 
-def frame_blocks(shown: ShownFrame, common: ShownFrame, stage: NamedLights) -> Blocks:
-    """Blocks of a frame; its shapes only if they differ from those of `common`, which all share."""
+def frame_blocks(shown: ShownFrame, common: ShownFrame, stage: NamedLights, pose: str = "") -> Blocks:
+    """Blocks of a frame; its shapes only if they differ from those of `common`, which all share.
+
+    `pose` names one that no camera saw: it has no number, and the light of the frame that it was made from.
+    """
     contents = {
         "place": table_bytes(shown.place),
         "seen": visibility_words(shown.visibility_bits, len(shown.place)),
@@ -66,10 +70,26 @@ def frame_blocks(shown: ShownFrame, common: ShownFrame, stage: NamedLights) -> B
     if shown is common or not agree(shown.shape, common.shape):
         contents["shape"] = table_bytes(shown.shape)
     facts = {
-        "frame": shown.frame, "low": shown.low.tolist(), "high": shown.high.tolist(), "hits": len(shown.hits),
+        "frame": None if pose else shown.frame, "label": pose or f"frame {shown.frame}",
+        "low": shown.low.tolist(), "high": shown.high.tolist(), "hits": len(shown.hits),
         "pattern": stage.pattern(shown.frame),
     }  # fmt: skip
     return Blocks(facts, {name: block(content) for name, content in contents.items()})
+
+
+def slider_places(sliders: Sequence[HeadSlider], first: int) -> tuple[list[HeadPose], list[dict[str, Any]]]:
+    """Poses of sliders, each once, and where each slider finds its own among the page's frames.
+
+    Args:
+        sliders: of a head.
+        first: place of the first pose: behind the frames of the timeline.
+    """
+    poses: list[HeadPose] = []
+    for pose in (pose for slider in sliders for pose in slider.poses):
+        if not any(pose is other for other in poses):
+            poses.append(pose)
+    places = {id(pose): first + k for k, pose in enumerate(poses)}
+    return poses, [{"name": one.name, "places": [places[id(pose)] for pose in one.poses]} for one in sliders]
 
 
 def frames_that_fit(frames: Sequence[Blocks], others_mb: float, page_mb: float) -> int:

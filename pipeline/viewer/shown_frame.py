@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64, UInt8, UInt16, UInt32
+from jaxtyping import Float, Float32, Float64, UInt8, UInt16, UInt32
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.prepared import PreparedFrame
@@ -79,17 +79,21 @@ def sky_positions() -> Float64[np.ndarray, "pixels 3"]:
 
 
 @torch.no_grad()
-def shown_frame(loaded: LoadedAvatar, record: FrameRecord, lights: Float64[np.ndarray, "lights 3"]) -> ShownFrame:
+def shown_frame(
+    loaded: LoadedAvatar, record: FrameRecord, lights: Float64[np.ndarray, "lights 3"],
+    code: Float32[np.ndarray, " code"] | None = None,
+) -> ShownFrame:  # fmt: skip
     """Place an avatar in the pose of a frame, and trace what it sees of all lights.
 
     Args:
         loaded: of the avatar.
         record: the pose; its own light does not matter.
         lights: positions of the stage's lights, metres.
+        code: latent code of a head, in place of what the encoder says of the record.
     """
     places = np.concatenate([lights, sky_positions()]).astype(np.float32)
     inputs = FrameInputs(loaded.atlas, replace(record, light_positions=places, light_intensities=np.ones_like(places)))
-    prepared = loaded.avatar.prepare(inputs)
+    prepared = loaded.avatar.prepare(inputs, **({} if code is None else {"code": torch.tensor(code)}))
     means = prepared.gaussians.means.numpy().astype(np.float64)
     together = np.concatenate([means, record.vertices])
     low, high = together.min(0), together.max(0)

@@ -16,6 +16,7 @@ from pipeline.avatar.relighting.driving_signal import from_record
 from pipeline.avatar.relighting.film import Relighter
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.capture.shards import read_frame_shards
+from pipeline.config.export_viewer import ExportViewer
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.camera_paths import orbit
 from pipeline.lighting.environment import Environment
@@ -23,6 +24,7 @@ from pipeline.lighting.frame_lights import FrameLights
 from pipeline.stages import export_viewer
 from pipeline.viewer.shown_frame import SKY_HEIGHT
 from tests.support.viewer.ball_avatar import BRIGHT, LAMPS, MIDDLE, write_ball
+from tests.support.viewer.eyes_head import write_head
 from tests.support.viewer.relit_page import (
     CHROMIUM,
     SETTLED,
@@ -79,16 +81,17 @@ def quiet_pages(heard, ball):
     """Afterwards: the pages have asked for nothing but themselves, and complained of nothing."""
     heard.clear()
     yield
-    assert [said for said in heard if not said.startswith(("data:", "blob:", f"file://{ball}/index.html"))] == []
+    pages = (f"file://{ball}/index.html", f"file://{ball}/head.html")
+    assert [said for said in heard if not said.startswith(("data:", "blob:", *pages))] == []
 
 
-def opened(browser, ball, heard, size, **options):
+def opened(browser, ball, heard, size, name="index.html", **options):
     width, height = size
     page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=COARSE, **options)
     page.on("request", lambda request: heard.append(request.url))
     page.on("console", lambda message: heard.append(message.text))
     page.on("pageerror", lambda error: heard.append(str(error)))
-    assert open_page(page, ball / "index.html") == "open"
+    assert open_page(page, ball / name) == "open"
     return page
 
 
@@ -294,6 +297,32 @@ def test_opened_and_dropped_panoramas_shine_and_other_files_are_refused(page, tm
     page.wait_for_selector("#message:not([hidden])")
     expected = "square.png: expected a panorama twice as wide as high, found 8 × 8"
     assert page.locator("#message").inner_text() == expected
+
+
+def test_sliders_of_a_head_pose_it_one_at_a_time(browser, ball, heard):
+    """Expression and gaze change the picture, and so does what was captured again; a body has no sliders."""
+    settings = ExportViewer(timeline_frames=2, code_axes=1, slider_steps=3)
+    export_viewer.run(**write_head(ball / "head"), out=ball / "head.html", subject="eyes", settings=settings)
+    page = opened(browser, ball, heard, DESK, "head.html")
+    page.select_option("#layer", "1")  # albedo: what moves, not how it is lit
+    sliders, name = page.locator("#head-sliders input"), page.locator("#frame-name")
+    assert page.locator("#head-sliders label").all_inner_texts() == [
+        "Expression 1", "Gaze left and right", "Gaze up and down"
+    ]  # fmt: skip
+    pictures = [pixels(page)]
+    for slider, said in ((0, "expression 1, +2.0"), (1, "gaze left and right, +24"), (2, "gaze up and down, +14")):
+        sliders.nth(slider).fill("2")
+        pictures.append(pixels(page))
+        assert name.inner_text().startswith(said)
+        assert sliders.evaluate_all("all => all.map(one => one.value)") == [
+            "2" if k == slider else "1" for k in range(3)
+        ]
+    page.locator("#frame").fill("1")
+    pictures.append(pixels(page))
+    assert name.inner_text() == "frame 2" and sliders.first.input_value() == "1"
+    moved = [changed(before, after) for before, after in itertools.pairwise(pictures)]
+    assert min(moved) > 0.05, moved
+    page.close()
 
 
 def test_controls_have_names(page):

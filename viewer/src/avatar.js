@@ -37,6 +37,7 @@ export class Avatar {
     const table = tableFrom(bytes.place, this.count);
     return {
       ...facts,
+      key: place,
       place: table,
       shape: bytes.shape ? tableFrom(bytes.shape, this.count) : this.shape,
       seen: wordsFrom(bytes.seen),

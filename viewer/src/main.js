@@ -2,7 +2,7 @@
 import { Avatar } from "./avatar.js";
 import { LampControls } from "./lamps.js";
 import { followKeys, followPointers } from "./navigation.js";
-import { about, Beside, describe, panoramaControls, pictureControls, StageControls } from "./panel.js";
+import { about, Beside, describe, HeadControls, panoramaControls, pictureControls, StageControls } from "./panel.js";
 import { skyLamps } from "./panorama.js";
 import { Scene } from "./scene.js";
 import { Timeline } from "./timeline.js";
@@ -62,7 +62,9 @@ async function open() {
   const timeline = new Timeline(scene, () => {
     stage.refresh();
     if (scene.beside) beside.refresh();
+    head?.refresh();
   });
+  const head = new HeadControls(scene, timeline);
   new LampControls(scene);
   panoramaControls(scene, say, (name) => {
     if (scene.lights.sky.map) scene.renderer.setSky(scene.lights.sky.map);

@@ -102,6 +102,33 @@ function dropped(open) {
   });
 }
 
+/** Sliders of a head's expression and gaze, one away from the middle at a time. */
+export class HeadControls {
+  constructor(scene, timeline) {
+    this.scene = scene;
+    byId("head").hidden = scene.facts.sliders.length === 0;
+    this.sliders = scene.facts.sliders.map(({ name, places }) => {
+      const input = element("input", { type: "range", min: 0, max: places.length - 1, step: 1 });
+      input.addEventListener("input", () => timeline.show(places[Number(input.value)]));
+      const row = element("label", { className: "row", textContent: `${name} ` });
+      row.append(input);
+      byId("head-sliders").append(row);
+      return { input, places };
+    });
+    this.refresh();
+  }
+
+  /** Shows where the picture is on each: in the middle, if it is of a frame or of another slider. */
+  refresh() {
+    const { place, facts } = this.scene;
+    for (const { input, places } of this.sliders) {
+      const at = places.indexOf(place);
+      input.value = at < 0 ? (places.length - 1) / 2 : at;
+      input.setAttribute("aria-valuetext", facts.frames[places[input.value]].label);
+    }
+  }
+}
+
 /** Exposure, layer, samples, and the way home. */
 export function pictureControls(scene, left) {
   watch("exposure", (value) => { scene.exposure = value; scene.request(); }, stops);
@@ -129,14 +156,14 @@ export class Beside {
 
   refresh() {
     const { scene } = this;
-    const { frame } = scene.facts.frames[scene.place];
+    const { frame, label } = scene.facts.frames[scene.place];
     const picture = scene.facts.captured.find((one) => one.camera === scene.beside && one.frame === frame);
     byId("captured").hidden = !scene.beside;
     byId("photograph").hidden = !picture;
     byId("rendered-caption").textContent = scene.beside ? `this page${scene.lights.stage.mode === "captured" ? "" : ", in other light"}` : "";
     byId("captured-caption").textContent = picture
       ? `captured by ${picture.camera}${picture.held_out ? ", never trained on" : ""}`
-      : `${scene.beside} has no picture of frame ${frame}`;
+      : `${scene.beside} has no picture of ${label}`;
     if (picture) {
       byId("photograph").src = `data:image/jpeg;base64,${picture.jpeg}`;
       byId("photograph").alt = `Captured picture of frame ${frame} by camera ${picture.camera}`;
@@ -167,5 +194,5 @@ export function describe({ facts, place, layer, lights, canvas, frame }) {
   const shining = frame ? lights.lit(frame).length : 0;
   const sky = lights.sky.map ? `, the panorama ${lights.sky.name}` : "";
   const lamps = lights.lamps.length;
-  canvas.setAttribute("aria-label", `${facts.subject}, frame ${facts.frames[place].frame}, ${LAYERS[layer]}, lit by ${shining} lights of the stage, ${lamps} placed ${lamps === 1 ? "lamp" : "lamps"}${sky}`);
+  canvas.setAttribute("aria-label", `${facts.subject}, ${facts.frames[place].label}, ${LAYERS[layer]}, lit by ${shining} lights of the stage, ${lamps} placed ${lamps === 1 ? "lamp" : "lamps"}${sky}`);
 }

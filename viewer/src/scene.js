@@ -127,7 +127,7 @@ export class Scene {
 
   /** The picture is of what was asked for: nothing is drawn, sorted or traced any more, or waits for it. */
   get settled() {
-    const shown = this.frame?.frame === this.facts.frames[this.place].frame;
+    const shown = this.frame?.key === this.place;
     return shown && !(this.asked || this.drawing || this.rest || this.sorter.worker.running || this.tracer.worker.running);
   }
 

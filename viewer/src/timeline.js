@@ -8,25 +8,25 @@ export class Timeline {
     this.slider = document.getElementById("frame");
     this.button = document.getElementById("play");
     this.name = document.getElementById("frame-name");
-    this.slider.max = scene.facts.frames.length - 1;
+    this.slider.max = scene.facts.timeline - 1;
     this.slider.addEventListener("input", () => this.show(Number(this.slider.value)));
     this.button.addEventListener("click", () => this.toggle());
     this.toggle = this.toggle.bind(this);
-    document.getElementById("timeline").hidden = scene.facts.frames.length < 2;
+    document.getElementById("timeline").hidden = scene.facts.timeline < 2 && !scene.facts.sliders.length;
   }
 
   async show(place) {
-    const { frame } = this.scene.facts.frames[place];
-    this.slider.value = place;
-    this.slider.setAttribute("aria-valuetext", `frame ${frame}`);
-    this.name.textContent = `frame ${frame}`;
+    const { label } = this.scene.facts.frames[place];
+    if (place < this.scene.facts.timeline) this.slider.value = place;
+    this.slider.setAttribute("aria-valuetext", label);
+    this.name.textContent = label;
     await this.scene.showFrame(place);
     this.changed();
   }
 
   step(by) {
-    const { length } = this.scene.facts.frames;
-    return this.show((this.scene.place + by + length) % length);
+    const { place, facts: { timeline } } = this.scene;
+    return this.show(place < timeline ? (place + by + timeline) % timeline : Number(this.slider.value));
   }
 
   toggle() {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -73,18 +74,36 @@ def rough_avatar(atlas: Atlas, **spec) -> Avatar:
     return avatar
 
 
+def write_subject(
+    folder: Path, avatar: Avatar, frames: Sequence[FrameRecord], images: Sequence[ImageRecord], built: str
+) -> dict[str, Path]:
+    """Write all that export_viewer reads of an avatar under `LAMPS`; returns the stage's arguments but `out`."""
+    write_atlas(folder / "atlas.safetensors", avatar.atlas)
+    write_frame_shard(folder / "shards/frames/0000.arrow", frames)
+    for name, some in (("train", images), ("validation", []), ("test", [])):
+        write_image_shard(folder / f"shards/{name}/0000.arrow", some)
+    places = pd.DataFrame(list(LAMPS.values()), columns=list("xyz"))
+    write_table(folder / "lights.parquet", places.assign(light=list(LAMPS)))
+    rows = [(frame.frame, name, *BRIGHT) for frame in frames for name in list(LAMPS)[:2]]
+    columns = ["frame", "light", "intensity_r", "intensity_g", "intensity_b"]
+    write_table(folder / "patterns.parquet", pd.DataFrame(rows, columns=columns))
+    save_avatar(folder / "avatar", avatar, {"built": built})
+    files = {"atlas": "atlas.safetensors", "lights": "lights.parquet", "patterns": "patterns.parquet"}
+    return {name: folder / file for name, file in files.items()} | {
+        "avatar": folder / "avatar", "shards": folder / "shards",
+    }  # fmt: skip
+
+
 def write_ball(folder: Path, **spec) -> dict[str, Path]:
     """Write two frames, two cameras' pictures of each, and the avatar; returns the stage's arguments but `out`."""
     paths = write_posed_capture(folder / "capture")
     atlas = unfolded_ball(read_atlas(paths["atlas"]))
-    write_atlas(folder / "atlas.safetensors", atlas)
     vertices = read_arrays(paths["tracking"])["vertices"][:2]
     vertices[1] += np.float32([0.2, 0, 0]) * (vertices[1][:, 1:2] > 1)
     ones = np.ones(atlas.texel_count, np.float32)
     lit = np.array([LAMPS["key"], LAMPS["rim <b>"]], np.float32)
     bright = np.tile(np.float32(BRIGHT), (2, 1))
     frames = [FrameRecord(10 + i, "a", i == 0, pose, ones, ones, lit, bright) for i, pose in enumerate(vertices)]
-    write_frame_shard(folder / "shards/frames/0000.arrow", frames)
     cameras = orbit(MIDDLE, 8.0, 1.0, 0.3, 40.0, 40, 48, 2)
     images = [
         ImageRecord(
@@ -94,15 +113,4 @@ def write_ball(folder: Path, **spec) -> dict[str, Path]:
         )
         for frame in frames for k, camera in enumerate(cameras)
     ]  # fmt: skip
-    for name, some in (("train", images), ("validation", []), ("test", [])):
-        write_image_shard(folder / f"shards/{name}/0000.arrow", some)
-    places = pd.DataFrame(list(LAMPS.values()), columns=list("xyz"))
-    write_table(folder / "lights.parquet", places.assign(light=list(LAMPS)))
-    rows = [(frame.frame, name, *BRIGHT) for frame in frames for name in list(LAMPS)[:2]]
-    columns = ["frame", "light", "intensity_r", "intensity_g", "intensity_b"]
-    write_table(folder / "patterns.parquet", pd.DataFrame(rows, columns=columns))
-    save_avatar(folder / "avatar", rough_avatar(atlas, **spec), {"built": "a ball over a floor"})
-    files = {"atlas": "atlas.safetensors", "lights": "lights.parquet", "patterns": "patterns.parquet"}
-    return {name: folder / file for name, file in files.items()} | {
-        "avatar": folder / "avatar", "shards": folder / "shards",
-    }  # fmt: skip
+    return write_subject(folder, rough_avatar(atlas, **spec), frames, images, "a ball over a floor")
