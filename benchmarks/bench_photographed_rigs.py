@@ -56,10 +56,10 @@ photographs are not part of the repository.
 CALISCOPE = """\
 Videos of 111 frames, from mprib/caliscope (`tests/sessions/charuco_calibration`, BSD-2): a board of {squares_x} x
 {squares_y} squares, printed white on black, which the capture does not say. Six images a second; the images of one
-moment are up to a tenth of a second apart, and the hand moves. *At once* takes them for simultaneous, as the authors did
-(refused by default: a camera seems to have been knocked). *Times* estimates each camera's lag and each image's error.
-*Known*, *refine* and *estimate* say what becomes of the authors' lenses. Error bars are standard deviations, with times
-no smaller than the spread when a sixth of the shots is left out.
+moment are up to a tenth of a second apart, and the hand moves. *At once* takes them for simultaneous, as the authors
+did (refused by default: a camera seems to have been knocked). *Times* estimates each camera's lag and each image's
+error. *Known*, *refine* and *estimate* say what becomes of the authors' lenses. Error bars are standard deviations,
+with times no smaller than the spread when a sixth of the shots is left out.
 """
 
 
