@@ -132,18 +132,18 @@ class Avatar(TexelStore):
     def view(self, frame: PreparedFrame, camera: CameraView) -> Picture:
         """Show a prepared frame to one camera."""
         layers = self.layers(frame, camera.center)
-        picture = self.draw(frame, layers, camera)
+        picture = self.draw(frame, layers.stacked(), camera)
         images = layers.images(picture.features)
         return Picture(self.shade_pixels(images, picture, frame, camera), picture.alpha, images.normal)
 
-    def draw(self, frame: PreparedFrame, layers: Layers, camera: CameraView) -> Splatted:
-        """Blend layers of the primitives that face the camera."""
+    def draw(self, frame: PreparedFrame, features: Float[Tensor, "texels channels"], camera: CameraView) -> Splatted:
+        """Blend features of the primitives that face the camera."""
         gaussians = frame.gaussians
         # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
         toward = camera.center - gaussians.means.detach()
         facing = (frame.surface.posed.normals * toward).sum(-1) > 0
         shown = replace(gaussians, opacities=gaussians.opacities * facing)
-        return self.built.primitives.draw(shown, layers.stacked(), camera)
+        return self.built.primitives.draw(shown, features, camera)
 
     def viewed(self, frame: PreparedFrame, center: Float[Tensor, "3"]) -> ViewedParameters:
         """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9)."""

@@ -19,6 +19,7 @@ from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.config.export_avatar import ExportAvatar
 from pipeline.config.export_viewer import ExportViewer
 from pipeline.config.fit_eyes import FitEyes
 from pipeline.config.index_capture import IndexCapture
@@ -82,6 +83,7 @@ class SubjectSettings(Settings):
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
     relight_avatar: RelightAvatar = RelightAvatar()
     export_viewer: ExportViewer = ExportViewer()
+    export_avatar: ExportAvatar = ExportAvatar()
     check_budget: CheckBudget = CheckBudget()
     measure_cost: MeasureCost = MeasureCost()
     budget_errors: BudgetErrors = BudgetErrors()

@@ -189,6 +189,12 @@ class JobFiles:
         settings = section_for(self.settings, "relight_avatar", self.variant)
         return [path for path in (settings.codes, settings.gaze) if path]
 
+    def captured_shards(self) -> list[str]:
+        """Shards of captured pictures, if relight_avatar shows them beside its own."""
+        if not section_for(self.settings, "relight_avatar", self.variant).beside_captured:
+            return []
+        return [file for split in ("train", "validation", "test") for file in self.shards(f"shards/{split}")]
+
     def score_pictures(self) -> list[str]:
         """The folder of pictures of evaluate_avatar, unless its setting turns them off."""
         return [self.path("images")] if self.settings.evaluate_avatar.pictures else []

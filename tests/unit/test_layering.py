@@ -18,7 +18,7 @@ LAYERS = [
     {"effects"},
     {"avatar"},
     {"figures"},
-    {"report", "viewer"},
+    {"export", "report", "viewer"},
     {"dials"},
     {"stages"},
 ]

@@ -122,6 +122,11 @@ def traced_maps(input):
     return [table.removesuffix(".parquet") for table in input.irradiance]
 
 
+def captured_folder(wildcards):
+    """The folder of the shards, if captured pictures are shown."""
+    return job(wildcards).path("shards") if job(wildcards).captured_shards() else []
+
+
 def light_as(kind):
     """A function of wildcards: the file of the light, if it is of that kind."""
 
