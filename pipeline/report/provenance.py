@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 import re
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ BYTES_IN_GIB = 2**30
 def provenance(results: Results) -> Part:
     """Everything needed to tell whether two reports are of the same thing."""
     parts = [
+        *_imported(results),
         "<h3>Inputs</h3>", paragraph("BLAKE2b-128 of the indexed capture."),
         html_table("inputs", ["what", "digest"], input_digests(results), "ts"),
         "<h3>Code</h3>", _code(),
@@ -32,6 +34,17 @@ def provenance(results: Results) -> Part:
         html_table("machine", ["what", "is"], machine(), "st"),
     ]  # fmt: skip
     return Part("Provenance", "".join(parts))
+
+
+def _imported(results: Results) -> list[str]:
+    """Table of what came from a public set and what did not, of captures from one."""
+    notes = results.capture.get("imported")
+    if not notes:
+        return []
+    titles = {"given": "taken from", "computed": "computed by", "left_out": "not used"}
+    rows = [[what, titles[kind], how] for kind in titles for what, how in notes[kind].items()]
+    head = ["what", "is", "where and how"]
+    return [f"<h3>Imported from {escape(notes['dataset'])}</h3>", html_table("imported", head, rows, "sst")]
 
 
 def input_digests(results: Results) -> list[list[Any]]:

@@ -20,7 +20,7 @@ from pipeline.config.flags import flags
 from pipeline.config.loading import Project, has_own_light, section_for
 from pipeline.config.project import SubjectSettings
 from pipeline.config.stage_commands import subject_files
-from pipeline.config.subjects import chunk_ids, require_subject, subject_names, watched_files
+from pipeline.config.subjects import chunk_ids, dataset_files, require_subject, subject_names, watched_files
 
 RESULTS = "results"
 
@@ -94,7 +94,8 @@ class JobFiles:
         words = {"subject": self.subject, "chunk_size": str(self.settings.chunk_frames), "project_results": RESULTS}
         given = {name: value for name, value in (("chunk", self.chunk), ("variant", self.variant)) if value is not None}
         files = subject_files(f"{RESULTS}/{self.subject}", self.chunk, self.variant)
-        return {**files, **words, **given, "capture": self.capture}
+        dataset = {"dataset": self.settings.source, "source": self.settings.path}
+        return {**files, **words, **given, **dataset, "capture": self.capture}
 
     def flags(self, stage: str) -> list[str]:
         """A stage's settings as flags."""
@@ -112,11 +113,16 @@ class JobFiles:
     def capture_origin(self) -> list[str]:
         """Code digest and settings that make a synthetic capture; else nothing.
 
-        Its files are not watched.
+        Its files are not watched. Those of an imported one are known by the digest in its capture.yaml.
         """
         if self.subject not in self.project.synthetic_subjects:
             return []
         return [code_digest("pipeline.stages.synthesize_capture"), *self.flags("synthesize_capture")]
+
+    def dataset_files(self) -> list[str]:
+        """Files of the public set that the capture is imported from, and the topology."""
+        topology = self.settings.import_capture.topology
+        return [*dataset_files(self.project, self.subject), *filter(None, [topology])]
 
     def each_chunk(self, pattern: str) -> list[str]:
         """Files of the job's chunks; {chunk} in a path below the subject's results is filled in."""
