@@ -94,8 +94,7 @@ class JobFiles:
         words = {"subject": self.subject, "chunk_size": str(self.settings.chunk_frames), "project_results": RESULTS}
         given = {name: value for name, value in (("chunk", self.chunk), ("variant", self.variant)) if value is not None}
         files = subject_files(f"{RESULTS}/{self.subject}", self.chunk, self.variant)
-        dataset = {"dataset": self.settings.source, "source": self.settings.path}
-        return {**files, **words, **given, **dataset, "capture": self.capture}
+        return {**files, **words, **given, "capture": self.capture}
 
     def flags(self, stage: str) -> list[str]:
         """A stage's settings as flags."""

@@ -43,7 +43,11 @@ rule import_capture:
         mem_mb=4000,
     params:
         code=code_for("import_capture"),
-        arguments=arguments_for("import_capture"),
+        arguments=arguments_for(
+            "import_capture",
+            dataset=lambda wildcards: job(wildcards).settings.source,
+            source=lambda wildcards: job(wildcards).settings.path,
+        ),
         settings=settings_for("import_capture"),
     message:
         "{wildcards.subject}: reading a public set in place"

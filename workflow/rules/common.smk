@@ -85,7 +85,7 @@ def arguments_for(stage, **own):
         shared = job(wildcards).named() if "subject" in wildcards.keys() else {}
         values = {name: value(wildcards) for name, value in own.items()}
         # Those that write it: another folder is another output.
-        return stage_arguments(stage, {**shared, "capture": [], **values} if stage not in MAKES_CAPTURE else shared)
+        return stage_arguments(stage, {**shared, **({} if stage in MAKES_CAPTURE else {"capture": []}), **values})
 
     return words
 

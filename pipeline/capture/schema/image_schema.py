@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Discriminator, Field, Tag, field_validator
 
 from pipeline.capture.schema.sections import ImagePattern, MaskPattern, ParquetPath, Section
 
-ChannelLevels = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
-"""Stored values of no light, of R, G and B."""
+ONE_NUMBER, THREE_NUMBERS = "one number", "three numbers"
+"""Choices of a value's type. Spaces tell them from keys, beside which pydantic names them."""
+
+Count = Annotated[float, Field(allow_inf_nan=False)]
+
+BlackLevel = Annotated[
+    Annotated[Count, Tag(ONE_NUMBER)] | Annotated[list[Count], Field(min_length=3, max_length=3), Tag(THREE_NUMBERS)],
+    Discriminator(lambda level: THREE_NUMBERS if isinstance(level, list) else ONE_NUMBER),
+]
+"""Stored value of no light: of all channels, or of R, G and B."""
 
 
 class Images(Section):
@@ -18,30 +26,31 @@ class Images(Section):
     A path that goes through a .zip file, as in `images/{camera}.zip/{frame:06d}.png`, names a member of that archive.
     """
 
-    path: ImagePattern | None = Field(
-        None, description="pattern with {camera} and {frame:06d}; .exr (R, G, B) or .png (8, 16 bit)"
-    )
     table: ParquetPath | None = Field(
         None,
-        description="in place of a pattern, a parquet with a row for each image that there is: camera, frame, path, "
+        description="in place of path, a parquet with a row for each image that there is: camera, frame, path, "
         "mask_path (null: no mask); .jpg and .avif files, too",
+    )
+    path: ImagePattern | None = Field(
+        None,
+        description="pattern with {camera} and {frame:06d}; .exr (R, G, B) or .png (8, 16 bit)",
         validate_default=True,
     )
     transfer: Literal["linear", "srgb"] = Field(description="how stored values relate to light")
-    black_level: Annotated[float, Field(allow_inf_nan=False)] | ChannelLevels = Field(
+    black_level: BlackLevel = Field(
         description="stored value (counts, but for .exr) of no light, of all channels or a list of R, G and B; "
         "subtracted before anything else"
     )
     downsample_from_sensor: int = Field(ge=1, description="d: an image pixel is d x d sensor pixels")
 
     # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
-    @field_validator("table")
+    @field_validator("path")
     @classmethod
-    def _is_pattern_or_table(cls, table: str | None, info: Any) -> str | None:
-        # A pattern that is itself wrong is not in `data`: it has its own complaint.
-        if "path" in info.data and (table is None) == (info.data["path"] is None):
-            raise ValueError("either images.path, a pattern, or images.table, one of the two")
-        return table
+    def _is_pattern_or_table(cls, path: str | None, info: Any) -> str | None:
+        # A table that is itself wrong is not in `data`: it has its own complaint.
+        if "table" in info.data and (path is None) == (info.data["table"] is None):
+            raise ValueError("a pattern with {camera} and {frame:06d}, or else images.table, one of the two")
+        return path
 
 
 class Masks(Section):
