@@ -8,13 +8,13 @@ import subprocess
 import time
 
 import pandas as pd
-import psutil
 import pytest
 
 from docs.generate.flowchart import FLOW
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.capture.shards import read_frame_shards, read_image_shards
+from pipeline.workflow.termination import running_stages
 from tests.support.viewer.relit_page import CHROMIUM, lamp, launch, open_page, page_picture, psnr_db
 
 TARGET = "results/tiny/metrics.csv"
@@ -54,9 +54,8 @@ def kill_training(workflow):
     last = time.monotonic() + DEADLINE_S
     while not checkpoint.exists() and running.poll() is None and time.monotonic() < last:
         time.sleep(0.02)
-    for process in psutil.Process(running.pid).children(recursive=True) if running.poll() is None else []:
-        if "pipeline.stages.train_avatar" in process.cmdline():
-            process.kill()
+    for stage in running_stages(running.pid) if running.poll() is None else []:
+        stage.kill()
     code = running.wait(DEADLINE_S)
     printed = log.read_text()
     assert code != 0, printed
