@@ -54,7 +54,7 @@ def input_digests(results: Results) -> list[list[Any]]:
     rows += [[key.replace("_", " "), value] for key, value in template.items() if key.endswith("_digest")]
     images = results.table("index/images.parquet")
     columns = [name for name in ("digest", "mask_digest") if name in images]
-    together = digest_bytes("\n".join(images[columns].astype(str).agg(" ".join, axis=1)).encode())
+    together = digest_bytes("\n".join(images[columns].astype(str).fillna("none").agg(" ".join, axis=1)).encode())
     return [*rows, [f"{len(images)} images and masks", together]]
 
 

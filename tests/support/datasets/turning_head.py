@@ -20,6 +20,9 @@ CENTER_M = np.array([0.04, 0.12, -0.03])
 
 SUBPIXEL_BITS = 8
 
+FINER = 4
+"""Painted pixels along a side of an image's: OpenCV also fills the pixels that an outline touches."""
+
 
 @dataclass(frozen=True)
 class TrueCamera:
@@ -127,15 +130,19 @@ class TurningHead:
             distance = np.linalg.norm(away, axis=1, keepdims=True)
             cosine = np.clip((normal * away).sum(1, keepdims=True) / distance, 0, None)
             radiance += self.albedo / np.pi * intensity * cosine / distance**2
-        return self._painted(name, vertices, radiance, self.downsample).astype(np.float32)
+        fine = self._painted(name, vertices, radiance, self.downsample)
+        height, width = fine.shape[0] // FINER, fine.shape[1] // FINER
+        return fine.reshape(height, FINER, width, FINER, 3).mean((1, 3)).astype(np.float32)
 
     def labels(self, name: str, frame: int, values: np.ndarray, coarser: int = 1) -> np.ndarray:
         """Image in which each face has its value; `coarser` pixels along a side become one."""
-        whole = self._painted(name, self.vertices(frame), values[:, None].astype(np.float64), self.downsample * coarser)
-        return whole[..., 0].astype(np.uint8)
+        fine = self._painted(name, self.vertices(frame), values[:, None].astype(np.float64), self.downsample * coarser)
+        middle = FINER // 2
+        return fine[middle::FINER, middle::FINER, 0].astype(np.uint8)
 
-    def _painted(self, name: str, vertices: np.ndarray, values: np.ndarray, factor: int) -> np.ndarray:
-        camera = self.cameras[name]
+    def _painted(self, name: str, vertices: np.ndarray, values: np.ndarray, coarser: int) -> np.ndarray:
+        """Pixels `FINER` times smaller than those of an image `coarser` than the sensor."""
+        camera, factor = self.cameras[name], coarser / FINER
         # From pixel centres of the sensor to those of the image: (c + 0.5) / d - 0.5.
         pixels = (camera.project(vertices) + 0.5) / factor - 0.5
         toward = vertices @ camera.R.T + camera.t
@@ -144,7 +151,7 @@ class TurningHead:
         # Counterclockwise in the world is clockwise on an image whose y points down.
         front = side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0] < 0
         order = np.argsort(-toward[self.faces].mean(1)[:, 2])
-        shape = (camera.height // factor, camera.width // factor, values.shape[1])
+        shape = (camera.height // coarser * FINER, camera.width // coarser * FINER, values.shape[1])
         planes = [np.zeros(shape[:2]) for _ in range(shape[2])]
         for face in order[front[order]]:
             outline = np.round(corners[face] * 2**SUBPIXEL_BITS).astype(np.int32)
