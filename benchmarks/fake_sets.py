@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from tests.support.datasets import goliath_layout
+from tests.support.datasets import becominglit_layout, goliath_layout
 from tests.support.datasets.turning_head import TurningHead
 
 
@@ -22,7 +20,6 @@ class FakeSet:
         write: writes it in the set's layout below a folder; returns the folder that `path` names.
         cameras: number of those with images.
         true_frame: the truth's frame by the imported capture's.
-        world: from the truth's frame of space to the imported capture's.
     """
 
     dataset: str
@@ -30,12 +27,21 @@ class FakeSet:
     write: Callable[[Path, TurningHead], Path]
     cameras: int
     true_frame: Callable[[int], int] = int
-    world: Callable[[np.ndarray], np.ndarray] = np.asarray
+
+
+def true_becominglit_frame(frame: int) -> int:
+    """The truth's frame: sequences count from 0, and the kth from 100000 k here."""
+    sequence, number = divmod(frame, 100_000)
+    return sorted(becominglit_layout.SEQUENCES.values(), key=lambda span: span[0])[sequence][number]
 
 
 FAKES = (
     FakeSet(
         "goliath", lambda: goliath_layout.true_head(image=(96, 144)), goliath_layout.write_goliath,
         len(goliath_layout.CAMERAS),
+    ),
+    FakeSet(
+        "becominglit", lambda: becominglit_layout.true_head(image=(96, 144)), becominglit_layout.write_becominglit,
+        len(becominglit_layout.CAMERAS), true_becominglit_frame,
     ),
 )  # fmt: skip

@@ -24,9 +24,8 @@ from pipeline.datasets.imported_capture import HeldOut, ImageStore, ImportedCapt
 from pipeline.datasets.kept_frames import frames_with_meshes, shown
 from pipeline.datasets.layout import csv_columns, require
 from pipeline.datasets.light_durations import (
-    FULLY_LIT,
     intensities,
-    light_name,
+    lit_lights,
     read_durations,
     read_lights,
     read_pattern_of_frames,
@@ -151,18 +150,6 @@ def read_frames(
     if frames.empty:
         raise InputError(f"{root}: expected frames with a split, a light pattern and images, found none")
     return frames.reset_index(drop=True)
-
-
-def lit_lights(patterns: list[dict[int, float]], lights: int, provenance: Provenance) -> list[str]:
-    """Names of the lights that any pattern turns on; the others are named."""
-    ever = {light for pattern in patterns for light, duration in pattern.items() if duration > 0}
-    full = {light for light, duration in patterns[FULLY_LIT].items() if duration > 0}
-    if never := [light_name(light) for light in range(lights) if light not in ever]:
-        provenance.left_out["lights that no pattern turns on"] = shown(never)
-    if dark := sorted(ever - full):
-        names = listed([light_name(light) for light in dark])
-        log.warning("pattern %d is taken for fully lit, but leaves out %s: no frame will count as it", FULLY_LIT, names)
-    return [light_name(light) for light in sorted(ever)]
 
 
 def frame_step(frames: pd.DataFrame) -> int:

@@ -43,12 +43,14 @@ class TrackedMeshes:
     Attributes:
         table: frame, path (relative to the set's folder), world_from_mesh (12 numbers, t in metres, or None).
         scale_to_m: metres per unit of their vertices.
-        rest: the mesh at rest, metres, in the frame that `world_from_mesh` starts from.
+        rest: the mesh at rest, metres; if the motion is given, in the frame that `world_from_mesh` starts from.
+        motion: given, if `world_from_mesh` is how the template moves; fitted, if it only takes vertices to the world.
     """
 
     table: pd.DataFrame
     scale_to_m: float
     rest: Mesh
+    motion: Literal["given", "fitted"] = "given"
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class ImportedCapture:
         images: where they are and how they store light.
         lights: light, x, y, z.
         patterns: frame, light, intensity, one row per lit light.
-        colors: corrected-from-raw matrix of each camera; none at all if colours are as recorded.
+        colors: corrected-from-raw matrix of each camera, 3 x 3 or 3 x 4; none at all if colours are as recorded.
         meshes: tracked elsewhere.
         held_out: the set's own split.
         provenance: said in the capture, and on the report.
@@ -100,7 +102,7 @@ class ImportedCapture:
     images: ImageStore
     lights: pd.DataFrame
     patterns: pd.DataFrame
-    colors: Mapping[str, Float64[np.ndarray, "3 3"]]
+    colors: Mapping[str, Float64[np.ndarray, "3 columns"]]
     meshes: TrackedMeshes
     held_out: HeldOut
     provenance: Provenance

@@ -12,6 +12,8 @@ import pandas as pd
 
 from pipeline.base.errors import InputError, listed
 from pipeline.base.files import read_json
+from pipeline.datasets.imported_capture import Provenance
+from pipeline.datasets.kept_frames import shown
 from pipeline.datasets.layout import json_key
 
 log = logging.getLogger(__name__)
@@ -89,6 +91,18 @@ def read_pattern_of_frames(path: Path, patterns: int) -> dict[int, int]:
     if twice := sorted(frame for frame, pattern in pairs if found[frame] != pattern):
         raise InputError(f"{path}: expected one pattern per frame, found two for frame {listed(twice)}")
     return found
+
+
+def lit_lights(patterns: Sequence[Pattern], lights: int, provenance: Provenance) -> list[str]:
+    """Names of the lights that any pattern turns on; the others are named."""
+    ever = {light for pattern in patterns for light, duration in pattern.items() if duration > 0}
+    full = {light for light, duration in patterns[FULLY_LIT].items() if duration > 0}
+    if never := [light_name(light) for light in range(lights) if light not in ever]:
+        provenance.left_out["lights that no pattern turns on"] = shown(never)
+    if dark := sorted(ever - full):
+        names = listed([light_name(light) for light in dark])
+        log.warning("pattern %d is taken for fully lit, but leaves out %s: no frame will count as it", FULLY_LIT, names)
+    return [light_name(light) for light in sorted(ever)]
 
 
 def intensities(

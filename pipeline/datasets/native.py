@@ -84,7 +84,9 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
     return content | {
         "cameras": "cameras.csv", "frames": "frames.csv", "lights": "lights.csv", "patterns": "patterns.csv",
         "template": {"mesh": "template.glb", "scale_to_m": 1.0},
-        "meshes": {"table": "meshes.parquet", "scale_to_m": found.meshes.scale_to_m},
+        "meshes": {
+            "table": "meshes.parquet", "motion": found.meshes.motion, "scale_to_m": found.meshes.scale_to_m,
+        },
         "calibration": {
             "cameras": {"method": "known", "path": "cameras.json"}, "lights": {"method": "known"},
             "color": {"method": "known", "path": "color.json"} if found.colors else {"method": "none"},

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float32, Float64
 
+from pipeline.base.color import corrected
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.capture.images import ImageSource
@@ -39,7 +40,7 @@ class TrackedCapture:
         detected: keypoints as detected, pixels of the (distorted) images; NaN where not.
         images: index/images.parquet by (camera, frame).
         lights: light, x, y, z; patterns: frame, light, intensity_r, ...
-        corrections: corrected-from-raw colour of each camera, 3 x 3; cameras without one are shown as they are.
+        corrections: corrected-from-raw colour of each camera, 3 x 3 or 3 x 4; cameras without one are as they are.
     """
 
     subject: str
@@ -56,7 +57,7 @@ class TrackedCapture:
     images: pd.DataFrame
     lights: pd.DataFrame
     patterns: pd.DataFrame
-    corrections: Mapping[str, Float64[np.ndarray, "3 3"]]
+    corrections: Mapping[str, Float64[np.ndarray, "3 columns"]]
 
     @cached_property
     def projected(self) -> Float64[np.ndarray, "cameras frames keypoints 2"]:
@@ -82,7 +83,7 @@ class TrackedCapture:
         image = self.source.read(entry.path)
         matrix = self.corrections.get(name, np.eye(3)).astype(np.float32)
         small = self.cameras[name].downsampled(float(factor))
-        return block_means(np.nan_to_num(image, posinf=0.0, neginf=0.0), factor, small) @ matrix.T
+        return corrected(block_means(np.nan_to_num(image, posinf=0.0, neginf=0.0), factor, small), matrix)
 
     def mask(self, name: str, row: int, factor: int) -> Float32[np.ndarray, "height width"] | None:
         """Share of each pixel, 0..1, that shows the subject, `factor` times smaller.

@@ -15,13 +15,17 @@ from pathlib import Path
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.config.import_capture import ImportCapture
+from pipeline.datasets.becominglit import read_becominglit
 from pipeline.datasets.goliath import read_goliath
 from pipeline.datasets.imported_capture import ImportedCapture
 from pipeline.datasets.native import write_native
 
 log = logging.getLogger("import_capture")
 
-READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {"goliath": read_goliath}
+READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
+    "goliath": read_goliath,
+    "becominglit": read_becominglit,
+}
 """Reader of each set of `pipeline.config.project.DATASETS`."""
 
 

@@ -80,7 +80,7 @@ def run(
     source, images = ImageSource.from_index(capture, content["images"]), read_table(index / "images.parquet")
     if "meshes" in content:
         given = read_given(
-            capture, read_table(index / "meshes.parquet"), content["meshes"]["scale_to_m"], template, frames,
+            capture, read_table(index / "meshes.parquet"), content["meshes"], template, frames,
             slice(first, last),
         )  # fmt: skip
         numbers = frames.frame.to_numpy(np.int64)[first:last]

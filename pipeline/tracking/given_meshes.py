@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -38,7 +40,7 @@ class GivenTracking:
 
 
 def read_given(
-    capture: Path, meshes: pd.DataFrame, scale_to_m: float, template: Template, frames: pd.DataFrame, kept: slice
+    capture: Path, meshes: pd.DataFrame, facts: Mapping[str, Any], template: Template, frames: pd.DataFrame, kept: slice
 ) -> GivenTracking:
     """Meshes of some frames, given or interpolated between the nearest of their segment.
 
@@ -48,8 +50,8 @@ def read_given(
     Args:
         capture: folder that the meshes' paths are relative to.
         meshes: frame, path, world_from_mesh, as index_capture has them.
-        scale_to_m: metres per unit of the meshes' vertices.
-        template: its rest vertices are in the frame of the meshes, if these have poses.
+        facts: `meshes` of capture.json: scale_to_m, motion.
+        template: its rest vertices are in the frame of the meshes, if these have poses and these are its motion.
         frames: all frames of the capture in order: frame, segment.
         kept: those that are wanted.
 
@@ -66,7 +68,7 @@ def read_given(
     needed, where = np.unique(np.stack([before, after]), return_inverse=True)
     numbers = frames.frame.to_numpy(np.int64)[known[needed]]
     given = progress([rows.loc[number] for number in numbers], "meshes")
-    posed = [_read_posed(capture, row, scale_to_m, template) for row in given]
+    posed = [_read_posed(capture, row, facts, template) for row in given]
     rotations, shifts, offsets = (np.stack(part) for part in zip(*posed, strict=True))
     pose = Pose(rotations, shifts, np.zeros((len(needed), 0, 4)))
     filled = fill_between(pose, known[needed], len(frames), template.vertices_rest.mean(0), takes).at(kept_rows)
@@ -80,15 +82,17 @@ def read_given(
 
 
 def _read_posed(
-    capture: Path, row: pd.Series, scale_to_m: float, template: Template
+    capture: Path, row: pd.Series, facts: Mapping[str, Any], template: Template
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotation (wxyz), translation and offsets of one mesh."""
     path, rest = capture / row.path, template.vertices_rest
-    vertices = scale_to_m * decode_mesh(read_bytes(path), path).vertices
+    vertices = facts["scale_to_m"] * decode_mesh(read_bytes(path), path).vertices
     if vertices.shape != rest.shape:
         raise InputError(f"{path}: expected the template's {len(rest)} vertices, found {len(vertices)}")
     if row.world_from_mesh is not None:
         motion = np.asarray(row.world_from_mesh, np.float64).reshape(3, 4)
-        return quaternion_from_matrix(motion[:, :3]), motion[:, 3], vertices - rest
+        if facts["motion"] == "given":
+            return quaternion_from_matrix(motion[:, :3]), motion[:, 3], vertices - rest
+        vertices = vertices @ motion[:, :3].T + motion[:, 3]
     fit = align_rigid(rest, vertices)
     return quaternion_from_matrix(fit.R), fit.t, (vertices - fit.t) @ fit.R - rest

@@ -51,7 +51,7 @@ def read_color_matrices(
 ) -> dict[str, list[list[float]]]:
     """Corrected-from-raw matrix of each camera.
 
-    Complains about cameras without 3 x 3 finite numbers that can be inverted.
+    Complains about cameras without 3 x 3 finite numbers that can be inverted, or those and a column.
     """
     content: Any = {}
     with complaints.collecting():
@@ -67,10 +67,11 @@ def read_color_matrices(
             matrix = np.asarray(matrices.get(camera), np.float64)
         except (TypeError, ValueError):
             matrix = np.zeros(0)
-        if matrix.shape == (3, 3) and np.isfinite(matrix).all() and np.linalg.matrix_rank(matrix) == 3:
+        sized = matrix.shape in ((3, 3), (3, 4)) and bool(np.isfinite(matrix).all())
+        if sized and np.linalg.matrix_rank(matrix[:, :3]) == 3:
             found[camera] = matrix.tolist()
         else:
-            expected = "3 rows of 3 finite numbers, a matrix that can be inverted"
+            expected = "3 rows of 3 or 4 finite numbers, whose first 3 columns can be inverted"
             complaints.add(path, f"camera {camera}", expected=expected, found=repr(matrices.get(camera)))
     return found
 

@@ -209,7 +209,7 @@ def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[
     if (masks := mask_format(manifest)) != PLAIN_MASKS:
         facts["masks"] = asdict(masks)
     if manifest.meshes is not None:
-        given["meshes"] = {"scale_to_m": manifest.meshes.scale_to_m}
+        given["meshes"] = manifest.meshes.model_dump(include={"motion", "scale_to_m"})
     if manifest.imported is not None:
         given["imported"] = manifest.imported.model_dump(exclude={"digest"})
     return {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from pipeline.capture.schema.sections import Length, ParquetPath, Section
@@ -14,6 +16,11 @@ class Meshes(Section):
         description="parquet: frame, path (.ply, vertices in the template's order), world_from_mesh (the 12 numbers of "
         "three rows [R | t], t in metres; null: the vertices are in the world). Frames without a row are interpolated "
         "between their neighbours in the segment"
+    )
+    motion: Literal["given", "fitted"] = Field(
+        "given",
+        description="given: world_from_mesh is how the template moves as a whole; fitted: it only takes the vertices "
+        "into the world, and the template's motion is fitted to them",
     )
     scale_to_m: Length = Field(description="a vertex in metres is this times that of the file")
 
