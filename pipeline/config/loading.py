@@ -164,12 +164,7 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
     except ValidationError as error:
         _complain(error, model, origins, complaints)
         return None
-    if (settings.source in DATASETS) != bool(settings.path):
-        key = "path" if settings.source in DATASETS else "source"
-        where = next((name for name, given in origins if key in given or "path" in given), origins[1][0])
-        expected = f"the folder of a {settings.source} capture" if key == "path" else f"one of {', '.join(DATASETS)}"
-        found = "none" if key == "path" else f"{settings.source!r}, which has no path"
-        complaints.add(where, key, expected=expected, found=found)
+    _complain_of_path(settings, origins, complaints)
     for variant, stage in product(settings.variants, VARIED):
         inside = ("variants", variant) if stage == "train_avatar" else ("variants", variant, stage)
         own = [(where, _dig(given, inside)) for where, given in origins]
@@ -186,6 +181,19 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
         except ValidationError as error:
             _complain(error, SECTIONS[stage], own, complaints, prefix=f"{'.'.join(inside)}.")
     return settings
+
+
+def _complain_of_path(settings: SubjectSettings, origins: list[tuple[str, Any]], complaints: Complaints) -> None:
+    """A public set needs a path; any other source has none."""
+    public = settings.source in DATASETS
+    if public == bool(settings.path):
+        return
+    where = next(name for name, given in origins if ("source" if public else "path") in given)
+    if public:
+        complaints.add(where, "path", expected=f"the folder of a {settings.source} capture", found="none")
+    else:
+        found = f"{settings.source!r}, which has no path"
+        complaints.add(where, "source", expected=f"one of {', '.join(DATASETS)}", found=found)
 
 
 def _complain(
