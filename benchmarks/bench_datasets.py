@@ -21,9 +21,10 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.fake_sets import FAKES, FakeSet
-from pipeline.base.color import srgb_from_linear
+from pipeline.base.color import corrected, srgb_from_linear
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.capture.images import ImageSource
+from pipeline.effects.scene_evidence import read_colors
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.skin import read_template
 from tests.support.datasets.turning_head import TurningHead
@@ -121,7 +122,7 @@ def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
     described, images = read_json(results / "index/capture.json"), read_table(results / "index/images.parquet")
     source = ImageSource.from_index(capture, described["images"])
     cameras = read_cameras(results / "calibration/cameras.json")
-    colors = read_json(results / "calibration/color.json")["cameras"]
+    colors = read_colors(results / "calibration/color.json")
     faces = read_template(capture / described["template"]["mesh"], 1.0).faces
     tracked = read_arrays(results / "tracking/0000.safetensors")
     vertices = dict(zip(tracked["frames"].tolist(), tracked["vertices"].astype(np.float64), strict=True))
@@ -132,11 +133,11 @@ def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
     for number, name in enumerate(chosen):
         rows = masked[masked.camera == name].sort_values("frame")
         row = rows.iloc[number * (len(rows) - 1) // max(len(chosen) - 1, 1)]
-        image = source.read(row.path) @ np.array(colors[name], np.float32).T
+        image = corrected(source.read(row.path), colors[name].astype(np.float32))
         mask = source.read_mask(row.mask_path, image.shape)
         small = cameras[name].downsampled(float(described["images"]["downsample_from_sensor"]))
         pixels, _ = small.project(vertices[row.frame])
-        panels.append(panel(image, mask, pixels[faces], f"{name}, frame {row.frame}"))
+        panels.append(panel(image, mask, pixels[faces], f"{name}, {row.frame}"))
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), np.hstack(panels)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
 

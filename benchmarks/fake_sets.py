@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.support.datasets import becominglit_layout, goliath_layout
+from tests.support.datasets import becominglit_layout, goliath_layout, humanolat_layout
 from tests.support.datasets.turning_head import TurningHead
 
 
@@ -43,5 +43,9 @@ FAKES = (
     FakeSet(
         "becominglit", lambda: becominglit_layout.true_head(image=(96, 144)), becominglit_layout.write_becominglit,
         len(becominglit_layout.CAMERAS), true_becominglit_frame,
+    ),
+    FakeSet(
+        "humanolat", lambda: humanolat_layout.true_head(image=(96, 144)), humanolat_layout.write_humanolat,
+        len(humanolat_layout.CAMERAS),
     ),
 )  # fmt: skip

@@ -7,19 +7,18 @@ the set's own preprocessing: meshes have to be there, masks may be.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
 
-from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.base.errors import Complaints, InputError
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.images import decode_stored
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 from pipeline.config.import_capture import ImportCapture
+from pipeline.datasets.becominglit_cameras import camera_names, read_colors, read_shared_lens
 from pipeline.datasets.becominglit_sequences import (
     ALPHA,
     MESHES,
@@ -32,11 +31,10 @@ from pipeline.datasets.becominglit_sequences import (
 )
 from pipeline.datasets.imported_capture import HeldOut, ImageStore, ImportedCapture, Provenance, TrackedMeshes
 from pipeline.datasets.kept_frames import frames_with_meshes, shown
-from pipeline.datasets.layout import json_key, require
+from pipeline.datasets.layout import require
 from pipeline.datasets.light_durations import intensities, lit_lights, read_durations, read_lights
 from pipeline.datasets.mask_agreement import prove_meshes
 from pipeline.datasets.up_axis import turned, upright_from_set
-from pipeline.geometry.cameras import Camera
 from pipeline.geometry.mesh_files import decode_mesh
 
 log = logging.getLogger(__name__)
@@ -58,17 +56,11 @@ FULL_DURATION = 3000.0
 PARTIAL_GAIN = 1 / 0.66
 """Factor of the set's loader on intensities in frames that are not fully lit."""
 
-BLACK_LIGHT = 4 / 255
-"""Linear light that the set's loader subtracts after the colour matrix."""
-
 SUBJECT_LABELS = (1, 2, *range(4, 20))
 """Part labels that are the subject: all but the background, 0, and clothes, 3, which the set's loader leaves out."""
 
 TEST_CAMERA, TEST_SEQUENCE = "222200037", "FREE"
 """The split of the set's configuration."""
-
-MIDDLE = 0.25
-"""Share of the image's side by which the principal point may be off its middle."""
 
 MAKES_MESHES = "it is made by the set's preprocessing, becominglit/data/preprocess/flame_tracker.py"
 MAKES_MASKS = "becominglit/data/preprocess/birefnet.py and facer.py"
@@ -98,7 +90,7 @@ def read_becominglit(root: Path, settings: ImportCapture) -> ImportedCapture:
     if dropped:
         provenance.left_out["frames that lie between no two meshes"] = shown(dropped)
     sizes = {name: image_size(root, name, sequences) for name in names}
-    cameras = read_cameras_json(root / "calibration/camera_calibration.json", sizes, complaints)
+    cameras = read_shared_lens(root / "calibration/camera_calibration.json", sizes, complaints)
     colors = read_colors(root / "calibration/color_calibration.json", names, complaints)
     complaints.raise_if_any()
     upright = upright_from_set(cameras.values(), str(root))
@@ -127,76 +119,12 @@ def read_becominglit(root: Path, settings: ImportCapture) -> ImportedCapture:
     )  # fmt: skip
 
 
-def camera_names(root: Path, wanted: Collection[str]) -> list[str]:
-    """Names of the calibrated cameras, or of the `wanted` ones.
-
-    Raises:
-        InputError: if one of these is not there.
-    """
-    names = sorted(json_key(root / "calibration/camera_calibration.json", "world_to_cam"))
-    if absent := sorted(set(wanted) - set(names)):
-        raise InputError(f"import_capture.cameras: expected some of {listed(names, 20)}, found {listed(absent)}")
-    return [name for name in names if not wanted or name in wanted]
-
-
 def image_size(root: Path, camera: str, sequences: Sequence[SequenceFiles]) -> tuple[int, int]:
     """Width and height of a camera's first image, pixels."""
     each = next(each for each in sequences if each.images[camera])
     path = root / each.image_path(camera, min(each.images[camera]))
     height, width = decode_stored(read_bytes(path), path).shape[:2]
     return width, height
-
-
-def read_cameras_json(path: Path, sizes: dict[str, tuple[int, int]], complaints: Complaints) -> dict[str, Camera]:
-    """Cameras of camera_calibration.json, in the set's world.
-
-    One K for all, counted from the image's corner, as the set's loader scales it without a shift; camera-from-world in
-    metres; images are free of distortion.
-    """
-    shared, poses = json_key(path, "cam_data"), json_key(path, "world_to_cam")
-    fx, fy, cx, cy = (_number(shared, key) for key in ("fx", "fy", "cx", "cy"))
-    K, cameras = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), {}
-    if not np.isfinite(K).all():
-        complaints.add(path.name, "cam_data", expected="the numbers fx, fy, cx, cy", found=repr(shared))
-    for name, (width, height) in sizes.items():
-        pose = _matrix(poses[name], (4, 4))
-        if pose is None:
-            found = repr(poses[name])
-            complaints.add(path.name, f"world_to_cam {name}", expected="4 x 4 finite numbers", found=found)
-            continue
-        if np.abs(np.array([cx / width, cy / height]) - 0.5).max() > MIDDLE:
-            expected = f"a principal point near the middle of the {width} x {height} pixels of camera {name}"
-            hint = "K is that of images as they are released, 2200 x 3208 pixels"
-            complaints.add(path.name, "cam_data", expected=expected, found=f"{cx:g}, {cy:g}", hint=hint)
-        cameras[name] = Camera(pose[:3, :3], pose[:3, 3], K, np.zeros(5), width, height)
-    return cameras
-
-
-def read_colors(
-    path: Path, names: Collection[str], complaints: Complaints
-) -> dict[str, Float64[np.ndarray, "3 4"]]:  # fmt: skip
-    """Of each camera the matrix of linear colours, and the light that is subtracted after it."""
-    colors = {}
-    for name in names:
-        matrix = _matrix(json_key(path, name), (3, 3))
-        if matrix is None:
-            complaints.add(path.name, name, expected="3 x 3 finite numbers", found="others")
-            continue
-        colors[name] = np.concatenate([matrix, np.full((3, 1), -BLACK_LIGHT)], axis=1)
-    return colors
-
-
-def _number(content: Any, key: str) -> float:
-    value = content.get(key) if isinstance(content, dict) else None
-    return float(value) if isinstance(value, int | float) else np.nan
-
-
-def _matrix(content: Any, shape: tuple[int, int]) -> np.ndarray | None:
-    try:
-        matrix = np.asarray(content, np.float64)
-    except (TypeError, ValueError):
-        return None
-    return matrix if matrix.shape == shape and np.isfinite(matrix).all() else None
 
 
 def mesh_table(sequences: Sequence[SequenceFiles]) -> pd.DataFrame:

@@ -61,6 +61,7 @@ class HeldOut:
     frames: Sequence[int] = ()
     segments: Sequence[str] = ()
     patterns: Sequence[int] = ()
+    validation_patterns: Sequence[int] | None = None
 
 
 @dataclass(frozen=True)

@@ -103,10 +103,17 @@ def prove_meshes(
     Raises:
         InputError: if they do not.
     """
+    views = masked_views(root, store, meshes)
+    if not views:
+        log.warning("no masks: whether cameras and meshes fit each other is not known")
+        return "not checked: there are no masks"
+    small = {name: camera.downsampled(float(store.downsample_from_sensor)) for name, camera in cameras.items()}
+    return prove(agreement(views, small, meshes.rest.faces), least_inside, str(root))
+
+
+def masked_views(root: Path, store: ImageStore, meshes: TrackedMeshes) -> list[MaskedView]:
+    """Some masks with the meshes of their frames, evenly chosen; none if the set has no masks."""
     masked = store.table[store.table.mask_path.notna() & store.table.frame.isin(meshes.table.frame)]
-    if masked.empty:
-        log.warning("no part labels: whether cameras and meshes fit each other is not known")
-        return "not checked: there are no part labels"
     frames = evenly(sorted(masked.frame.unique().tolist()), PROVEN_FRAMES)
     names = evenly(sorted(masked.camera.unique().tolist()), PROVEN_CAMERAS)
     posed, views = {frame: posed_vertices(root, meshes, frame) for frame in frames}, []
@@ -114,8 +121,7 @@ def prove_meshes(
         path, (width, height) = root / row.mask_path, store.sizes[row.camera]
         mask = store.masks.fit(decode_mask(read_bytes(path), path), (height, width), path)
         views.append(MaskedView(row.camera, mask, posed[row.frame]))
-    small = {name: cameras[name].downsampled(float(store.downsample_from_sensor)) for name in names}
-    return prove(agreement(views, small, meshes.rest.faces), least_inside, str(root))
+    return views
 
 
 def posed_vertices(root: Path, meshes: TrackedMeshes, frame: int) -> Float64[np.ndarray, "vertices 3"]:

@@ -80,6 +80,9 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
     if masks != PLAIN_MASKS:
         labels = {} if masks.labels is None else {"labels": list(masks.labels)}
         content["masks"] = {**labels, "enlarged": masks.enlarged}
+    chosen = {}
+    if held_out.validation_patterns is not None:
+        chosen["validation_patterns"] = [int(frame) for frame in held_out.validation_patterns]
     provenance = found.provenance
     return content | {
         "cameras": "cameras.csv", "frames": "frames.csv", "lights": "lights.csv", "patterns": "patterns.csv",
@@ -94,6 +97,7 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
         "splits": {
             "test_cameras": list(held_out.cameras), "test_frames": [int(frame) for frame in held_out.frames],
             "test_segments": list(held_out.segments), "test_patterns": [int(frame) for frame in held_out.patterns],
+            **chosen,
         },
         "imported": {
             "dataset": dataset, "digest": _digest(out), "given": provenance.given, "computed": provenance.computed,

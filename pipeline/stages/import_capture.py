@@ -17,6 +17,7 @@ from pipeline.base.errors import InputError
 from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.becominglit import read_becominglit
 from pipeline.datasets.goliath import read_goliath
+from pipeline.datasets.humanolat import read_humanolat
 from pipeline.datasets.imported_capture import ImportedCapture
 from pipeline.datasets.native import write_native
 
@@ -25,6 +26,7 @@ log = logging.getLogger("import_capture")
 READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
     "goliath": read_goliath,
     "becominglit": read_becominglit,
+    "humanolat": read_humanolat,
 }
 """Reader of each set of `pipeline.config.project.DATASETS`."""
 

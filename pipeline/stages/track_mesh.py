@@ -86,7 +86,7 @@ def run(
         numbers = frames.frame.to_numpy(np.int64)[first:last]
         used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), True)
         masked = mask_views(source, images, used, numbers, settings.outline_cameras, settings.outline_size_px)
-        write_given(out, chunk, numbers, template, given, masked)
+        write_given(out, chunk, numbers, template.faces, given, masked)
         return
     if content["template"].get("keypoints") is None:
         raise InputError("capture.yaml: template.keypoints: expected a csv of keypoints on the template, found none")
@@ -139,35 +139,17 @@ def run(
 
 
 def write_given(
-    out: Path, chunk: int, frames: np.ndarray, template: Template, given: GivenTracking, masked: dict[str, View]
+    out: Path, chunk: int, frames: np.ndarray, faces: np.ndarray, given: GivenTracking, masked: dict
 ) -> None:
     """Write meshes that were tracked elsewhere, and say which frames lie between them."""
-    views, none = list(masked.values()), np.zeros(len(frames), np.int64)
-    table = pd.DataFrame(
-        {
-            "frame": frames, "status": given.status, "rms_px": np.nan, "inliers": none, "observations": none,
-            "keypoints": none, "masks": np.sum([view.usable for view in views], axis=0) if views else none,
-            "masks_interpolated": none,
-            "silhouette_iou": silhouette_overlap(views, given.vertices, template.faces),
-        }
-    )  # fmt: skip
+    table = given.table(frames, list(masked.values()), faces)
     for status, why in (("between", "interpolated between given ones"), ("held", "the nearest given one's")):
         if named := table.frame[table.status == status].tolist():
             LOG.warning("%d frames have no mesh: %s: %s", len(named), why, named)
-    overlaps = {name: silhouette_overlap([view], given.vertices, template.faces) for name, view in masked.items()}
-    # Nobody detected keypoints; whether the masks fit is said, and decided when a set is imported.
+    overlaps = {name: silhouette_overlap([view], given.vertices, faces) for name, view in masked.items()}
+    # Nobody detected keypoints; whether the masks fit is said here, and decided when a set is imported.
     log_verdicts(LOG, [verdict for verdict in fit_verdicts(0, 0, overlaps) if verdict.kind == "masks"])
-    pose = given.pose
-    write_arrays(
-        out / f"{chunk:04d}.safetensors",
-        {
-            "frames": frames, "vertices": given.vertices.astype(np.float32),
-            "root_rotation": pose.root_rotation.astype(np.float32),
-            "root_translation": pose.root_translation.astype(np.float32), "offsets": given.offsets.astype(np.float32),
-            "keypoints": np.zeros((len(frames), 0, 3), np.float32),
-            "keypoint_sigma_m": np.zeros((len(frames), 0), np.float32),
-        },
-    )  # fmt: skip
+    write_arrays(out / f"{chunk:04d}.safetensors", given.arrays(frames))
     write_table(out / f"{chunk:04d}.parquet", table)
 
 

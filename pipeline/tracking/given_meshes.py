@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import InputError
 from pipeline.base.progress import progress
@@ -19,6 +20,7 @@ from pipeline.geometry.mesh_files import decode_mesh
 from pipeline.geometry.pose_interpolation import fill_between, neighbours
 from pipeline.geometry.rigid_alignment import align_rigid
 from pipeline.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
+from pipeline.geometry.signed_distance import View, silhouette_overlap
 from pipeline.geometry.skin import Template
 
 
@@ -37,6 +39,30 @@ class GivenTracking:
     offsets: Float64[np.ndarray, "frames vertices 3"]
     vertices: Float64[np.ndarray, "frames vertices 3"]
     status: list[str]
+
+    def table(
+        self, frames: Int64[np.ndarray, " frames"], views: Sequence[View], faces: Int64[np.ndarray, "faces 3"]
+    ) -> pd.DataFrame:
+        """Table of track_mesh: a row per frame; nobody detected keypoints."""
+        none = np.zeros(len(frames), np.int64)
+        return pd.DataFrame(
+            {
+                "frame": frames, "status": self.status, "rms_px": np.nan, "inliers": none, "observations": none,
+                "keypoints": none, "masks": np.sum([view.usable for view in views], axis=0) if views else none,
+                "masks_interpolated": none, "silhouette_iou": silhouette_overlap(views, self.vertices, faces),
+            }
+        )  # fmt: skip
+
+    def arrays(self, frames: Int64[np.ndarray, " frames"]) -> dict[str, np.ndarray]:
+        """Arrays of track_mesh, without joints and keypoints."""
+        count = len(frames)
+        return {
+            "frames": frames, "vertices": self.vertices.astype(np.float32),
+            "root_rotation": self.pose.root_rotation.astype(np.float32),
+            "root_translation": self.pose.root_translation.astype(np.float32),
+            "offsets": self.offsets.astype(np.float32), "keypoints": np.zeros((count, 0, 3), np.float32),
+            "keypoint_sigma_m": np.zeros((count, 0), np.float32),
+        }  # fmt: skip
 
 
 def read_given(
@@ -67,8 +93,8 @@ def read_given(
     before, after, share = (part[kept] for part in neighbours(known, len(frames), takes))
     needed, where = np.unique(np.stack([before, after]), return_inverse=True)
     numbers = frames.frame.to_numpy(np.int64)[known[needed]]
-    given = progress([rows.loc[number] for number in numbers], "meshes")
-    posed = [_read_posed(capture, row, facts, template) for row in given]
+    given, cached = progress([rows.loc[number] for number in numbers], "meshes"), lru_cache(2)(_read_vertices)
+    posed = [_posed(facts["scale_to_m"] * cached(capture / row.path), row, facts["motion"], template) for row in given]
     rotations, shifts, offsets = (np.stack(part) for part in zip(*posed, strict=True))
     pose = Pose(rotations, shifts, np.zeros((len(needed), 0, 4)))
     filled = fill_between(pose, known[needed], len(frames), template.vertices_rest.mean(0), takes).at(kept_rows)
@@ -81,18 +107,21 @@ def read_given(
     return GivenTracking(filled, bent, moved + filled.root_translation[:, None], status)
 
 
-def _read_posed(
-    capture: Path, row: pd.Series, facts: Mapping[str, Any], template: Template
+def _read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
+    return decode_mesh(read_bytes(path), path).vertices
+
+
+def _posed(
+    vertices: np.ndarray, row: pd.Series, motion: str, template: Template
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotation (wxyz), translation and offsets of one mesh."""
-    path, rest = capture / row.path, template.vertices_rest
-    vertices = facts["scale_to_m"] * decode_mesh(read_bytes(path), path).vertices
+    rest = template.vertices_rest
     if vertices.shape != rest.shape:
-        raise InputError(f"{path}: expected the template's {len(rest)} vertices, found {len(vertices)}")
+        raise InputError(f"{row.path}: expected the template's {len(rest)} vertices, found {len(vertices)}")
     if row.world_from_mesh is not None:
-        motion = np.asarray(row.world_from_mesh, np.float64).reshape(3, 4)
-        if facts["motion"] == "given":
-            return quaternion_from_matrix(motion[:, :3]), motion[:, 3], vertices - rest
-        vertices = vertices @ motion[:, :3].T + motion[:, 3]
+        pose = np.asarray(row.world_from_mesh, np.float64).reshape(3, 4)
+        if motion == "given":
+            return quaternion_from_matrix(pose[:, :3]), pose[:, 3], vertices - rest
+        vertices = vertices @ pose[:, :3].T + pose[:, 3]
     fit = align_rigid(rest, vertices)
     return quaternion_from_matrix(fit.R), fit.t, (vertices - fit.t) @ fit.R - rest

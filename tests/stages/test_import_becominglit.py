@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -38,11 +39,16 @@ def truth():
 
 
 @pytest.fixture(scope="module")
-def imported(truth, tmp_path_factory):
+def shipped(truth, tmp_path_factory):
+    return write_becominglit(tmp_path_factory.mktemp("set"), truth)
+
+
+@pytest.fixture(scope="module")
+def imported(shipped, tmp_path_factory):
     """Folders of the native capture, and of the results of the stages that follow."""
     folder = tmp_path_factory.mktemp("imported")
     capture, results = folder / "captures/someone", folder / "results"
-    run(dataset="becominglit", source=write_becominglit(folder / "set", truth), subject="someone", out=capture)
+    run(dataset="becominglit", source=shipped, subject="someone", out=capture)
     index_capture(capture=capture, out=results / "index")
     given = {"capture": capture, "index": results / "index", "out": results / "calibration"}
     calibrate_cameras.run(**given)
@@ -109,18 +115,18 @@ def test_splits_sync_and_provenance_are_the_sets(imported):
     assert json.loads((imported[1] / "sync.json").read_text())["verdict"] == "in_sync"
 
 
-def test_a_capture_that_was_not_preprocessed_is_told_what_makes_its_meshes(truth, tmp_path):
-    root = write_becominglit(tmp_path, truth, preprocessed=False)
+def test_a_capture_that_was_not_preprocessed_is_told_what_makes_its_meshes(shipped, tmp_path):
+    made = shutil.ignore_patterns("alpha_birefnet", "facer_segmentation", "flame_tracking")
+    root = shutil.copytree(shipped, tmp_path / "1001", ignore=made)
     with pytest.raises(InputError, match=r"meshes_posed: expected meshes, found none; .*flame_tracker\.py"):
         run(dataset="becominglit", source=root, subject="x", out=tmp_path / "out")
 
 
-def test_the_fake_is_as_the_sets_loader_reads_it(truth, tmp_path):
+def test_the_fake_is_as_the_sets_loader_reads_it(truth, shipped):
     """Its own steps: K over its downscale without a shift, camera-from-world, meshes in the world."""
-    root = write_becominglit(tmp_path, truth)
-    content = json.loads((root / "calibration/camera_calibration.json").read_text())
+    content = json.loads((shipped / "calibration/camera_calibration.json").read_text())
     shared, pose = content["cam_data"], np.array(content["world_to_cam"][CAMERAS[2]])
-    lines = (root / "sequences/FREE/flame_tracking/meshes_posed/frame_000000.ply").read_bytes()
+    lines = (shipped / "sequences/FREE/flame_tracking/meshes_posed/frame_000000.ply").read_bytes()
     start = lines.index(b"end_header\n") + len(b"end_header\n")
     vertices = np.frombuffer(lines[start:], "<f4", 3 * len(truth.vertices(9))).reshape(-1, 3)
     seen = vertices @ pose[:3, :3].T + pose[:3, 3]

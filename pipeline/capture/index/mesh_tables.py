@@ -17,7 +17,7 @@ from pipeline.capture.index.csv_tables import complain_repeats, complain_unknown
 from pipeline.capture.index.parquet_tables import read_parquet
 from pipeline.capture.paths import check_relative, check_suffix, locate
 from pipeline.capture.schema.given_schema import Meshes
-from pipeline.geometry.mesh_files import decode_mesh
+from pipeline.geometry.mesh_files import SUFFIXES, decode_mesh
 
 log = logging.getLogger(__name__)
 
@@ -60,8 +60,10 @@ def read_meshes(
     if frames is not None:
         complain_unknown(complaints, path, "frame", table["frame"], list(frames["frame"]), "the table of frames")
     with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(lambda name: _inspect(root, str(name), vertices, imported), table["path"]))
-    if wrong := [message for _, message in found if message]:
+        names = table["path"].astype(str).unique().tolist()
+        read = dict(zip(names, pool.map(lambda name: _inspect(root, name, vertices, imported), names), strict=True))
+    found = [read[str(name)] for name in table["path"]]
+    if wrong := [message for _, message in read.values() if message]:
         complaints.messages += wrong[:5]
         if len(wrong) > 5:
             complaints.add(path, "path", expected="whole meshes", found=f"{len(wrong) - 5} more that cannot be used")
@@ -72,7 +74,7 @@ def read_meshes(
 def _inspect(root: Path, path: str, vertices: int | None, imported: bool) -> tuple[str, str]:
     """Digest of a mesh's file, and what is wrong with it."""
     try:
-        check_suffix(check_relative(path), (".ply",))
+        check_suffix(check_relative(path), SUFFIXES)
         content = read_bytes(locate(root, path, imported=imported))
         count = len(decode_mesh(content, Path(path)).vertices)
     except (InputError, ValueError) as error:

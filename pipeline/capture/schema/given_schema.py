@@ -13,9 +13,9 @@ class Meshes(Section):
     """The template as it was tracked elsewhere: its vertices in some of the frames."""
 
     table: ParquetPath = Field(
-        description="parquet: frame, path (.ply, vertices in the template's order), world_from_mesh (the 12 numbers of "
-        "three rows [R | t], t in metres; null: the vertices are in the world). Frames without a row are interpolated "
-        "between their neighbours in the segment"
+        description="parquet: frame, path (.ply or .obj, vertices in the template's order), world_from_mesh (the 12 "
+        "numbers of three rows [R | t], t in metres; null: the vertices are in the world). Frames without a row are "
+        "interpolated between their neighbours in the segment"
     )
     motion: Literal["given", "fitted"] = Field(
         "given",

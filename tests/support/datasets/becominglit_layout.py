@@ -65,8 +65,8 @@ def matrix_of(name: str) -> np.ndarray:
     return np.array([[1.3 + 0.02 * k, -0.2, 0.05], [-0.1, 1.2, -0.05 - 0.01 * k], [0.02, -0.15, 1.25]])
 
 
-def write_becominglit(folder: Path, truth: TurningHead, *, preprocessed: bool = True) -> Path:
-    """Write the capture below a folder, with or without what the set's preprocessing makes; returns its own folder."""
+def write_becominglit(folder: Path, truth: TurningHead) -> Path:
+    """Write the capture below a folder, with what the set's preprocessing makes; returns its own folder."""
     root = folder / SUBJECT
     (root / "calibration").mkdir(parents=True)
     _write_calibration(root / "calibration", truth)
@@ -77,14 +77,13 @@ def write_becominglit(folder: Path, truth: TurningHead, *, preprocessed: bool = 
                 here = frame - span[0]
                 image = stored(truth.image(camera, frame), matrix_of(camera))
                 _write(sequence / f"images/cam_{camera}/frame_{here:06d}.avif", avif(image))
-                if preprocessed:
-                    labels = part_labels(truth, camera, frame)
-                    _write(sequence / f"facer_segmentation/cam_{camera}/frame_{here:06d}.png", encoded(".png", labels))
-                    alpha = np.where(labels > 0, 255, 0).astype(np.uint8)
-                    _write(sequence / f"alpha_birefnet/cam_{camera}/frame_{here:06d}.jpg", encoded(".jpg", alpha))
+                labels = part_labels(truth, camera, frame)
+                _write(sequence / f"facer_segmentation/cam_{camera}/frame_{here:06d}.png", encoded(".png", labels))
+                alpha = np.where(labels > 0, 255, 0).astype(np.uint8)
+                _write(sequence / f"alpha_birefnet/cam_{camera}/frame_{here:06d}.jpg", encoded(".jpg", alpha))
         per_frame = [[frame - span[0], pattern_of(frame)] for frame in span]
         _write(sequence / "light_pattern_per_frame.json", json.dumps(per_frame).encode())
-        for frame in span if preprocessed else ():
+        for frame in span:
             if pattern_of(frame) == 0:
                 mesh = ply(truth.vertices(frame) @ TURN.T, truth.faces)
                 _write(sequence / f"flame_tracking/meshes_posed/frame_{frame - span[0]:06d}.ply", mesh)

@@ -52,6 +52,7 @@ class TurningHead:
         lights_m: place of each light.
         frames: frame -> radiant intensity of each lit light.
         keyed: frames at which the motion bends; in between it is linear, and turns evenly.
+        still: True if nothing moves.
     """
 
     cameras: dict[str, TrueCamera]
@@ -59,6 +60,7 @@ class TurningHead:
     lights_m: np.ndarray
     frames: dict[int, dict[int, float]]
     keyed: tuple[int, ...]
+    still: bool = False
 
     @cached_property
     def _shape(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -76,7 +78,7 @@ class TurningHead:
 
     def opening(self, frame: int) -> float:
         """How far the mouth is open, 0..1: up and down from keyed frame to keyed frame."""
-        return float(np.interp(frame, self.keyed, [k % 2 for k in range(len(self.keyed))]))
+        return 0.0 if self.still else float(np.interp(frame, self.keyed, [k % 2 for k in range(len(self.keyed))]))
 
     def in_head(self, frame: int) -> np.ndarray:
         """Vertices in the frame of the head."""
@@ -90,6 +92,7 @@ class TurningHead:
 
     def pose(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """World from head: R and t. The head turns about an oblique axis while its middle moves along a line."""
+        frame = self.keyed[0] if self.still else frame
         angle = 0.05 * (frame - self.keyed[0]) - 0.2
         R = Rotation.from_rotvec(angle * np.array([0.2, 0.95, 0.1])).as_matrix()
         middle = CENTER_M + 0.002 * (frame - self.keyed[0]) * np.array([1.0, 0.3, -0.5])
@@ -152,12 +155,11 @@ class TurningHead:
         front = side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0] < 0
         order = np.argsort(-toward[self.faces].mean(1)[:, 2])
         shape = (camera.height // coarser * FINER, camera.width // coarser * FINER, values.shape[1])
-        planes = [np.zeros(shape[:2]) for _ in range(shape[2])]
+        outlines = np.round(corners * 2**SUBPIXEL_BITS).astype(np.int32)
+        painted = np.zeros(shape)
         for face in order[front[order]]:
-            outline = np.round(corners[face] * 2**SUBPIXEL_BITS).astype(np.int32)
-            for plane, value in zip(planes, values[face], strict=True):
-                cv2.fillConvexPoly(plane, outline, float(value), shift=SUBPIXEL_BITS)
-        return np.stack(planes, -1)
+            cv2.fillConvexPoly(painted, outlines[face], values[face].tolist(), shift=SUBPIXEL_BITS)
+        return painted
 
 
 def looking_at(place: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
