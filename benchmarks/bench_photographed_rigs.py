@@ -148,7 +148,7 @@ def checkerboard_section(data: Path, folder: Path) -> str:
         "## A stereo pair (OpenCV's samples)\n\n"
         + wrapped(
             "Thirteen pairs of photographs of a checkerboard of 10 x 7 squares (`samples/data`, Apache-2.0): "
-            "`left_intrinsics.yml`, and cv2.calibrateCamera and cv2.stereoCalibrate."
+            "the intrinsics that come with them, and cv2.calibrateCamera and cv2.stereoCalibrate."
         )
         + f"\n| | OpenCV | here |\n|---|---|---|\n{told}\n"
     )
