@@ -5,7 +5,7 @@ The stages are `pipeline.stages.NAME`, see `STAGES`. Below them lies the library
 """
 
 STAGES = (
-    "synthesize_capture", "index_capture", "calibrate_cameras", "calibrate_color", "calibrate_lights",
+    "synthesize_capture", "import_capture", "index_capture", "calibrate_cameras", "calibrate_color", "calibrate_lights",
     "review_calibration", "book_patterns", "unwrap_atlas", "track_mesh", "review_tracking", "plan_effects", "fit_eyes",
     "trace_irradiance", "bake_textures", "pack_shards", "train_avatar", "evaluate_avatar", "relight_avatar",
     "export_viewer", "export_avatar", "check_budget", "measure_cost", "budget_errors", "write_report",

@@ -46,6 +46,7 @@ FILES = {
 
 ARGUMENTS = {
     "synthesize_capture": "subject out=capture",
+    "import_capture": "dataset source subject out=capture",
     "index_capture": "capture out=index",
     "calibrate_cameras": "capture index out=calibration",
     "calibrate_color": "capture index out=calibration",

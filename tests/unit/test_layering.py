@@ -13,7 +13,7 @@ LAYERS = [
     {"config", "geometry"},
     {"eyes", "metrics", "rendering", "synthesis"},
     {"budget", "capture"},
-    {"calibration", "lighting", "workflow"},
+    {"calibration", "datasets", "lighting", "workflow"},
     {"sync", "tracking"},
     {"effects"},
     {"avatar"},
