@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
+from pipeline.avatar.intrinsic_layers import IntrinsicLayers
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
@@ -37,6 +38,12 @@ class PlantedAvatar:
         return (torch.full((image.height, image.width, 3), LEVEL + self.error * float(frame.irradiance[0]))) * mask[
             ..., None
         ], mask
+
+    def intrinsic_layers(self, frame: FrameRecord, image: ImageRecord) -> IntrinsicLayers:
+        assert frame.frame == image.frame
+        color, one = torch.full((image.height, image.width, 3), LEVEL), torch.ones(image.height, image.width, 1)
+        normal = torch.tensor([0.0, 0.0, -1.0]).expand_as(color)
+        return IntrinsicLayers(color, normal, color, torch.zeros_like(color), one, shadow=one)
 
 
 def record(camera: str, frame: int, **flags) -> ImageRecord:
@@ -161,7 +168,9 @@ def test_lpips_without_weights_is_empty_and_says_why(results):
 def test_pictures(results):
     evaluate(results, "good", "bad")
     names = sorted(path.name for path in (results / "images").iterdir())
-    assert names == [f"{v}_{w}.png" for v in ("bad", "good") for w in ("best", "median", "worst")]
+    assert names == [f"{v}_{w}.png" for v in ("bad", "good") for w in ("best", "layers", "median", "worst")]
+    evaluate(results, "good", intrinsic_layers=False)
+    assert not (results / "images/good_layers.png").exists()
 
 
 def test_without_pictures_none_are_left(results):

@@ -22,16 +22,18 @@ from torch import Tensor, nn
 
 from pipeline.avatar.appearance.glossy import GlossySamples
 from pipeline.avatar.appearance.transfer import TRANSFER, start_harmonics
-from pipeline.avatar.eyes.eye_parts import EyeAlbedo, eye_texels, frame_gaze
+from pipeline.avatar.eyes.eye_parts import EyeAlbedo, eye_texels
 from pipeline.avatar.eyes.lid_occlusion import light_past_lids, trace_lids
+from pipeline.avatar.frames.gaze import frame_gaze
 from pipeline.avatar.frames.inputs import FrameInputs, white_once
 from pipeline.avatar.frames.prepared import Decoded, LidOcclusion, PosedEyes, PreparedFrame
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
+from pipeline.config.train_avatar import Bound
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.eyes.eye_shape import EyeSurface, eye_surface, turn_to
 from pipeline.geometry.mesh import unit_or
-from pipeline.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
+from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions, quaternion_from_matrix
 from pipeline.geometry.texels import Atlas, any_tangent
 from pipeline.lighting.lobes import unit
 from pipeline.rendering.splat_types import Gaussians
@@ -147,8 +149,12 @@ class Eyes(nn.Module):
         placed = PosedTexels(*(a.index_copy(0, self.chosen, b) for a, b in zip(old, rows, strict=True)))
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
+        constants = {name: points.new_tensor(values).repeat(len(points), 1) for name, values in FROZEN.items()}
+        if decoded.posed.world_from_head is not None:  # rotations are kept in that frame, not in the sphere's
+            placed = replace(placed, world_from_head=decoded.posed.world_from_head)
+            constants["rotation"] = in_head(rows[2], decoded.posed.world_from_head)
         frozen = {
-            name: tensor.index_copy(0, self.chosen, points.new_tensor(FROZEN[name]).repeat(len(points), 1))
+            name: tensor.index_copy(0, self.chosen, constants[name])
             for name, tensor in decoded.parameters.named(FROZEN).items()
         }
         parameters = replace(decoded.parameters, **frozen)
@@ -240,15 +246,18 @@ class Eyes(nn.Module):
                     values |= {name: start, f"start_{name}": start}
         return values
 
-    def losses(self, gaussians: Gaussians, visibility: Tensor | None) -> dict[str, Float[Tensor, ""]]:
+    def losses(
+        self, gaussians: Gaussians, visibility: Tensor | None, bound: Bound = "log"
+    ) -> dict[str, Float[Tensor, ""]]:
         """The terms of RGCA 16, unweighted.
 
         Scales (mm) no larger than closes the surface, opacity and visibility 1.
 
         Args:
             visibility: logits of the specular visibility, if there is a lobe.
+            bound: "paper": scales no larger than 0.1 mm, whether that closes the surface or not.
         """
-        most = (1e3 * self.start_scales).clamp_min(FILL_MM)
+        most = (1e3 * self.start_scales * (bound == "log")).clamp_min(FILL_MM)
         terms = {
             "eye_scale": torch.relu(1e3 * gaussians.scales[self.chosen] - most).square().mean(),
             "eye_opacity": (1 - gaussians.opacities[self.chosen]).square().mean(),
@@ -256,3 +265,9 @@ class Eyes(nn.Module):
         if visibility is not None:
             terms["eye_visibility"] = (1 - torch.sigmoid(visibility[self.chosen])).square().mean()
         return terms
+
+
+def in_head(quaternions: Float[Tensor, "n 4"], world_from_head: Float[Tensor, "3 3"]) -> Float[Tensor, "n 4"]:
+    """Rotations in the world as rotations in the head's frame."""
+    back = world_from_head.detach().double().cpu().numpy().T
+    return multiply_quaternions(torch.as_tensor(quaternion_from_matrix(back)).to(quaternions)[None], quaternions)

@@ -40,12 +40,14 @@ class HeadState:
         latent: the distribution it was drawn from; None where the code was given.
         decoded_vertices: V' = D_v(z), metres in the head's frame (RGCA 4).
         head_from_world: [R | t], metres.
+        gaze: features of where the eyes look; None if no network is told.
     """
 
     code: Float[Tensor, " code"]
     latent: Latent | None
     decoded_vertices: Float[Tensor, "vertices 3"]
     head_from_world: Float[Tensor, "3 4"]
+    gaze: Float[Tensor, "16 8 8"] | None = None
 
 
 @dataclass(frozen=True)

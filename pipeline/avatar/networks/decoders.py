@@ -126,22 +126,25 @@ class PoseDecoder(nn.Module):
         parameters: the texels' own, by name, [texels, ...].
         units: what a value of 1 adds, where that is not 1.
         bounds: most that is added to a parameter, approached smoothly, where there is such a bound.
+        beside: channels of maps that come beside the code's.
     """
 
     def __init__(
         self, atlas: Atlas, code: int, channels: Sequence[int], parameters: Mapping[str, Tensor],
-        units: Mapping[str, float], bounds: Mapping[str, float] = MappingProxyType({}),
+        units: Mapping[str, float], bounds: Mapping[str, float] = MappingProxyType({}), beside: int = 0,
     ) -> None:  # fmt: skip
         super().__init__()
         self.bounds = dict(bounds)
         self.shapes = {name: tensor.shape for name, tensor in parameters.items()}
         self.units = dict(units)
         self.widths = [math.prod(shape[1:]) for shape in self.shapes.values()]
-        self.decoder = AtlasDecoder(atlas, code, channels, sum(self.widths), starts_at_zero=True)
+        self.decoder = AtlasDecoder(atlas, code, channels, sum(self.widths), starts_at_zero=True, beside=beside)
 
-    def forward(self, code: Float[Tensor, " code"]) -> dict[str, Float[Tensor, "texels *_"]]:
+    def forward(
+        self, code: Float[Tensor, " code"], beside: Float[Tensor, "beside 8 8"] | None = None
+    ) -> dict[str, Float[Tensor, "texels *_"]]:
         """Additions to each parameter."""
-        parts = self.decoder(code).split(self.widths, -1)
+        parts = self.decoder(code, beside).split(self.widths, -1)
         added = {
             name: self.units.get(name, 1.0) * part.reshape(shape)
             for (name, shape), part in zip(self.shapes.items(), parts, strict=True)
