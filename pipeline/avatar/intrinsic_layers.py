@@ -86,7 +86,7 @@ def of_texels(
     samples, shading = avatar.samples(frame, viewed), frame.shading
     albedo, diffuse = avatar.albedo, shading.diffuse
     if frame.eyes is not None:
-        albedo, diffuse = (avatar.eyes.seen_from(frame, center, color) for color in (albedo, diffuse))
+        albedo, diffuse = (avatar.eyes.seen_from(frame, center, color, viewed.eye_gain) for color in (albedo, diffuse))
     mirrors = samples if samples is not None else avatar.built.specular.mirrors(frame, viewed)
     normals = frame.surface.bent_normals if samples is None else samples.normals
     shown = {"albedo": albedo, "normal": normals, "diffuse": diffuse}

@@ -72,6 +72,8 @@ class Avatar(TexelStore):
             self.networks = build(atlas, spec, self.shared(), float(spacing.mean()))
         if spec.eyes:
             self.eyes = Eyes(atlas, eyes or {}, self.log_scale.detach().exp())
+            if spec.eye_parameters == "decoded":
+                self.eyes.add_decoders(spec, self.shared())
             with torch.no_grad():
                 for name, values in self.eyes.start(spec, dict(self.named_parameters())).items():
                     getattr(self, name)[self.eyes.chosen] = values
@@ -149,10 +151,11 @@ class Avatar(TexelStore):
         return self.built.primitives.draw(gaussians, values, camera)
 
     def viewed(self, frame: PreparedFrame, center: Float[Tensor, "3"]) -> ViewedParameters:
-        """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9)."""
-        if self.networks is None:
-            return ViewedParameters()
-        return self.networks.viewed(frame.decoded, frame.surface, center)
+        """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9, 10)."""
+        viewed = ViewedParameters()
+        if self.networks is not None:
+            viewed = self.networks.viewed(frame.decoded, frame.surface, center)
+        return viewed if frame.eyes is None else self.eyes.viewed(frame, center, viewed)
 
     def samples(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples | None:
         """Texels as samples of the lobe, normals as a camera bends them; None without a lobe."""
@@ -168,7 +171,7 @@ class Avatar(TexelStore):
         viewed = self.viewed(frame, center)
         added, samples = specular.texel_light(frame, viewed, center), self.samples(frame, viewed)
         if frame.eyes is not None:
-            color = self.eyes.seen_from(frame, center, color)
+            color = self.eyes.seen_from(frame, center, color, viewed.eye_gain)
             mirrors = self.eyes.mirrors(frame.eyes, specular.mirrors(frame, viewed))
             if mirrors is not None:
                 added, samples = self.eyes.without_gloss(added, samples)

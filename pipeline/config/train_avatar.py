@@ -26,6 +26,8 @@ ShadowInput = Literal["cosine", "irradiance"]
 CodeStart = Literal["components", "random"]
 TexelFrame = Literal["tangent", "head"]
 Bound = Literal["log", "paper"]
+EyeParameters = Literal["texels", "decoded"]
+Lids = Literal["traced", "learned"]
 LossSpace = Literal["srgb", "linear"]
 LossMean = Literal["subject", "picture"]
 
@@ -93,6 +95,19 @@ class TrainAvatar(Settings):
     eyes: Mode = Field(
         "auto",
         description="Eyes as two spheres each that turn with the gaze (RGCA section 3.4), as fit_eyes finds them",
+    )
+    eye_parameters: EyeParameters = Field(
+        "texels",
+        description="Parameters of eyes: a value per texel, and an albedo by view; or what decoders add for gaze, pose "
+        "of the head, and view (RGCA 10)",
+    )
+    lids: Lids = Field(
+        "traced", description="What lids hide from eyes: traced past the skin, or left to the eyes' decoders (RGCA 10)"
+    )
+    eye_channels: tuple[int, ...] = Field(
+        (16, 8),
+        min_length=1,
+        description="Channels between the layers of an eye's decoders; n of them decode 8 * 2^n texels a side",
     )
     depth: DepthSource = Field(
         "traced",
@@ -317,6 +332,12 @@ class TrainAvatar(Settings):
         """True if an avatar with these settings has explicit eyes, or is told where they look."""
         decided = self.decided(planned)
         return decided.eyes == "on" or decided.gaze_features
+
+    @model_validator(mode="after")
+    def _lids_are_learned_by_decoders(self) -> TrainAvatar:
+        if self.lids == "learned" and self.eye_parameters != "decoded":
+            raise ValueError("lids: learned: expected eye_parameters: decoded, which learn them, found texels")
+        return self
 
     @model_validator(mode="after")
     def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:

@@ -15,15 +15,13 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 from torch.nn.functional import leaky_relu
 
+from pipeline.avatar.eyes.eye_decoders import MOST_GAIN
 from pipeline.avatar.networks.pose_encoder import SLOPE, linear
 from pipeline.base.errors import InputError
 from pipeline.geometry.texels import Atlas
 
 FEATURES, HIDDEN = 8, 16
 """Numbers that a texel tells the network, and the network's width."""
-
-MOST_GAIN = 3.0
-"""Log of how much brighter or darker a texel may become from another side: between pupil (0.01) and iris (0.2)."""
 
 
 def eye_texels(

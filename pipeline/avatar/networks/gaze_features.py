@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import leaky_relu, pad
+from torch.nn.functional import pad
 
 from pipeline.avatar.frames.gaze import frame_gaze
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.networks.decoders import FIRST_SIDE
-from pipeline.avatar.networks.pose_encoder import SLOPE, linear
+from pipeline.avatar.networks.pose_encoder import linear
 from pipeline.base.errors import InputError
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.geometry.texels import Atlas
@@ -47,14 +47,14 @@ class GazeFeatures(nn.Module):
     def forward(self, gaze: Float[Tensor, "eyes 3"]) -> Float[Tensor, "16 8 8"]:
         """Features of directions in the head's frame.
 
-        A gaze that is no direction, as behind closed lids, has none.
+        Before the leaky ReLU that decoders begin with. A gaze that is no direction, as behind closed lids, has none.
         """
         length = gaze.norm(dim=-1)
         known = torch.isfinite(length) & (length > 0)
         directions = torch.where(known[:, None], gaze, torch.zeros_like(gaze))
         out = gaze.new_zeros(GAZE_CHANNELS, FIRST_SIDE, FIRST_SIDE)
         for layer, direction, is_known, (row, column) in zip(self.layers, directions, known, self.places, strict=True):
-            block = leaky_relu(layer(direction), SLOPE).reshape(GAZE_CHANNELS, BLOCK, BLOCK) * is_known
+            block = layer(direction).reshape(GAZE_CHANNELS, BLOCK, BLOCK) * is_known
             right, below = FIRST_SIDE - BLOCK - column, FIRST_SIDE - BLOCK - row
             out = out + pad(block, (column, right, row, below))
         return out

@@ -10,9 +10,11 @@ from pipeline.config.train_avatar import (
     Anchors,
     CodeStart,
     DepthSource,
+    EyeParameters,
     Fresnel,
     Highlight,
     Kind,
+    Lids,
     ScreenMaps,
     ShadowInput,
     TexelFrame,
@@ -59,6 +61,9 @@ class AvatarSpec:
         texel_frame: what a head keeps offsets, rotations and normals' offsets in: the "tangent" frame, or the "head"'s.
         code_start: where a head's encoder and vertex decoder start: "components" of the vertices, or "random".
         gaze_features: a head's decoders see where the eyes look (RGCA 3, 9).
+        eye_parameters: of eyes: one value per "texels", or "decoded" for gaze, head and view (RGCA 10).
+        lids: what they hide from eyes: "traced", or "learned" by the eyes' decoders.
+        eye_channels: of the map between each two layers of those; n of them end at 8 * 2^n texels a side.
         shadow_input: what the shadow network reads: the "cosine" visibility, too, or the "irradiance" alone.
         shadow_levels: times that the shadow network halves its map.
         near_field: lights at their distance; if not, one direction and strength each for all texels of a frame.
@@ -110,6 +115,9 @@ class AvatarSpec:
     texel_frame: TexelFrame = "tangent"
     code_start: CodeStart = "components"
     gaze_features: bool = False
+    eye_parameters: EyeParameters = "texels"
+    lids: Lids = "traced"
+    eye_channels: tuple[int, ...] = (16, 8)
     shadow_input: ShadowInput = "cosine"
     shadow_levels: int = 0
 

@@ -40,7 +40,7 @@ def dense(layer, x):
 
 
 def decoded(decoder, atlas, features):
-    """Transposed 4 x 4 convolutions of stride 2 with untied biases, each after a leaky ReLU; then the texels' values."""
+    """Transposed 4 x 4 convolutions of stride 2 with untied biases, after leaky ReLUs; then the texels' values."""
     x = features[None]
     for layer in decoder.layers:
         x = torch.nn.functional.conv_transpose2d(leaky(x), layer.conv.weight.double(), stride=2, padding=1)

@@ -55,7 +55,9 @@ def near(found, expected, rounding=ROUNDING):
 
 def code_and_parameters():
     avatar, inputs, frame, _ = scene()
-    rest, posed = (points.astype(np.float64) - points.mean(0) for points in (ATLAS.rest_vertices, inputs.record.vertices))
+    rest, posed = (
+        points.astype(np.float64) - points.mean(0) for points in (ATLAS.rest_vertices, inputs.record.vertices)
+    )
     u, _, v = np.linalg.svd(posed.T @ rest)
     turn = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v  # the root's: of all points together (Kabsch 1976)
     extent = np.sqrt((rest**2).sum(1).mean())
@@ -74,9 +76,10 @@ def test_4_geometry_and_transfer_are_decoded_from_the_code():
     """A texel's own parameters are the untied bias of the decoder's last layer."""
     avatar = scene()[0]
     code, parameters = code_and_parameters()
-    decoder, own = avatar.networks.pose.decoder, avatar.shared().named(avatar.networks.pose.shapes)
+    decoder, additions = avatar.networks.pose.decoder, avatar.networks.pose.additions
+    own = avatar.shared().named(additions.shapes)
     first = dense(decoder.start, code).reshape(-1, 8, 8)
-    parts = printed.decoded(decoder, ATLAS, first).split(avatar.networks.pose.widths, -1)
+    parts = printed.decoded(decoder, ATLAS, first).split(additions.widths, -1)
     for (name, start), part in zip(own.items(), parts, strict=True):
         unit = float(avatar.spacing.mean()) if name == "offset" else 1.0
         near(getattr(parameters, name), numbers(start) + unit * numbers(part).reshape(start.shape))
