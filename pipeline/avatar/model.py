@@ -43,11 +43,13 @@ class Picture:
         rgb: linear RGB over black.
         alpha: coverage in [0, 1).
         normal: blended shading normals, if a lobe is evaluated per pixel.
+        eye_visibility: specular visibility of eye texels, if it was decoded for this camera.
     """
 
     rgb: Float[Tensor, "h w 3"]
     alpha: Float[Tensor, "h w"]
     normal: Float[Tensor, "h w 3"] | None = None
+    eye_visibility: Float[Tensor, " eye_texels"] | None = None
 
 
 class Avatar(TexelStore):
@@ -138,7 +140,10 @@ class Avatar(TexelStore):
         layers = self.layers(frame, camera.center)
         picture = self.draw(frame, layers.stacked(), camera)
         images = layers.images(picture.features)
-        return Picture(self.shade_pixels(images, picture, frame, camera), picture.alpha, images.normal)
+        rgb, of_eyes = self.shade_pixels(images, picture, frame, camera), None
+        if self.eyes is not None and self.eyes.decoders is not None and layers.mirrors is not None:
+            of_eyes = layers.mirrors[self.eyes.chosen, 0]
+        return Picture(rgb, picture.alpha, images.normal, of_eyes)
 
     def draw(self, frame: PreparedFrame, values: Float[Tensor, "texels d"], camera: CameraView) -> Splatted:
         """Blend values of the primitives, by default of those that face the camera (RFGCA 2)."""

@@ -153,6 +153,8 @@ def reconstruction(
         terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask, mean)
     if weights.weight_normal_orient and picture.normal is not None:
         terms["normal_orient"] = weights.weight_normal_orient * normal_orient(picture.normal, alpha, camera)
+    if picture.eye_visibility is not None:
+        terms["eye_visibility"] = weights.weight_eye_visibility * (1 - picture.eye_visibility).square().mean()
     if weights.weight_lpips and weights.lpips_backbone:
         lpips = open_lpips_loss(weights.lpips_net, weights.lpips_backbone)
         terms["lpips"] = weights.weight_lpips * lpips_loss(lpips, rgb, captured, mask)
@@ -212,6 +214,8 @@ def regularization(
             weight = normal_weight(weights, step) if name == "normal" else getattr(weights, f"weight_{name}")
             terms[name] = weight * term
     if avatar.eyes is not None:
-        found = avatar.eyes.losses(gaussians, getattr(avatar, "visibility", None), weights.bound)
+        # What is decoded for each camera is a term of its picture.
+        shared = getattr(avatar, "visibility", None) if avatar.eyes.decoders is None else None
+        found = avatar.eyes.losses(gaussians, shared, weights.bound)
         terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}
     return terms

@@ -100,7 +100,7 @@ def blended(gaussians, axes, values, camera, dilation_px2):
     """Sum over k of values_k alpha_k prod_{j < k} (1 - alpha_j), alpha, and the depth blended likewise.
 
     alpha_k is o_k times the Gaussian of Sigma' = J V Sigma V^T J^T plus the dilation. What 3DGS leaves out is left out:
-    no alpha above 0.999 or below 1 / 255.
+    no alpha above 0.999 or below 1 / 255, and nothing once less than 1e-4 of the light would be left.
     """
     R, t, K = (tensor.double().numpy() for tensor in (camera.R, camera.t, camera.K))
     means, scales, opacities = (
@@ -110,15 +110,22 @@ def blended(gaussians, axes, values, camera, dilation_px2):
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     values = np.concatenate([values, seen[:, 2:]], 1)
     picture, light = np.zeros((camera.height, camera.width, values.shape[1])), np.ones((camera.height, camera.width))
+    going = light > 0
     for k in np.argsort(seen[:, 2], kind="stable"):
         x, y, z = seen[k]
-        J = np.array([[K[0, 0] / z, 0, -K[0, 0] * x / z**2], [0, K[1, 1] / z, -K[1, 1] * y / z**2]])
+        # As in 3DGS, the slope of the projection is taken no further outside than 0.3 of half the picture.
+        half = np.array([0.5 * camera.width / K[0, 0], 0.5 * camera.height / K[1, 1]])
+        middle = np.array([half[0] - K[0, 2] / K[0, 0], half[1] - K[1, 2] / K[1, 1]])
+        u, v = np.clip([x / z, y / z], middle - 1.3 * half, middle + 1.3 * half)
+        J = np.array([[K[0, 0] / z, 0, -K[0, 0] * u / z], [0, K[1, 1] / z, -K[1, 1] * v / z]])
         sigma = axes[k] @ np.diag(scales[k] ** 2) @ axes[k].T
         precision = np.linalg.inv(J @ R @ sigma @ R.T @ J.T + dilation_px2 * np.eye(2))
         away = np.stack([columns - K[0, 0] * x / z - K[0, 2], rows - K[1, 1] * y / z - K[1, 2]], -1)
         power = np.einsum("hwi,ij,hwj->hw", away, precision, away)
         alpha = np.minimum(0.999, opacities[k] * np.exp(-0.5 * power))
         alpha[alpha < 1 / 255] = 0
+        going &= light * (1 - alpha) > 1e-4
+        alpha = alpha * going
         picture += (light * alpha)[..., None] * values[k]
         light *= 1 - alpha
     return picture[..., :-1], 1 - light, picture[..., -1]
