@@ -16,10 +16,19 @@ SLOPE, ROUNDING = 0.2, 2e-5
 """Of leaky ReLUs (RGCA supplement A); what float32 leaves of numbers of about 1 after some hundred operations."""
 
 
+def section(name: str, stage: str) -> dict:
+    """A stage's part of a preset, empty if it has none."""
+    return yaml.safe_load((PRESETS / f"{name}.yaml").read_text()).get(stage, {})
+
+
+def variants(name: str) -> dict[str, dict]:
+    """Rows of a preset."""
+    return section(name, "variants")
+
+
 def preset(name: str, **sizes) -> TrainAvatar:
     """Settings of a preset, with other sizes of its networks."""
-    section = yaml.safe_load((PRESETS / f"{name}.yaml").read_text())["train_avatar"]
-    return TrainAvatar(**section | sizes)
+    return TrainAvatar(**section(name, "train_avatar") | sizes)
 
 
 def shaken(avatar, strength=0.3):

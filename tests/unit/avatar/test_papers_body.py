@@ -16,6 +16,8 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.avatar.training.losses import dropped_terms, reconstruction, regularization
 from pipeline.config.effects import EFFECTS
+from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from tests.support.avatars import printed
 from tests.support.avatars.printed import ROUNDING, dense, leaky
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet
@@ -141,6 +143,52 @@ def visibility():
 def test_14_visibility_is_decoded_for_each_view():
     avatar, _, frame, camera = scene()
     near(avatar.built.specular.visibility(avatar.viewed(frame, camera.center)), visibility())
+
+
+def shaded_sheet():
+    """The sheet with a smaller one 0.2 m above a part of it, which no texel lies on."""
+    roof = np.array([[0.0, -0.1, 0.2], [0.3, -0.1, 0.2], [0.3, 0.2, 0.2], [0.0, 0.2, 0.2]], np.float32)
+    faces = np.concatenate([ATLAS.faces, np.array([[4, 5, 6], [4, 6, 7]], np.int32)])
+    uv = np.concatenate([ATLAS.uv, np.zeros((2, 3, 2), np.float32)])
+    vertices = np.concatenate([ATLAS.rest_vertices, roof])
+    return replace(ATLAS, faces=faces, uv=uv, weld=np.arange(8, dtype=np.int32), rest_vertices=vertices)
+
+
+def arriving():
+    """L_j Vis_j and L_j at every texel, L_j = I_j / d_j^2; a roof of z = 0.2 m over [0, 0.3] x [-0.1, 0.2] hides."""
+    atlas = shaded_sheet()
+    points = (atlas.rest_vertices[atlas.corners].astype(np.float64) * atlas.barycentric[..., None]).sum(1)
+    away = LIGHTS[:, None] - points
+    sent = (INTENSITIES @ [0.2126, 0.7152, 0.0722])[:, None] / (away**2).sum(-1)
+    at_roof = points + away * (0.2 / away[..., 2:])
+    hidden = (np.abs(at_roof[..., 0] - 0.15) < 0.15) & (np.abs(at_roof[..., 1] - 0.05) < 0.15)
+    return sent * ~hidden, sent
+
+
+def traced(**changes):
+    settings = TraceIrradiance(**printed.section("papers_body", "trace_irradiance") | changes)
+    stage = StageLights(LIGHTS, {0: INTENSITIES @ [0.2126, 0.7152, 0.0722]}, False)
+    atlas = shaded_sheet()
+    return FrameTracer(atlas, stage, settings).trace(0, atlas.rest_vertices, np.random.default_rng(0)).values
+
+
+def test_15_irradiance_is_the_share_of_the_light_that_arrives():
+    came, sent = arriving()
+    near(torch.as_tensor(traced()), came.sum(0) / sent.sum(0))
+    assert 0.1 < (came < sent).mean() < 0.9
+
+
+def test_15_by_one_drawn_light_of_equal_chances_as_a3_has_it():
+    """Each texel has one of M L_j Vis_j / sum_j L_j, all of them somewhere, and their mean is the exact one's."""
+    came, sent = arriving()
+    row = printed.variants("ablations")["irradiance_1spp"]["trace_irradiance"]
+    values = traced(**row)
+    possible = len(LIGHTS) * came / sent.sum(0)
+    off = np.abs(values - possible)
+    assert off.min(0).max() < 1e-5
+    assert set(off.argmin(0)) == {0, 1, 2}
+    error = (possible.std(0) / np.sqrt(len(values))).mean()
+    assert abs(values.mean() - (came.sum(0) / sent.sum(0)).mean()) < 4 * error
 
 
 def test_16_shadow_is_a_network_of_the_irradiance_alone():
