@@ -61,12 +61,11 @@ def intrinsic_layers(avatar: Avatar, frame: PreparedFrame, camera: CameraView) -
     specular = lit - blended["diffuse"]
     if layers.indirect is None and "indirect" in blended:  # it was blended with the colour
         specular = specular - blended["indirect"]
-    alpha = picture.alpha[..., None]
-    covered, weight = alpha > SMALLEST_ALPHA, alpha.clamp_min(SMALLEST_ALPHA)
+    weight = picture.alpha[..., None].clamp_min(SMALLEST_ALPHA)
     for name in ("albedo", "roughness", "visibility", "shadow"):
         if name in blended:
-            blended[name] = covered * blended[name] / weight
-    blended["normal"] = covered * torch.nn.functional.normalize(blended["normal"], dim=-1)
+            blended[name] = blended[name] / weight
+    blended["normal"] = torch.nn.functional.normalize(blended["normal"], dim=-1)
     return IntrinsicLayers(specular=specular, **blended)
 
 

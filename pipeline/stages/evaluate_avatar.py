@@ -13,19 +13,20 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.avatar.intrinsic_layers import as_pictures
-from pipeline.avatar.training.checkpoint import LoadedAvatar, camera_view, load_avatar
+from pipeline.avatar.intrinsic_layers import IntrinsicLayers, as_pictures
+from pipeline.avatar.training.checkpoint import camera_view, load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, write_table
 from pipeline.base.splits import VALIDATION
 from pipeline.capture.images import write_png
+from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.metrics.comparison import labelled_panels, side_by_side
@@ -115,7 +116,7 @@ def run(
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
         if settings.pictures and settings.intrinsic_layers:
-            write_layers(out / "images", folder.name, avatar, per_image, images, lit[path])
+            write_layers(out / "images", folder.name, avatar.intrinsic_layers, per_image, images, lit[path])
     write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
     write_table(out / "ablations.csv", pd.DataFrame(ablations))
@@ -169,14 +170,15 @@ def write_pictures(
 
 
 def write_layers(
-    folder: Path, variant: str, avatar: LoadedAvatar, per_image: pd.DataFrame, images: ImageShards, frames: FrameShards
-) -> None:
+    folder: Path, variant: str, layers_of: Callable[[FrameRecord, ImageRecord], IntrinsicLayers],
+    per_image: pd.DataFrame, images: ImageShards, frames: FrameShards,
+) -> None:  # fmt: skip
     """Write VARIANT_layers.png, the intrinsic layers of the median image, if there is one."""
     row = worst_median_best(per_image).get("median")
     if row is None:
         return
     image = images[int(row["index"])]
-    layers = avatar.intrinsic_layers(frames[image.frame], image)
+    layers = layers_of(frames[image.frame], image)
     label = f"{variant}: {image.camera}, frame {image.frame}"
     write_png(folder / f"{variant}_{LAYERS}.png", labelled_panels(as_pictures(layers, camera_view(image)), label))
 

@@ -28,6 +28,11 @@ SMALLEST_ALPHA = 1 / 255
 """Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
 
 
+SMALLEST_ROUGHNESS = 1e-3
+"""Least roughness of a pixel that is hardly covered, where that is not divided by alpha, radians: a tenth of the least
+that Gaussians have, and wide enough for the six sigmas of a lobe to be told apart by cosines in float32."""
+
+
 class SpecularLobe(SpecularModel):
     """A lobe with a roughness and a visibility per texel.
 
@@ -79,8 +84,10 @@ class SpecularLobe(SpecularModel):
         return row, column, self.shade(pixels, frame, camera.center)
 
     def of_pixels(self, blended: Float[Tensor, " n"], alpha: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """Values of a blended map at pixels, as `screen_maps` says."""
-        return blended if self.screen_maps == "accumulated" else blended / alpha.clamp_min(SMALLEST_ALPHA)
+        """Roughness of pixels, as `screen_maps` says."""
+        if self.screen_maps == "accumulated":
+            return blended.clamp_min(SMALLEST_ROUGHNESS)
+        return blended / alpha.clamp_min(SMALLEST_ALPHA)
 
     def bounded(self, parameters: TexelParameters) -> tuple[Float[Tensor, " texels"], float, float]:
         """Roughness and its bounds."""

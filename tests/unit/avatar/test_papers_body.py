@@ -222,7 +222,13 @@ def test_2_and_11_to_13_and_16_a_pixel():
     pixels, found = picture[row, column], avatar.view(frame, camera)
     points = printed.points_of(row, column, depth[row, column] / alpha[row, column], camera)
     shine = printed.specular(
-        points, printed.unit(pixels[:, 3:6]), pixels[:, 6], pixels[:, 7], numbers(camera.center), LIGHTS, INTENSITIES
+        points,
+        printed.unit(pixels[:, 3:6]),
+        np.maximum(pixels[:, 6], 1e-3),
+        pixels[:, 7],
+        numbers(camera.center),
+        LIGHTS,
+        INTENSITIES,
     )
     near(found.rgb[row, column], (pixels[:, :3] + shine) * pixels[:, 8:], 2e-4)
     near(found.alpha, alpha)

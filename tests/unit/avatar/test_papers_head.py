@@ -11,13 +11,17 @@ import torch
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar, Picture
+from pipeline.avatar.networks.gaze_features import GazeFeatures
 from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
-from pipeline.avatar.training.checkpoint import camera_view
+from pipeline.avatar.training.checkpoint import camera_view, load_avatar, save_avatar
 from pipeline.avatar.training.head_losses import expression_terms
 from pipeline.avatar.training.losses import reconstruction, regularization
+from pipeline.avatar.training.training import Portion, compute_loss
+from pipeline.base.errors import InputError
 from pipeline.config.effects import EFFECTS
-from pipeline.geometry.texels import any_tangent
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.texels import any_tangent, write_atlas
 from tests.support.avatars import eyeballs, printed
 from tests.support.avatars.printed import ROUNDING, dense, leaky
 
@@ -329,3 +333,37 @@ def test_13_to_16_regularisation():
     seen = avatar.samples(frame, avatar.viewed(frame, camera.center)).visibility[avatar.eyes.chosen]
     terms = reconstruction(picture, torch.zeros(24, 24, 3), empty, camera, SETTINGS)
     near(terms["eye_visibility"], 1e-4 * ((1 - numbers(seen)) ** 2).mean())
+
+
+def test_every_part_learns_from_one_picture_and_every_slope_is_finite():
+    avatar, inputs, _, _ = scene()
+    image = eyeballs.make_image(eyeballs.CAMERA, eyeballs.MIDDLE, 8.0, 24)
+    image = replace(image, image=np.full((24, 24, 3), 0.3, np.float32), mask=np.ones((24, 24), np.float32))
+    terms = compute_loss(avatar, Portion(inputs, [image], 1), SETTINGS)
+    sum(terms.values()).backward()
+    for name, parameter in avatar.named_parameters():
+        assert parameter.grad is not None and torch.isfinite(parameter.grad).all(), name
+        assert parameter.grad.abs().max() > 0, name
+    avatar.zero_grad()
+
+
+def test_it_comes_back_from_its_files(tmp_path):
+    avatar, inputs, frame, camera = scene()
+    write_atlas(tmp_path / "atlas.safetensors", avatar.atlas)
+    save_avatar(tmp_path / "avatar", avatar, {})
+    loaded = load_avatar(tmp_path / "avatar", tmp_path / "atlas.safetensors").avatar
+    with torch.no_grad():
+        assert loaded.spec == avatar.spec
+        assert torch.equal(loaded.view(loaded.prepare(inputs), camera).rgb, avatar.view(frame, camera).rgb)
+
+
+def test_gaze_features_need_no_explicit_eyes_but_a_capture_that_declares_them():
+    """RGCA's rows without the explicit eye model are told the gaze all the same."""
+    without = SETTINGS.model_copy(update={"eyes": "off"})
+    assert resolve_spec(without, {"eyes"}, "head").reads_eyes and not resolve_spec(without, {"eyes"}, "head").eyes
+    assert not resolve_spec(SETTINGS, set(), "head").reads_eyes
+    assert "gaze features" in resolve_spec(without, {"eyes"}, "head").in_words
+    with pytest.raises(InputError, match=r"gaze_features: expected eyes in eyes\.json, found none"):
+        GazeFeatures(scene()[0].atlas, {})
+    with pytest.raises(ValueError, match="lids: learned: expected eye_parameters: decoded"):
+        TrainAvatar(lids="learned")
