@@ -131,7 +131,7 @@ def test_the_table_says_what_was_planted(results):
         "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
         "built", "why", "color_space", "region", "lpips_net", "lpips_weights",
     ]  # fmt: skip
-    assert len(table) == 2 * 8 * 3
+    assert len(table) == 2 * 9 * 3
     assert set(table.subject) == {"someone"}
     assert set(table.color_space) == {"sRGB"} and set(table.why) == {"planted"}
     assert (table.built == table.variant).all()
@@ -147,6 +147,7 @@ def test_the_table_says_what_was_planted(results):
         ("test_patterns", "all"): 0, ("test_patterns", "full"): 0, ("test_patterns", "partial"): 0,
         ("held_out_segments", "all"): 1, ("held_out_segments", "full"): 1, ("held_out_segments", "partial"): 0,
         ("held_out_lights", "all"): 1, ("held_out_lights", "full"): 0, ("held_out_lights", "partial"): 1,
+        ("novel_view_and_pose", "all"): 1, ("novel_view_and_pose", "full"): 0, ("novel_view_and_pose", "partial"): 1,
     }  # fmt: skip
     empty = rows.loc[("good", "test_frames", "full")]
     assert empty[["psnr_db", "ssim", "lpips", "flip"]].isna().all()

@@ -42,17 +42,13 @@ class SpecularLobe(SpecularModel):
     """
 
     bounds = ROUGHNESS_BOUNDS
+    works_under_sky = True  # panoramas are prefiltered for lobes about mirror directions
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
         self.deferred, self.depth, self.screen_maps = spec.deferred, spec.depth, spec.screen_maps
         store.add("log_roughness", store.fill(START_ROUGHNESS).log())
         store.add("visibility", store.fill(START_VISIBILITY).logit())
-
-    @property
-    def works_under_sky(self) -> bool:
-        """Panoramas are prefiltered for lobes about mirror directions, and looked up per pixel."""
-        return self.deferred
 
     @abstractmethod
     def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:

@@ -129,7 +129,7 @@ class Eyes(EyeSpheres):
             lids, harmonics = trace_lids(inputs.mesh[0], self.skin_faces, points, frames), None
             if self.lit_apart:
                 skin = None if self.shadow_learned or self.lids_learned else lids.skin
-                lights = white_once(inputs.lights)
+                lights = white_once(inputs.lights if inputs.sky is None else inputs.sky.pixels)
                 harmonics = light_past_lids(skin, points, frames[..., 2], turns[self.eye], lights)
             self._traced[inputs] = lids, harmonics
         return self._traced[inputs]

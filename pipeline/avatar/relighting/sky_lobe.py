@@ -1,4 +1,4 @@
-"""Specular lobe under an environment map: a look-up per pixel (RFGCA 11-12)."""
+"""Specular lobe under an environment map: a look-up per pixel (RFGCA 11-12) or Gaussian."""
 
 from __future__ import annotations
 
