@@ -17,12 +17,30 @@ from benchmarks.photographed_rigs import (
 )
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table
+from pipeline.calibration.cameras.board_views import find_boards
 from pipeline.geometry.cameras import read_cameras
+from pipeline.stages import calibrate_cameras
 from pipeline.stages.calibrate_cameras import run
 from tests.support.shared_data import shared_data
 
 CALISCOPE, needs_caliscope = shared_data("data/rig_caliscope")
 SAMPLES, needs_samples = shared_data("data/calib_opencv_chessboard")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def boards_found_once():
+    """Looks for the boards of a folder's images once: that takes longer than all else, and times do not change it."""
+    found = {}
+
+    def find_once(capture, views, *rest):
+        images = tuple((view["path"], view.get("frame")) for view in views)
+        if images not in found:
+            found[images] = find_boards(capture, views, *rest)
+        return found[images]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibrate_cameras, "find_boards", find_once)
+        yield
 
 
 def quality_of(arguments):

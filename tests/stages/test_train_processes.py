@@ -19,7 +19,7 @@ from pipeline.config.flags import flags
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
 
-STEPS = 120
+STEPS = 72
 SETTINGS = TrainAvatar(
     shading="transfer", deferred="on",
     steps=STEPS, steps_together=2, cameras_per_step=3, checkpoint_every=6, log_every=1, preview_every=0, device="cpu",
@@ -76,7 +76,9 @@ def train(subject, out, processes=1, torchrun=False):
 
 @pytest.fixture(scope="module")
 def alone(subject):
-    return train(subject, subject / "alone")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPROFILEIMPORTTIME", "1")
+        return train(subject, subject / "alone")
 
 
 def assert_same(found, expected):
@@ -92,6 +94,12 @@ def test_two_processes_give_the_bits_of_one(alone, subject, tmp_path):
     assert said_together.count("images, ") == 1  # Only the leader speaks.
     assert_same(found, expected)
     pd.testing.assert_frame_equal(log_together.drop(columns="seconds"), log.drop(columns="seconds"))
+
+
+def test_training_does_without_what_takes_long_to_import(alone):
+    imported = set(re.findall(r"\| +([\w.]+)$", alone[2], re.MULTILINE))
+    assert {"torch", "pipeline.avatar.model"} <= imported
+    assert not {"torch._dynamo", "sympy"} & imported
 
 
 def test_three_processes_of_torchrun_follow_the_curve_of_one(alone, subject, tmp_path):

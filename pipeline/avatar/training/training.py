@@ -28,35 +28,13 @@ from pipeline.avatar.training.checkpoint import camera_view, load_tensors
 from pipeline.avatar.training.distributed import FlatGradients, Processes
 from pipeline.avatar.training.head_losses import expression_terms
 from pipeline.avatar.training.losses import reconstruction, regularization
+from pipeline.avatar.training.optimizer import MOMENTS, make_optimizer
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.base.seeds import generator_for
 from pipeline.capture.records import ImageRecord
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.rendering.splat_conventions import NotFinite
-
-RATE_OF = {
-    "albedo": "texture", "log_roughness": "texture", "visibility": "texture", "opacity": "texture",
-    "log_gloss": "texture", "log_ggx_width": "texture", "ambient": "texture",
-    "transfer_color": "transfer", "transfer_mono": "transfer",
-    "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
-}  # fmt: skip
-"""Which learning rate drives which texel parameter; everything else is a network."""
-
-
-MOMENTS = ("step", "exp_avg", "exp_avg_sq")
-"""What Adam keeps of each parameter."""
-
-
-def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> torch.optim.Adam:
-    """Adam with one rate per kind of parameter."""
-    groups: dict[str, list[Tensor]] = defaultdict(list)
-    for name, parameter in avatar.named_parameters():
-        groups[RATE_OF.get(name, "network")].append(parameter)
-    rates = [{"params": group, "lr": getattr(settings, f"learning_rate_{kind}")} for kind, group in groups.items()]
-    for group in rates:
-        group["start_rate"] = group["lr"]
-    return torch.optim.Adam(rates, fused=True)
 
 
 @dataclass(frozen=True)

@@ -110,17 +110,17 @@ def find_boards(
         with ThreadPoolExecutor(threads) as pool:
             return list(progress(pool.map(lambda view: search(view, boards), views), "board images", len(views)))
 
-    found, printed = search_all(views, boards), list(boards)
+    printed = list(boards)
+    first = search_all(_spread(views, TRIED_IMAGES), boards)
     for b, board in enumerate(boards):
-        if not any(_is_seen(detections[b]) for detections, _ in found):
+        if not any(_is_seen(detections[b]) for detections, _ in first):
             variants = board.variants()
             tried = [each for each, _ in search_all(_spread(views, TRIED_IMAGES), variants)]
             seen = [sum(len(each[k].ids) for each in tried if _is_seen(each[k])) for k in range(len(variants))]
             printed[b] = variants[int(np.argmax(seen))]
             if printed[b] != board:
                 log.info("board %d: declared %s; found: %s", b, board.describe(), printed[b].describe())
-    if printed != list(boards):
-        found = search_all(views, printed)
+    found = first if len(first) == len(views) and printed == list(boards) else search_all(views, printed)
     complaints = Complaints(capture)
     for view, (_, size) in zip(views, found, strict=True):
         if size != sizes[view["camera"]]:

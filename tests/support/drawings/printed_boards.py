@@ -5,6 +5,8 @@ A photograph's truth is analytic: cv2.projectPoints of the print's points.
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -61,12 +63,8 @@ def _with_margin(drawn, margin_m=MARGIN_M):
 
 def photograph(page, turn, shift, margin_m=MARGIN_M, inverted=False, noise=2.0):
     """A photograph of a print whose origin lies at `shift`, turned by a rotation vector; the table is mid-grey."""
-    columns, rows = np.meshgrid(*[(np.arange(FINER * n) + 0.5) / FINER - 0.5 for n in SIZE])
-    pixels = np.stack([columns.ravel(), rows.ravel()], 1)
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
-    rays = cv2.undistortPoints(pixels[:, None], K, DIST, criteria=stop)
     to_camera = np.column_stack([cv2.Rodrigues(np.array(turn, float))[0][:, :2], shift])
-    on_board = cv2.perspectiveTransform(rays, np.linalg.inv(to_camera)).reshape(*columns.shape, 2)
+    on_board = cv2.perspectiveTransform(_rays(), np.linalg.inv(to_camera)).reshape(FINER * SIZE[1], FINER * SIZE[0], 2)
     at = ((on_board + margin_m) * PER_M - 0.5).astype(np.float32)
     printed = 255 - page if inverted else page
     # Blurred to what one sample covers: a print is much finer than a photograph.
@@ -75,6 +73,15 @@ def photograph(page, turn, shift, margin_m=MARGIN_M, inverted=False, noise=2.0):
     image = fine.reshape(SIZE[1], FINER, SIZE[0], FINER).astype(float).mean((1, 3))
     image += np.random.default_rng(0).normal(0, noise, image.shape)
     return np.clip(np.round(image), 0, 255).astype(np.uint8)
+
+
+@cache
+def _rays():
+    """Undistorted directions of all samples of a photograph, row by row."""
+    columns, rows = np.meshgrid(*[(np.arange(FINER * n) + 0.5) / FINER - 0.5 for n in SIZE])
+    pixels = np.stack([columns.ravel(), rows.ravel()], 1)
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+    return cv2.undistortPoints(pixels[:, None], K, DIST, criteria=stop)
 
 
 def true_pixels(points_m, turn, shift):

@@ -41,7 +41,7 @@ class ProjectCopy:
         """The same with code that may be edited."""
         linked = (self.folder / CODE).resolve()
         (self.folder / CODE).unlink()
-        shutil.copytree(linked, self.folder / CODE)
+        shutil.copytree(linked, self.folder / CODE, ignore=shutil.ignore_patterns("__pycache__"))
         return self
 
     def command(self, *words):

@@ -8,11 +8,11 @@ from pipeline.calibration.cameras.plain_grids import Checkerboard
 from tests.support.drawings.printed_boards import photograph, print_charuco, print_checkerboard, print_tags
 
 DECLARED = CharucoBoard(9, 6, 0.03, 0.02, "DICT_4X4_1000")
-VIEWS = [([0.25, -0.3, 0.1], [-0.15, -0.12, 0.65]), ([-0.2, 0.2, -0.2], [-0.15, -0.08, 0.7])]
 
 
 def photographs(page, inverted=False):
-    return [photograph(page, turn, shift, inverted=inverted) for turn, shift in VIEWS]
+    """One is enough: a layout that several boards fit is told as none."""
+    return [photograph(page, [0.25, -0.3, 0.1], [-0.15, -0.12, 0.65], inverted=inverted)]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,51 @@
+"""Adam over the parameters of an avatar: one learning rate per kind."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pipeline.avatar.model import Avatar
+from pipeline.config.train_avatar import TrainAvatar
+
+RATE_OF = {
+    "albedo": "texture", "log_roughness": "texture", "visibility": "texture", "opacity": "texture",
+    "log_gloss": "texture", "log_ggx_width": "texture", "ambient": "texture",
+    "transfer_color": "transfer", "transfer_mono": "transfer",
+    "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
+}  # fmt: skip
+"""Which learning rate drives which texel parameter; everything else is a network."""
+
+MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+"""What Adam keeps of each parameter."""
+
+
+def plain(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method without what was put around it."""
+    return getattr(method, "__wrapped__", method)
+
+
+class Adam(torch.optim.Adam):
+    """Adam without torch's compiler.
+
+    Torch's methods import it to tell it to leave them alone, which takes 2 s of a processor at the start of every
+    training. Nothing is compiled here.
+    """
+
+    add_param_group = plain(torch.optim.Adam.add_param_group)
+    step = torch.no_grad()(plain(torch.optim.Adam.step))
+
+
+def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> Adam:
+    """Adam with one rate per kind of parameter."""
+    groups: dict[str, list[Tensor]] = defaultdict(list)
+    for name, parameter in avatar.named_parameters():
+        groups[RATE_OF.get(name, "network")].append(parameter)
+    rates = [{"params": group, "lr": getattr(settings, f"learning_rate_{kind}")} for kind, group in groups.items()]
+    for group in rates:
+        group["start_rate"] = group["lr"]
+    return Adam(rates, fused=True)
