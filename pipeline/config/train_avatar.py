@@ -39,7 +39,10 @@ class TrainAvatar(Settings):
     """
 
     steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
-    cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
+    cameras_per_step: int = Field(2, ge=1, description="Images of each frame in a step [images]")
+    frames_per_step: int = Field(
+        1, ge=1, description="Frames whose gradients are averaged in each step, each with its cameras_per_step [frames]"
+    )
     steps_together: int = Field(
         2,
         ge=1,

@@ -153,14 +153,16 @@ def train(
     if (out / CHECKPOINT).exists():
         log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
     frame_of_image = images.table.frame.iloc[chosen].tolist()
-    schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together)
+    in_step = settings.frames_per_step
+    schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together * in_step)
     left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
     with StopRequests() as stop, open_log(out, images, chosen, frames, training, at) as training_log:
         for first in progress(left, "train_avatar") if processes.is_main else left:
             if first < at.step:
                 continue  # was done in the round of those before it
             steps = range(first, min(first + settings.steps_together, settings.steps))
-            batches = [[chosen[i] for i in schedule[step]] for step in steps]
+            groups = range(steps[0] * in_step, (steps[-1] + 1) * in_step)
+            batches = [[chosen[i] for i in schedule[group]] for group in groups]
             portions = [portion(images, frames, processes, batches, place) for place in range(len(batches))]
             try:
                 values, stopping = training.take_round(first, portions, bool(stop.received))
@@ -168,7 +170,9 @@ def train(
                 write_state(training, out / BROKEN, at, fingerprint)
                 batch = images.table.iloc[batches[error.row]]
                 names = ", ".join(f"{row.camera}/{row.frame}" for row in batch.itertuples())
-                raise InputError(f"step {steps[error.row]}, {names}: {error}; before it: {out / BROKEN}") from error
+                raise InputError(
+                    f"step {steps[error.row // in_step]}, {names}: {error}; before it: {out / BROKEN}"
+                ) from error
             at.step, at.seconds = steps[-1] + 1, before + time.monotonic() - started
             if training_log:
                 for step, terms in zip(steps, values, strict=True):

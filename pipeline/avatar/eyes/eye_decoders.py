@@ -87,9 +87,10 @@ class EyeDecoders(nn.Module):
         maps = []
         for layer, direction, rows, cells in zip(self.gaze, gaze, self.rows, self.cells, strict=True):
             looks = leaky_relu(layer(direction), SLOPE).reshape(-1, EYE_SIDE, EYE_SIDE)
+            own, cells = opening[rows.to(opening.device)], cells.to(opening.device)
             share, count = opening.new_zeros(2, EYE_SIDE**2)
-            share = share.index_add(0, cells.to(rows.device), opening[rows])
-            count = count.index_add(0, cells.to(rows.device), torch.ones_like(opening[rows]))
+            share = share.index_add(0, cells, own)
+            count = count.index_add(0, cells, torch.ones_like(own))
             mask = (share / count.clamp_min(1)).reshape(1, EYE_SIDE, EYE_SIDE)
             maps.append(torch.cat([looks, repeated, mask]))
         return torch.stack(maps)

@@ -79,7 +79,9 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
     readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels"), spec.decoded)
     readers |= dict.fromkeys(("shadow_input", "shadow_levels"), spec.shadow_net)
     readers |= dict.fromkeys(("anchors", "code_start", "weight_geometry", "weight_kl"), spec.head)
-    readers |= dict.fromkeys(("eye_parameters", "lids", "eye_channels"), spec.eyes)
+    readers["eye_parameters"] = spec.eyes
+    readers |= dict.fromkeys(("lids", "eye_channels"), spec.eyes and spec.eye_parameters == "decoded")
+    readers["texel_frame"] = spec.head
     readers["gaze_features"] = spec.gaze_features
     readers["weight_roughness"] = spec.specular_model in ("angular", "cosine", "half", "ggx")
     readers |= dict.fromkeys(("weight_normal", "normal_steps"), spec.normal_model != "mesh")

@@ -367,3 +367,15 @@ def test_gaze_features_need_no_explicit_eyes_but_a_capture_that_declares_them():
         GazeFeatures(scene()[0].atlas, {})
     with pytest.raises(ValueError, match="lids: learned: expected eye_parameters: decoded"):
         TrainAvatar(lids="learned")
+
+
+@pytest.mark.parametrize("row", ["eyenerf", "no_eyes_linear", "microfacet", "shadow_net", "rigid"])
+def test_rows_of_the_papers_tables_can_be_built_on_the_preset(row):
+    """`head_rows.yaml` before `papers_head.yaml`."""
+    _, inputs, _, camera = scene()
+    settings = TrainAvatar(**SETTINGS.model_dump() | printed.variants("head_rows")[row])
+    avatar = Avatar(inputs.atlas, texel_spacing(inputs.atlas), resolve_spec(settings, set(EFFECTS), "head"), EYES)
+    printed.shaken(avatar, 0.01)
+    picture = avatar.view(avatar.prepare(inputs), camera)
+    assert picture.rgb.isfinite().all() and picture.rgb.abs().max() > 0
+    assert avatar.networks.gaze is not None
