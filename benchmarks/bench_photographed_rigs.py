@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import tempfile
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -47,8 +48,18 @@ HEAD = """\
 
 <!-- Written by `python -m benchmarks.bench_photographed_rigs`: change it there. -->
 
-Calibrations of real cameras by this pipeline, beside those of the people who recorded them. The photographs are not
-part of the repository.
+Calibrations of real cameras by this pipeline, beside those of the people who recorded them. But for one picture, the
+photographs are not part of the repository.
+"""
+
+
+CALISCOPE = """\
+Videos of 111 frames, from mprib/caliscope (`tests/sessions/charuco_calibration`, BSD-2): a board of {squares_x} x
+{squares_y} squares, printed white on black, which the capture does not say. Six images a second; the images of one
+moment are up to a tenth of a second apart, and the hand moves. *At once* takes them for simultaneous, as the authors
+did (refused by default: a camera seems to have been knocked). *Times* estimates each camera's lag and each image's
+error. *Known*, *refine* and *estimate* say what becomes of the authors' lenses. Error bars are standard deviations,
+with times no smaller than the spread when a sixth of the shots is left out.
 """
 
 
@@ -72,13 +83,7 @@ def caliscope_section(data: Path, folder: Path) -> str:
             draw_corners(at, PICTURE)
     return "\n".join([
         "## Four webcams (caliscope)\n",
-        "Videos of 111 frames, from mprib/caliscope (`tests/sessions/charuco_calibration`, BSD-2): a board of "
-        f"{CALISCOPE_BOARD['squares_x']} x {CALISCOPE_BOARD['squares_y']} squares, printed white on black, which the "
-        "capture does not say. Six images a second; the images of one moment are up to a tenth of a second apart, and "
-        "the hand moves. *At once* takes them for simultaneous, as the authors did (refused by default: a camera "
-        "seems to have been knocked). *Times* estimates each camera's lag and each image's error. *Known*, *refine* "
-        "and *estimate* say what becomes of the authors' lenses. Error bars are standard deviations, with times no "
-        "smaller than the spread when a sixth of the shots is left out.\n",
+        wrapped(CALISCOPE.format(**CALISCOPE_BOARD)),
         _table("Focal length, px", authors, [
             {"": label, **{name: f"{camera.K[0, 0]:.1f} ± {camera.K[0, 0] * quality[label].focal_sigma[name]:.1f}"
                            for name, camera in cameras.items()}}
@@ -91,9 +96,16 @@ def caliscope_section(data: Path, folder: Path) -> str:
         ]),
         _pairs(authors, found),
         "![Detected corners as circles, projected ones as crosses](pictures/rig_caliscope.jpg)\n",
-        "*The four cameras' views of one moment: circles are detected corners, crosses those of the calibrated rig "
-        "(known, times).*\n",
+        wrapped(
+            "*The four cameras' views of one moment: circles are detected corners, crosses those of the calibrated rig "
+            "(known, times). Photographs: caliscope, © 2024 Donald \"Mac\" Prible, BSD-2-Clause.*"
+        ),
     ])  # fmt: skip
+
+
+def wrapped(text: str) -> str:
+    """A paragraph in lines of 120 letters."""
+    return textwrap.fill(text, 120) + "\n"
 
 
 def _table(title: str, authors: Mapping[str, Camera], rows: list[dict], first: dict[str, str] | None = None) -> str:
@@ -133,9 +145,12 @@ def checkerboard_section(data: Path, folder: Path) -> str:
     ]
     told = "\n".join(f"| {name} | {theirs} | {ours} |" for name, theirs, ours in rows)
     return (
-        "## A stereo pair (OpenCV's samples)\n\nThirteen pairs of photographs of a checkerboard of 10 x 7 squares "
-        "(`samples/data`, Apache-2.0): `left_intrinsics.yml`, and cv2.calibrateCamera and cv2.stereoCalibrate.\n\n"
-        f"| | OpenCV | here |\n|---|---|---|\n{told}\n"
+        "## A stereo pair (OpenCV's samples)\n\n"
+        + wrapped(
+            "Thirteen pairs of photographs of a checkerboard of 10 x 7 squares (`samples/data`, Apache-2.0): "
+            "the intrinsics that come with them, and cv2.calibrateCamera and cv2.stereoCalibrate."
+        )
+        + f"\n| | OpenCV | here |\n|---|---|---|\n{told}\n"
     )
 
 

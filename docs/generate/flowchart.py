@@ -4,7 +4,8 @@ from __future__ import annotations
 
 FLOW: dict[str, tuple[str, ...]] = {
     "synthesize_capture": (),
-    "index_capture": ("synthesize_capture",),
+    "import_capture": (),
+    "index_capture": ("synthesize_capture", "import_capture"),
     "calibrate_cameras": ("index_capture",),
     "calibrate_color": ("index_capture",),
     "unwrap_atlas": ("calibrate_cameras",),
@@ -24,7 +25,7 @@ FLOW: dict[str, tuple[str, ...]] = {
 is left out. A test of the workflow holds it against the rules."""
 
 PLACES: dict[str, tuple[float, float]] = {
-    "synthesize_capture": (1, 0), "index_capture": (1, 1),
+    "synthesize_capture": (0.5, 0), "import_capture": (1.5, 0), "index_capture": (1, 1),
     "calibrate_cameras": (0, 2), "calibrate_color": (2, 2),
     "calibrate_lights": (0, 3), "unwrap_atlas": (1, 3), "book_patterns": (0, 4),
     "track_mesh": (0, 5), "plan_effects": (2, 6),
@@ -33,7 +34,7 @@ PLACES: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 """Column and row of each box."""
 
-OPTIONAL = {"synthesize_capture", "trace_irradiance", "bake_textures", "fit_eyes", "relight_avatar"}
+OPTIONAL = {"synthesize_capture", "import_capture", "trace_irradiance", "bake_textures", "fit_eyes", "relight_avatar"}
 """Stages that not every subject has: drawn with dashes."""
 
 WIDTH, HEIGHT, ACROSS, DOWN, MARGIN = 172, 34, 204, 62, 12

@@ -145,15 +145,15 @@ class Avatar(TexelStore):
             of_eyes = layers.mirrors[self.eyes.chosen, 0]
         return Picture(rgb, picture.alpha, images.normal, of_eyes)
 
-    def draw(self, frame: PreparedFrame, values: Float[Tensor, "texels d"], camera: CameraView) -> Splatted:
-        """Blend values of the primitives, by default of those that face the camera (RFGCA 2)."""
+    def draw(self, frame: PreparedFrame, features: Float[Tensor, "texels channels"], camera: CameraView) -> Splatted:
+        """Blend features of the primitives, by default of those that face the camera (RFGCA 2)."""
         gaussians = frame.gaussians
         if self.spec.cull_backs:
             # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
             toward = camera.center - gaussians.means.detach()
             facing = (frame.surface.posed.normals * toward).sum(-1) > 0
             gaussians = replace(gaussians, opacities=gaussians.opacities * facing)
-        return self.built.primitives.draw(gaussians, values, camera)
+        return self.built.primitives.draw(gaussians, features, camera)
 
     def viewed(self, frame: PreparedFrame, center: Float[Tensor, "3"]) -> ViewedParameters:
         """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9, 10)."""

@@ -1,4 +1,4 @@
-"""The sRGB transfer function (IEC 61966-2-1), for arrays and tensors.
+"""Colour matrices, and the sRGB transfer function (IEC 61966-2-1), for arrays and tensors.
 
 Images are shown and scored in sRGB. Neither direction clips: below zero both curves go on along their straight piece,
 above one along the power, so that noise and highlights survive a round trip. Where a display's range is meant, clip
@@ -20,6 +20,12 @@ BREAK_LINEAR = 0.0031308
 BREAK_SRGB = 0.04045
 SLOPE = 12.92
 """Slope of the curve below the break. On a straight line, value and gradient are finite at zero."""
+
+
+def corrected(rgb_linear: Colors, matrix: Colors) -> Colors:
+    """Colours [..., 3] by a matrix 3 x 3, or by one of 3 x 4 whose last column is added."""
+    turned = rgb_linear @ matrix[:, :3].T
+    return turned + matrix[:, 3] if matrix.shape[1] > 3 else turned
 
 
 def srgb_from_linear(rgb_linear: Colors) -> Colors:

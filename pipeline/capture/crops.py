@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
+from pipeline.base.color import corrected
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.capture.undistortion import Box, LensMap, undistort_image, undistort_mask
 from pipeline.geometry.cameras import Camera
@@ -45,7 +46,7 @@ def cut_crop(
     mask: Float32[np.ndarray, "height width"] | None,
     camera: Camera,
     *,
-    corrected_from_raw: Float64[np.ndarray, "3 3"] | None = None,
+    corrected_from_raw: Float64[np.ndarray, "3 columns"] | None = None,
     undistort: bool = True,
     silhouette: Float32[np.ndarray, "height width"] | None = None,
     margin_px: int = 8,
@@ -57,7 +58,7 @@ def cut_crop(
         image: linear RGB, black level removed; pixels that are not finite become black and lose their mask.
         mask: of the recorded (distorted) image, 0..1; or None, then `silhouette` is the mask.
         camera: as recorded, at the image's resolution.
-        corrected_from_raw: colour correction; None skips it exactly.
+        corrected_from_raw: colour correction, 3 x 3 or 3 x 4 (`corrected`); None skips it exactly.
         undistort: False skips resampling exactly, and takes the image as a pinhole's.
         silhouette: mask of the undistorted image.
         margin_px: background kept around the box of the foreground.
@@ -79,7 +80,7 @@ def cut_crop(
         return None
     part = undistort_image(image, camera, box, lens_map) if undistort else image[box.slices]
     if corrected_from_raw is not None:
-        part = part @ corrected_from_raw.T.astype(np.float32)
+        part = corrected(part, corrected_from_raw.astype(np.float32))
     return Crop(box, np.ascontiguousarray(part), np.ascontiguousarray(whole[box.slices]), crop_camera(camera, box))
 
 

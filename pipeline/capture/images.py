@@ -8,7 +8,7 @@ from one read.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +21,8 @@ from jaxtyping import Float, Float32, UInt8
 from pipeline.base.color import linear_from_srgb, srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
+from pipeline.capture.archives import read_bytes
+from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 
 Transfer = Literal["linear", "srgb"]
 
@@ -28,7 +30,13 @@ HALF_MAX = 65504.0
 """Largest finite half-precision number: brighter pixels are stored as this, so that a highlight stays finite."""
 
 
-def read_image(path: Path, transfer: Transfer = "linear", black_level: float = 0.0) -> Float32[np.ndarray, "h w 3"]:
+BlackLevel = float | Sequence[float]
+"""Stored value of no light, of all channels or of R, G and B each."""
+
+
+def read_image(
+    path: Path, transfer: Transfer = "linear", black_level: BlackLevel = 0.0
+) -> Float32[np.ndarray, "h w 3"]:
     """A colour image as linear RGB: `decode_image` of a file.
 
     Raises:
@@ -45,28 +53,40 @@ class ImageSource:
         folder: of the capture, which the paths of its images are relative to.
         transfer: how stored values relate to light.
         black_level: stored value of no light at all.
+        masks: how the masks store which pixels are the subject.
     """
 
     folder: Path
     transfer: Transfer
-    black_level: float
+    black_level: BlackLevel
+    masks: MaskFormat = PLAIN_MASKS
 
     @classmethod
     def from_index(cls, folder: Path, facts: Mapping[str, Any]) -> ImageSource:
         """The source that `images` of capture.json describes."""
-        return cls(folder, facts["transfer"], float(facts["black_level"]))
+        return cls(folder, facts["transfer"], facts["black_level"], MaskFormat.from_index(facts.get("masks")))
 
     def read(self, path: str) -> Float32[np.ndarray, "h w 3"]:
         """A colour image as linear RGB: `read_image` of a path of the index."""
         return read_image(self.folder / path, self.transfer, self.black_level)
 
+    def read_mask(self, path: str, shape: tuple[int, ...]) -> UInt8[np.ndarray, "h w"]:
+        """A mask, 0..255, of the rows and columns that an image's `shape` begins with.
+
+        Raises:
+            InputError: if it cannot be read, or is not of that size.
+        """
+        return self.masks.fit(read_mask(self.folder / path), (shape[0], shape[1]), self.folder / path)
+
 
 def decode_image(
-    content: bytes, path: Path, transfer: Transfer = "linear", black_level: float = 0.0
+    content: bytes, path: Path, transfer: Transfer = "linear", black_level: BlackLevel = 0.0
 ) -> Float32[np.ndarray, "h w 3"]:
-    """Linear RGB of an .exr (R, G, B, half or float) or .png (8 or 16 bit) file's bytes.
+    """Linear RGB of an image file's bytes.
 
-    The black level is subtracted in the units that the file stores (counts for .png), then counts are divided by
+    It is an .exr (R, G, B, half or float) or a .png, .jpg or .avif of 8 or 16 bits.
+
+    The black level is subtracted in the units that the file stores (counts, but for .exr), then counts are divided by
     their maximum, then the transfer function is undone. Noise below the black level stays negative.
 
     Args:
@@ -79,7 +99,7 @@ def decode_image(
     if stored.ndim != 3 or stored.shape[2] != 3:
         raise InputError(f"{path}: expected an image of the three channels R, G, B, found {_channels(stored)}")
     scale = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
-    image = (stored.astype(np.float32) - np.float32(black_level)) / np.float32(scale)
+    image = (stored.astype(np.float32) - np.asarray(black_level, np.float32)) / np.float32(scale)
     return linear_from_srgb(image) if transfer == "srgb" else image
 
 
@@ -179,18 +199,6 @@ def write_png(path: Path, image: np.ndarray) -> None:
         )
     with written_whole(path) as temporary:
         temporary.write_bytes(content.tobytes())
-
-
-def read_bytes(path: Path) -> bytes:
-    """Content of a file.
-
-    Raises:
-        InputError: if the file cannot be read.
-    """
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: expected a readable file, found: {error.strerror}") from error
 
 
 def _decode_exr(content: bytes, path: Path) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ from collections.abc import Collection
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from pipeline.base.errors import InputError
+from pipeline.capture.archives import holder_of
 
 NUMBERS = frozenset({"frame", "view"})
 """Placeholders that stand for whole numbers."""
@@ -90,19 +91,30 @@ def find_files(root: Path, pattern: str) -> dict[str, dict[str, str | int]]:
     return found
 
 
-def locate(root: Path, path: str) -> Path:
-    """The file of a capture that a relative path names.
+SOURCE = "source"
+"""The one link that may lead out of a capture: that of import_capture to the set whose images stay where they are."""
+
+
+def locate(root: Path, path: str, *, imported: bool = False) -> Path:
+    """The file of a capture that a relative path names, or the member of an archive.
+
+    Args:
+        root: folder of the capture.
+        path: as capture.yaml or one of its tables has it.
+        imported: True if the capture was imported, so that what lies behind its link `SOURCE` belongs to it.
 
     Raises:
         InputError: if it is not there or a link leads out of the folder.
     """
     file = root / path
+    behind = imported and PurePosixPath(path).parts[:1] == (SOURCE,)
+    folder, holder = root / SOURCE if behind else root, holder_of(file)
     try:
-        if not file.resolve().is_relative_to(root.resolve()):
+        if not holder.resolve().is_relative_to(folder.resolve()):
             raise InputError(
-                f"{path}: expected a file inside the capture folder, found a link to {file.resolve()}; copy it"
+                f"{path}: expected a file inside the capture folder, found a link to {holder.resolve()}; copy it"
             )
-        if not file.is_file():
+        if not holder.is_file():
             raise InputError(f"{path}: expected a file, found {'a folder' if file.is_dir() else 'none'}")
     except (OSError, RuntimeError) as error:  # A loop of links, a name that is too long.
         raise InputError(f"{path}: expected a file, found: {error}") from error

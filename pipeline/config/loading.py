@@ -17,7 +17,15 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline.base.errors import Complaints
 from pipeline.base.yaml_files import read_yaml
-from pipeline.config.project import NAME_PATTERN, PROJECT_ONLY, SECTIONS, VARIED, ProjectSettings, SubjectSettings
+from pipeline.config.project import (
+    DATASETS,
+    NAME_PATTERN,
+    PROJECT_ONLY,
+    SECTIONS,
+    VARIED,
+    ProjectSettings,
+    SubjectSettings,
+)
 from pipeline.config.settings import Settings
 
 DEFAULTS_FILE = "config/config.yaml"
@@ -55,6 +63,11 @@ class Project:
     def synthetic_subjects(self) -> list[str]:
         """Subjects that synthesize_capture makes."""
         return sorted(name for name, settings in self.subjects.items() if settings.source == "synthetic")
+
+    @property
+    def imported_subjects(self) -> list[str]:
+        """Subjects that import_capture reads from a public set."""
+        return sorted(name for name, settings in self.subjects.items() if settings.source in DATASETS)
 
 
 def load_project(config: Mapping[str, Any], command_line: Mapping[str, Any], subjects: Path) -> Project:
@@ -151,6 +164,7 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
     except ValidationError as error:
         _complain(error, model, origins, complaints)
         return None
+    _complain_of_path(settings, origins, complaints)
     for variant, stage in product(settings.variants, VARIED):
         inside = ("variants", variant) if stage == "train_avatar" else ("variants", variant, stage)
         own = [(where, _dig(given, inside)) for where, given in origins]
@@ -167,6 +181,19 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
         except ValidationError as error:
             _complain(error, SECTIONS[stage], own, complaints, prefix=f"{'.'.join(inside)}.")
     return settings
+
+
+def _complain_of_path(settings: SubjectSettings, origins: list[tuple[str, Any]], complaints: Complaints) -> None:
+    """A public set needs a path; any other source has none."""
+    public = settings.source in DATASETS
+    if public == bool(settings.path):
+        return
+    where = next(name for name, given in origins if ("source" if public else "path") in given)
+    if public:
+        complaints.add(where, "path", expected=f"the folder of a {settings.source} capture", found="none")
+    else:
+        found = f"{settings.source!r}, which has no path"
+        complaints.add(where, "source", expected=f"one of {', '.join(DATASETS)}", found=found)
 
 
 def _complain(

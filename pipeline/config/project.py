@@ -19,8 +19,10 @@ from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.config.export_avatar import ExportAvatar
 from pipeline.config.export_viewer import ExportViewer
 from pipeline.config.fit_eyes import FitEyes
+from pipeline.config.import_capture import ImportCapture
 from pipeline.config.index_capture import IndexCapture
 from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.pack_shards import PackShards
@@ -39,15 +41,21 @@ from pipeline.config.write_report import WriteReport
 NAME_PATTERN = "[A-Za-z0-9_][A-Za-z0-9_-]*"
 """What subjects and variants may be called: they become folder names, wildcards and words of command lines."""
 
+DATASETS = ("goliath", "becominglit", "humanolat")
+"""Public sets that import_capture reads."""
+
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 
 
 class SubjectSettings(Settings):
     """Settings of one subject: all that may stand in config/subjects/<name>.yaml."""
 
-    source: Literal["native", "synthetic"] = Field(
-        "native", description="native: a recorded capture folder; synthetic: synthesize_capture makes it"
+    source: Literal["native", "synthetic", *DATASETS] = Field(
+        "native",
+        description="native: a recorded capture folder; synthetic: synthesize_capture makes it; else the public set "
+        "that `path` holds and import_capture reads",
     )
+    path: str = Field("", description="folder of one capture of a public set, as it ships; nothing is written there")
     chunk_frames: int = Field(64, ge=1, le=9999, description="frames that one job handles together [frames]")
     variants: dict[Name, dict[str, Any]] = Field(
         {"full": {}},
@@ -64,6 +72,7 @@ class SubjectSettings(Settings):
 
     # The stages, in data order.
     synthesize_capture: SynthesizeCapture = SynthesizeCapture()
+    import_capture: ImportCapture = ImportCapture()
     index_capture: IndexCapture = IndexCapture()
     calibrate_cameras: CalibrateCameras = CalibrateCameras()
     calibrate_color: CalibrateColor = CalibrateColor()
@@ -82,6 +91,7 @@ class SubjectSettings(Settings):
     evaluate_avatar: EvaluateAvatar = EvaluateAvatar()
     relight_avatar: RelightAvatar = RelightAvatar()
     export_viewer: ExportViewer = ExportViewer()
+    export_avatar: ExportAvatar = ExportAvatar()
     check_budget: CheckBudget = CheckBudget()
     measure_cost: MeasureCost = MeasureCost()
     budget_errors: BudgetErrors = BudgetErrors()

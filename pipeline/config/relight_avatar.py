@@ -70,6 +70,11 @@ class RelightAvatar(Settings):
     prefiltered_height: int | None = Field(
         None, ge=2, description="height to which a map is reduced before its lobes; null: it stays as it is [pixels]"
     )
+    light_turns: float = Field(
+        0.0,
+        description="rounds that a list of lamps makes about the vertical through the middle of the poses shown, "
+        "beside its own motion",
+    )
     shadow_samples: str = Field(
         "full", pattern=r"^(full|[1-9][0-9]{0,3})$", description="lights drawn per texel for shadows, or full [rays]"
     )
@@ -80,6 +85,13 @@ class RelightAvatar(Settings):
     )
     stills: Literal["none", "png", "exr", "both"] = Field(
         "png", description="every picture as a file; .exr has linear light over black, and A"
+    )
+    exr_layers: bool = Field(
+        False, description="parts of the picture in .exr, too: albedo, normal, diffuse, indirect, specular, depth"
+    )
+    beside_captured: bool = Field(
+        False,
+        description="on the left of film and .png, the captured picture of each frame; camera_names names its camera",
     )
     splats: Literal["none", "first", "all"] = Field(
         "first", description="pictures of which the Gaussians are written as .ply, without their specular part"

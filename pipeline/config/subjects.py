@@ -17,10 +17,14 @@ UNSPEAKABLE = frozenset("{}\n")
 """Characters that Snakemake takes for more than themselves, and that no path of a capture.yaml can have."""
 
 
+SHALLOW = 2
+"""Folders below that of a public set in which its calibrations and archives lie, and its single images do not."""
+
+
 def subject_names(project: Project) -> list[str]:
-    """Every subject: those whose folder has a capture.yaml, and the synthetic ones."""
+    """Every subject: those whose folder has a capture.yaml, the synthetic and the imported ones."""
     recorded = [path.parent.name for path in Path(project.settings.captures).glob("*/capture.yaml")]
-    return sorted({*recorded, *project.synthetic_subjects})
+    return sorted({*recorded, *project.synthetic_subjects, *project.imported_subjects})
 
 
 def require_subject(project: Project, subject: str) -> None:
@@ -35,14 +39,15 @@ def require_subject(project: Project, subject: str) -> None:
         raise InputError(
             f"subject {subject!r}: expected {expected}, found no such file; subjects: {', '.join(names) or 'none'}. "
             f"Put the capture there, say `--config captures=FOLDER`, or write config/subjects/{subject}.yaml "
-            "with `source: synthetic`"
+            "with `source: synthetic`, or with a public set and its `path`"
         )
 
 
 def chunk_ids(project: Project, subject: str) -> list[str]:
     """The names of a subject's chunks of frames: 0000, 0001, ...
 
-    A capture whose frames cannot be counted has one chunk: index_capture says what is wrong with it.
+    A capture whose frames cannot be counted has one chunk: index_capture says what is wrong with it, or the frames of
+    an imported one are counted when it is there.
     """
     settings = project.subject(subject)
     if settings.source == "synthetic":
@@ -56,17 +61,36 @@ def watched_files(project: Project, subject: str) -> list[str]:
     """The files whose content decides whether the capture is indexed anew.
 
     All files of the folder if there are at most `track_capture_files`; else capture.yaml and the tables it names. Of a
-    synthetic capture, capture.yaml, which is written last.
+    synthetic or imported capture, capture.yaml, which is written last.
     """
     folder = Path(project.settings.captures) / subject
     description = folder / "capture.yaml"
-    if project.subject(subject).source == "synthetic":
+    if project.subject(subject).source != "native":
         return [str(description)]
     limit = project.settings.track_capture_files
     files = list(islice(_files_below(folder), limit + 1))
     if len(files) > limit:
         tables = [folder / path for path in _named_files(read_description(description))]
         files = [description, *(path for path in tables if _is_inside(path, folder))]
+    return sorted(map(str, files))
+
+
+def dataset_files(project: Project, subject: str) -> list[str]:
+    """The files of a public set whose content decides whether it is imported anew.
+
+    All files if there are at most `track_capture_files`; else those at most two folders deep: calibrations, tables and
+    archives, and not one file for each image.
+
+    Raises:
+        InputError: if there is no such folder.
+    """
+    folder, limit = Path(project.subject(subject).path), project.settings.track_capture_files
+    if not folder.is_dir():
+        expected = f"the folder of a {project.subject(subject).source} capture"
+        raise InputError(f"config/subjects/{subject}.yaml: path: expected {expected}, found none: {folder}")
+    files = list(islice(_files_below(folder), limit + 1))
+    if len(files) > limit:
+        files = [path for path in _files_below(folder) if len(path.relative_to(folder).parts) <= SHALLOW + 1]
     return sorted(map(str, files))
 
 

@@ -20,7 +20,9 @@ from pipeline.config.stage_commands import THREADED, Value, stage_arguments, sub
 CHUNK = "0000"
 """The chunk of frames on which stages that work chunk by chunk are measured."""
 
-NOT_HANDED_OVER: dict[str, Value] = {"frame_shards": (), "visibility": (), "environment": (), "light_list": ()}
+NOT_HANDED_OVER: dict[str, Value] = dict.fromkeys(
+    ("frame_shards", "visibility", "environment", "light_list", "captured"), ()
+)
 """What a stage does without unless a dial says where it is: all avatars have the shards' own frames, and visibility
 that an earlier run kept would make a later one look fast."""
 

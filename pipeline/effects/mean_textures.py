@@ -35,7 +35,7 @@ class SeenColors:
 
 def seen_colors(
     source: ImageSource, images: pd.DataFrame, cameras: Mapping[str, Camera],
-    colors: Mapping[str, Float64[np.ndarray, "3 3"]], atlas: Atlas, vertices: Float32[np.ndarray, "v 3"],
+    colors: Mapping[str, Float64[np.ndarray, "3 columns"]], atlas: Atlas, vertices: Float32[np.ndarray, "v 3"],
     cosine_power: float,
 ) -> SeenColors:  # fmt: skip
     """Mean over some images of one frame, each texel weighted by visibility x cos^p.

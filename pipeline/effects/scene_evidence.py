@@ -122,24 +122,28 @@ def largest_displacement_px(camera: Camera) -> float:
     return float(np.linalg.norm(pixels - pinhole[:, :2], axis=1).max())
 
 
-def read_colors(path: Path) -> dict[str, Float64[np.ndarray, "3 3"]]:
-    """Corrected-from-raw of each camera that has one.
+def read_colors(path: Path) -> dict[str, Float64[np.ndarray, "3 columns"]]:
+    """Corrected-from-raw of each camera that has one, 3 x 3 or 3 x 4 (`corrected`).
 
     Raises:
         InputError: naming all cameras without a matrix of finite numbers.
     """
     matrices = {name: np.array(matrix, np.float64) for name, matrix in read_json(path).get("cameras", {}).items()}
-    wrong = sorted(name for name, matrix in matrices.items() if matrix.shape != (3, 3) or not np.isfinite(matrix).all())
+    wrong = sorted(
+        name
+        for name, matrix in matrices.items()
+        if matrix.shape not in ((3, 3), (3, 4)) or not np.isfinite(matrix).all()
+    )
     if wrong:
         raise InputError(
-            f"{path}: cameras {wrong}: expected 3x3 finite numbers, found others; run calibrate_color again"
+            f"{path}: cameras {wrong}: expected 3x3 or 3x4 finite numbers, found others; run calibrate_color again"
         )
     return matrices
 
 
 def color_evidence(path: Path) -> Evidence:
     """Largest deviation of a camera's colour matrix from the identity, in percent."""
-    sizes = {name: 100 * float(np.abs(matrix - np.eye(3)).max()) for name, matrix in read_colors(path).items()}
+    sizes = {name: 100 * float(np.abs(m - np.eye(*m.shape)).max()) for name, m in read_colors(path).items()}
     if not sizes:
         return Evidence(0.0, "no camera has a colour matrix")
     worst = max(sizes, key=lambda name: sizes[name])

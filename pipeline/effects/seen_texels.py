@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Float32, Float64, Int64
 
+from pipeline.base.color import corrected
 from pipeline.capture.images import ImageSource
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.depth_maps import draw_depth, seen_well
@@ -55,7 +56,7 @@ def observe_texels(
     source: ImageSource,
     images: pd.DataFrame,
     cameras: Mapping[str, Camera],
-    colors: Mapping[str, Float64[np.ndarray, "3 3"]],
+    colors: Mapping[str, Float64[np.ndarray, "3 columns"]],
     atlas: Atlas,
     texels: Int64[np.ndarray, " P"],
     vertices: Mapping[int, Float32[np.ndarray, "v 3"]],
@@ -91,7 +92,7 @@ def observe_texels(
         way = (camera.center - points[at, chosen])[found]
         columns["frame"].append(np.full(found.sum(), at))
         columns["point"].append(chosen[found])
-        columns["color"].append(color[found] @ colors.get(row.camera, np.eye(3)).T)
+        columns["color"].append(corrected(color[found], colors.get(row.camera, np.eye(3))))
         columns["to_camera"].append(way / np.linalg.norm(way, axis=1, keepdims=True))
         columns["pixel_m"].append(depth[found] / np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
     if not meshes:

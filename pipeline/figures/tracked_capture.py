@@ -12,15 +12,16 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float32, Float64
 
+from pipeline.base.color import corrected
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json, read_table
-from pipeline.capture.images import read_image, read_mask
+from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.kinematics import Pose, point_positions, tracked_points
 from pipeline.geometry.skin import Template, read_template
 from pipeline.geometry.tracked import read_tracked
-from pipeline.tracking.keypoint_targets import KeypointTargets, read_keypoint_targets
+from pipeline.tracking.keypoint_targets import NO_TARGETS, KeypointTargets, read_keypoint_targets
 from pipeline.tracking.tracking_inputs import image_cameras
 
 
@@ -29,8 +30,7 @@ class TrackedCapture:
     """The posed template in all frames, and what it is judged by.
 
     Attributes:
-        capture: folder that the paths in `images` are relative to.
-        look: of the images: transfer, black_level.
+        source: of the images; the paths in `images` are relative to its folder.
         cameras: at image resolution, by name.
         held_out: cameras that took no part in tracking.
         frames: one row per frame: frame, timestamp_s, segment, chunk, fully_lit, and track_mesh's columns.
@@ -40,12 +40,11 @@ class TrackedCapture:
         detected: keypoints as detected, pixels of the (distorted) images; NaN where not.
         images: index/images.parquet by (camera, frame).
         lights: light, x, y, z; patterns: frame, light, intensity_r, ...
-        corrections: corrected-from-raw colour of each camera, 3 x 3; cameras without one are shown as they are.
+        corrections: corrected-from-raw colour of each camera, 3 x 3 or 3 x 4; cameras without one are as they are.
     """
 
     subject: str
-    capture: Path
-    look: Mapping[str, Any]
+    source: ImageSource
     template: Template
     cameras: Mapping[str, Camera]
     held_out: frozenset[str]
@@ -58,7 +57,7 @@ class TrackedCapture:
     images: pd.DataFrame
     lights: pd.DataFrame
     patterns: pd.DataFrame
-    corrections: Mapping[str, Float64[np.ndarray, "3 3"]]
+    corrections: Mapping[str, Float64[np.ndarray, "3 columns"]]
 
     @cached_property
     def projected(self) -> Float64[np.ndarray, "cameras frames keypoints 2"]:
@@ -81,10 +80,10 @@ class TrackedCapture:
         entry = self._entry(name, row)
         if entry is None:
             return None
-        image = read_image(self.capture / entry.path, self.look["transfer"], float(self.look["black_level"]))
+        image = self.source.read(entry.path)
         matrix = self.corrections.get(name, np.eye(3)).astype(np.float32)
         small = self.cameras[name].downsampled(float(factor))
-        return block_means(np.nan_to_num(image, posinf=0.0, neginf=0.0), factor, small) @ matrix.T
+        return corrected(block_means(np.nan_to_num(image, posinf=0.0, neginf=0.0), factor, small), matrix)
 
     def mask(self, name: str, row: int, factor: int) -> Float32[np.ndarray, "height width"] | None:
         """Share of each pixel, 0..1, that shows the subject, `factor` times smaller.
@@ -94,8 +93,9 @@ class TrackedCapture:
         entry = self._entry(name, row)
         if entry is None or pd.isna(entry.mask_path):
             return None
-        mask = read_mask(self.capture / entry.mask_path)
-        return block_means(mask, factor, self.cameras[name].downsampled(float(factor))) / np.float32(255)
+        camera = self.cameras[name]
+        mask = self.source.read_mask(entry.mask_path, (camera.height, camera.width))
+        return block_means(mask, factor, camera.downsampled(float(factor))) / np.float32(255)
 
     def _entry(self, name: str, row: int) -> Any:
         key = name, int(self.frames.frame.iloc[row])
@@ -112,7 +112,9 @@ def read_tracked_capture(
     """
     described, images = read_json(index / "capture.json"), read_table(index / "images.parquet")
     template = read_template(capture / described["template"]["mesh"], float(described["template"]["scale_to_m"]))
-    targets = read_keypoint_targets(capture / described["template"]["keypoints"], template)
+    targets = NO_TARGETS
+    if described["template"].get("keypoints") is not None:
+        targets = read_keypoint_targets(capture / described["template"]["keypoints"], template)
     cameras = image_cameras(
         calibration / "cameras.json", images, float(described["images"]["downsample_from_sensor"]), True
     )
@@ -125,7 +127,7 @@ def read_tracked_capture(
     frames["fully_lit"] = frames.frame.isin(synced.frame[synced.fully_lit])
     colors = read_json(calibration / "color.json")["cameras"]
     return TrackedCapture(
-        described["subject"], capture, described["images"], template, cameras,
+        described["subject"], ImageSource.from_index(capture, described["images"]), template, cameras,
         frozenset(images.camera[images.test_camera]), frames, vertices, targets.names, keypoints, triangulated,
         _detected(read_table(index / "keypoints_2d.parquet"), list(cameras), frames.frame.to_numpy(), targets.names),
         images.set_index(["camera", "frame"]).sort_index(), read_table(calibration / "lights.parquet"), synced,

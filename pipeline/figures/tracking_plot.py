@@ -16,7 +16,8 @@ from pipeline.figures.style import FAINT, GRADE_COLORS, IGNORED, INK, MUTED, pic
 from pipeline.figures.tracked_capture import TrackedCapture
 from pipeline.figures.tracking_verdicts import jumps_m
 
-STATUS_COLORS = {"refined": "#009e73", "carried": "#56b4e9", "tracked": "#0072b2", "interpolated": "#d55e00"}
+STATUS_COLORS = {"refined": "#009e73", "carried": "#56b4e9", "tracked": "#0072b2", "interpolated": "#d55e00",
+                 "given": "#0072b2", "between": "#56b4e9", "held": "#d55e00"}  # fmt: skip
 """Of Okabe and Ito's palette."""
 
 HELD_OUT = "#cc79a7"

@@ -137,7 +137,8 @@ def draw_sheet(
             lit = ", fully lit" if row.fully_lit else ""
             label = f"{panel.name}, frame {row.frame}" if named else f"frame {row.frame}"
             overlap = f", overlap {row.silhouette_iou:.3f}" if np.isfinite(row.silhouette_iou) else ""
-            frame_panel(axes, label, f"{row.status}{lit}, {row.rms_px:.2f} px{overlap}", verdict.grade)
+            error = f", {row.rms_px:.2f} px" if np.isfinite(row.rms_px) else ""
+            frame_panel(axes, label, f"{row.status}{lit}{error}{overlap}", verdict.grade)
 
 
 def _draw_panel(axes: Axes, found: TrackedCapture, panel: Panel, outlier_px: float) -> None:

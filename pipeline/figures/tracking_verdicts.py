@@ -36,6 +36,9 @@ CAMERA_OFF, CAMERA_LOST = 2.0, 5.0
 Beyond the first, the camera was knocked or is calibrated badly; beyond the second, the calibration is another stage's.
 """
 
+ELSEWHERE = ("given", "between", "held")
+"""Statuses of frames whose meshes were tracked elsewhere: nobody detected keypoints in them."""
+
 Reasons = list[tuple[Grade, str]]
 
 
@@ -66,6 +69,8 @@ def frame_verdicts(found: TrackedCapture) -> list[Verdict]:
     verdicts = []
     for row, error, overlap, jump, is_jump in zip(frames.itertuples(), errors, overlaps, jumps, jumped, strict=True):
         numbers = f"{row.status}, {error:.2f} px, {row.inliers} of {row.observations} keypoints fit"
+        if row.status in ELSEWHERE:
+            numbers = f"tracked elsewhere, {row.status}"
         numbers += f", silhouettes overlap {overlap:.3f}" if np.isfinite(overlap) else ""
         reasons = _keypoint_reasons(row.status, row.inliers / max(row.observations, 1))
         reasons += _overlap_reasons(overlap, low_overlap)
@@ -81,6 +86,9 @@ def frame_verdicts(found: TrackedCapture) -> list[Verdict]:
 
 
 def _keypoint_reasons(status: str, share: float) -> Reasons:
+    if status in ELSEWHERE:
+        advice = "the mesh beside it stands in: leave it out, or give a mesh"
+        return [("weak", f"no mesh on one side, {advice}")] if status == "held" else []
     if status == "interpolated":
         return [("failed", "too few keypoints, so it was interpolated: leave it out, or detect its keypoints again")]
     if share < FEW_INLIERS:

@@ -59,15 +59,43 @@ class Splats:
     quaternions: Float[Tensor, "g 4"]
 
 
-def write_splats(path: Path, splats: Splats) -> None:
-    """Write a .ply; colours are clipped to [0, 1] and encoded as sRGB."""
+@dataclass(frozen=True)
+class StoredSplats:
+    """Gaussians in the numbers that files of splats share, NumPy.
+
+    Attributes:
+        means: metres. normals: of the surface, unit length.
+        coefficients: of the spherical harmonic of degree 0; SH_0 f + 1/2 is sRGB.
+        opacities: in [0, 1]. log_scales: of metres. quaternions: w, x, y, z, of unit length.
+    """
+
+    means: Float[np.ndarray, "g 3"]
+    normals: Float[np.ndarray, "g 3"]
+    coefficients: Float[np.ndarray, "g 3"]
+    opacities: Float[np.ndarray, " g"]
+    log_scales: Float[np.ndarray, "g 3"]
+    quaternions: Float[np.ndarray, "g 4"]
+
+
+def stored_splats(splats: Splats) -> StoredSplats:
+    """The numbers of a file of splats; colours are clipped to [0, 1] and encoded as sRGB."""
     srgb = srgb_from_linear(splats.rgb_linear.clamp(0, 1))
     norm = splats.quaternions.norm(dim=1, keepdim=True).clamp_min(MIN_QUATERNION_NORM)
-    columns = [
-        splats.means, splats.normals, (srgb - 0.5) / SH_0, torch.logit(splats.opacities, SMALLEST_DOUBT)[:, None],
+    tensors = (
+        splats.means, splats.normals, (srgb - 0.5) / SH_0, splats.opacities,
         splats.scales.clamp_min(SMALLEST_SCALE_M).log(), splats.quaternions / norm,
+    )  # fmt: skip
+    return StoredSplats(*(tensor.detach().cpu().numpy() for tensor in tensors))
+
+
+def write_splats(path: Path, splats: Splats) -> None:
+    """Write a .ply; colours are clipped to [0, 1] and encoded as sRGB."""
+    stored = stored_splats(splats)
+    logits = torch.logit(splats.opacities.detach().cpu(), SMALLEST_DOUBT).numpy()[:, None]
+    columns = [
+        stored.means, stored.normals, stored.coefficients, logits, stored.log_scales, stored.quaternions
     ]  # fmt: skip
-    rows = torch.cat(columns, 1).detach().numpy().astype("<f4")
+    rows = np.concatenate(columns, 1).astype("<f4")
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
     header = "\n".join([*lines, *(f"property float {name}" for name in PROPERTIES), "end_header", ""])
     with written_whole(path) as temporary:

@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 import re
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ BYTES_IN_GIB = 2**30
 def provenance(results: Results) -> Part:
     """Everything needed to tell whether two reports are of the same thing."""
     parts = [
+        *_imported(results),
         "<h3>Inputs</h3>", paragraph("BLAKE2b-128 of the indexed capture."),
         html_table("inputs", ["what", "digest"], input_digests(results), "ts"),
         "<h3>Code</h3>", _code(),
@@ -34,6 +36,17 @@ def provenance(results: Results) -> Part:
     return Part("Provenance", "".join(parts))
 
 
+def _imported(results: Results) -> list[str]:
+    """Table of what came from a public set and what did not, of captures from one."""
+    notes = results.capture.get("imported")
+    if not notes:
+        return []
+    titles = {"given": "taken from", "computed": "computed by", "left_out": "not used"}
+    rows = [[what, titles[kind], how] for kind in titles for what, how in notes[kind].items()]
+    head = ["what", "is", "where and how"]
+    return [f"<h3>Imported from {escape(notes['dataset'])}</h3>", html_table("imported", head, rows, "sst")]
+
+
 def input_digests(results: Results) -> list[list[Any]]:
     """Rows (what, digest): every table of the index, the template, and all images together."""
     rows = [[path.name, digest_file(path)] for path in sorted((results.folder / "index").glob("*.*")) if path.is_file()]
@@ -41,7 +54,7 @@ def input_digests(results: Results) -> list[list[Any]]:
     rows += [[key.replace("_", " "), value] for key, value in template.items() if key.endswith("_digest")]
     images = results.table("index/images.parquet")
     columns = [name for name in ("digest", "mask_digest") if name in images]
-    together = digest_bytes("\n".join(images[columns].astype(str).agg(" ".join, axis=1)).encode())
+    together = digest_bytes("\n".join(images[columns].astype(str).fillna("none").agg(" ".join, axis=1)).encode())
     return [*rows, [f"{len(images)} images and masks", together]]
 
 

@@ -22,7 +22,7 @@ from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import read_json, read_table, write_json, write_table
 from pipeline.base.progress import progress
 from pipeline.base.verdicts import log_verdicts
-from pipeline.capture.images import read_image, read_mask
+from pipeline.capture.images import ImageSource
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.sync.brightness import BrightnessModel, directions_from, observed_table, read_log
@@ -119,15 +119,17 @@ def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], 
     The latter are the mean x, y of its pixels and their covariance xx, xy, yy.
 
     Without masks the whole image is averaged (the background of a stage is dark), x, y is the image's centre and the
-    covariance NaN. Images without a finite subject pixel are left out.
+    covariance NaN. Where some images of a camera have masks, the others get that of the nearest frame: means over the
+    subject and over whole images do not compare. Images without a finite subject pixel are left out.
     """
-    rows = []
-    for row in progress(list(images[images.camera.isin(cameras)].itertuples()), "book_patterns"):
-        image = read_image(capture / row.path, facts["transfer"], facts["black_level"])
+    rows, source = [], ImageSource.from_index(capture, facts)
+    chosen = images[images.camera.isin(cameras)]
+    for row, mask_path in progress(list(zip(chosen.itertuples(), nearest_masks(chosen), strict=True)), "book_patterns"):
+        image = source.read(row.path)
         subject = np.isfinite(image).all(2)
-        masked = isinstance(row.mask_path, str)
+        masked = mask_path is not None
         if masked:
-            subject &= read_mask(capture / row.mask_path) >= SUBJECT
+            subject &= source.read_mask(mask_path, image.shape) >= SUBJECT
         if not subject.any():
             continue
         y, x = np.nonzero(subject)
@@ -135,6 +137,17 @@ def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], 
         color = image[subject].mean(0, dtype=np.float64)
         rows.append((row.camera, row.frame, *color, x.mean() + 0.5, y.mean() + 0.5, *covariance))
     return pd.DataFrame(rows, columns=MEASURED)
+
+
+def nearest_masks(images: pd.DataFrame) -> list[str | None]:
+    """Each image's mask, or that of the camera's nearest frame that has one, or None."""
+    found: dict[tuple[str, int], str] = {}
+    for camera, rows in images[images.mask_path.notna()].groupby("camera"):
+        frames, paths = rows.frame.to_numpy(), rows.mask_path.to_numpy()
+        own = images.frame[images.camera == camera].to_numpy()
+        nearest = np.abs(own[:, None] - frames[None]).argmin(1)
+        found |= {(camera, int(frame)): str(paths[k]) for frame, k in zip(own, nearest, strict=True)}
+    return [found.get((row.camera, row.frame)) for row in images.itertuples()]
 
 
 def fit_subject(rig: dict[str, Camera], means: pd.DataFrame) -> Ellipsoid:

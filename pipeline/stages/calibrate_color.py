@@ -4,7 +4,7 @@ It reads one image of a 24-patch chart per camera.
 
 raw = M_c @ patch value for each camera c, by robust least squares; the light is common to all cameras and part of
 M_c, as is exposure. The average camera has the mean of all M_c, so corrected_from_raw_c = mean(M) @ inverse(M_c). With
-`method: none` all matrices are the identity.
+`method: known` the matrices are taken as they are given; with `none` all are the identity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.color.color_chart import PATCHES, Patches, find_chart, measure_patches, place_chart
 from pipeline.calibration.color.color_response import Response, corrections, fit_response
 from pipeline.calibration.color.color_verdicts import Flaw, light_flaws, patch_flaws, response_flaws
-from pipeline.capture.images import decode_image, decode_stored, read_bytes
+from pipeline.capture.archives import read_bytes
+from pipeline.capture.images import decode_image, decode_stored
 from pipeline.config.calibrate_color import CalibrateColor
 
 log = logging.getLogger("calibrate_color")
@@ -47,6 +48,11 @@ def run(
     """
     calibration = read_json(index / "calibration_color.json")
     names = sorted(read_table(index / "cameras.parquet").camera)
+    if calibration["method"] == "known":
+        log.info("taken as they are given: the colour matrices of %d cameras", len(names))
+        given = {name: np.asarray(calibration["cameras"][name], np.float64) for name in names}
+        write(out, given, {}, [Verdict("color", name, "good", "given, not calibrated here") for name in names])
+        return
     if calibration["method"] == "none":
         write(out, {name: np.eye(3) for name in names}, {}, [])
         return

@@ -16,12 +16,13 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, written_whole
 from pipeline.base.progress import progress
 from pipeline.base.splits import VALIDATION
+from pipeline.base.spread import spread
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.export_viewer import ExportViewer
+from pipeline.lighting.named_lights import read_named_lights
 from pipeline.viewer.captured import captured_pictures, choose_cameras
 from pipeline.viewer.page import MEGA, common_texts, facts_of, frame_blocks, frames_that_fit, page_html
-from pipeline.viewer.shown_frame import require_analytic, shown_frame, spread
-from pipeline.viewer.stage_lights import read_stage_lights
+from pipeline.viewer.shown_frame import require_analytic, shown_frame
 
 log = logging.getLogger("export_viewer")
 
@@ -54,7 +55,7 @@ def run(
     loaded = load_avatar(avatar, atlas)
     spec = loaded.avatar.spec
     require_analytic(spec, f"{avatar}/config.json")
-    stage, records = read_stage_lights(lights, patterns), read_frame_shards([frames or shards / "frames"])
+    stage, records = read_named_lights(lights, patterns), read_frame_shards([frames or shards / "frames"])
     if not len(records):
         raise InputError(f"{shards}/frames: expected at least one frame, found none; run pack_shards again")
     images = read_image_shards([shards / folder for folder in ("train", VALIDATION, "test")])

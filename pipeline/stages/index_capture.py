@@ -25,11 +25,11 @@ def run(*, capture: Path, out: Path, settings: IndexCapture = IndexCapture()) ->
 
     Args:
         capture: the capture folder; capture.yaml lies at its root.
-        out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, eyes and gaze.parquet,
+        out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, meshes, eyes and gaze.parquet,
             capture.json and calibration_cameras, calibration_lights and calibration_color.json.
     """
     index = index_folder(capture, settings.decode_threads)
-    if index.tables["keypoints_2d"].empty:
+    if index.tables["keypoints_2d"].empty and index.tables["meshes"].empty:
         log.warning("capture.yaml: keypoints_2d: none, or empty: calibration runs, but track_mesh will refuse")
     for name, table in index.tables.items():
         write_table(out / f"{name}.parquet", table)

@@ -25,7 +25,7 @@ from pipeline.base.progress import progress
 from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.capture.crops import cut_crop, mesh_silhouette
 from pipeline.capture.head_data import head_motions, read_gaze, read_textures
-from pipeline.capture.images import read_exr_channel, read_image, read_mask
+from pipeline.capture.images import ImageSource, read_exr_channel
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_shard
 from pipeline.capture.undistortion import LensMaps, left_out
@@ -98,8 +98,7 @@ def run(
     images[VALIDATION] = chosen & ~test
     tracked = read_arrays(tracking)
     inputs = Inputs(
-        capture=capture,
-        facts=facts,
+        source=ImageSource.from_index(capture, facts),
         on=on,
         booked=booked,
         vertices=dict(zip(tracked["frames"].tolist(), tracked["vertices"], strict=True)),
@@ -140,8 +139,7 @@ class Inputs:
     `heads`, `gazes` and `textures` are by frame, as in `FrameRecord`; empty if there are none.
     """
 
-    capture: Path
-    facts: dict
+    source: ImageSource
     on: dict[str, bool]
     booked: pd.DataFrame
     vertices: dict[int, np.ndarray]
@@ -195,10 +193,10 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
     """
     maps, undistort = LensMaps(), inputs.on["lens_distortion"]
     for row in progress(list(images.itertuples()), "pack_shards"):
-        image = read_image(inputs.capture / row.path, inputs.facts["transfer"], inputs.facts["black_level"])
+        image = inputs.source.read(row.path)
         camera, mask, silhouette = inputs.cameras[row.camera], None, None
         if isinstance(row.mask_path, str):
-            mask = read_mask(inputs.capture / row.mask_path).astype(np.float32) / np.float32(MASK_LEVELS)
+            mask = inputs.source.read_mask(row.mask_path, image.shape).astype(np.float32) / np.float32(MASK_LEVELS)
         else:
             silhouette = mesh_silhouette(inputs.vertices[row.frame], inputs.atlas.faces, camera)
         bad = int((~np.isfinite(image).all(2)).sum())

@@ -12,16 +12,17 @@ shows, and of a head codes.csv: its latent codes, to be edited and given back as
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from torch import Tensor
 
-from pipeline.avatar.frames.prepared import PreparedFrame
+from pipeline.avatar.relighting.captured_panel import CapturedPanel
 from pipeline.avatar.relighting.driving_sequence import DrivingSequence, read_poses
 from pipeline.avatar.relighting.driving_tables import code_table
-from pipeline.avatar.relighting.film import Relighter, view_independent_color
+from pipeline.avatar.relighting.film import Relighter, splats_of
 from pipeline.avatar.relighting.light_sources import ListedLights, TurningSky
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.color import srgb_from_linear
@@ -38,7 +39,7 @@ from pipeline.geometry.camera_paths import orbit, through_cameras, through_keyfr
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.lighting.environment import read_environment
 from pipeline.lighting.light_lists import read_light_list
-from pipeline.rendering.splat_ply import Splats, write_splats
+from pipeline.rendering.splat_ply import write_splats
 
 log = logging.getLogger("relight_avatar")
 
@@ -55,6 +56,7 @@ def run(
     lights: Path | None = None,
     cameras: Path | None = None,
     keyframes: Path | None = None,
+    shards: Path | None = None,
     settings: RelightAvatar = RelightAvatar(),
 ) -> None:
     """Render an avatar under new light.
@@ -72,6 +74,7 @@ def run(
         lights: point lights instead: columns light, x, y, z [m], r, g, b and, if they move, picture.
         cameras: calibration/cameras.json, for --camera-names.
         keyframes: camera path as JSON: {"keyframes": [{picture, eye, target, fov_y_degrees}, ...]}.
+        shards: folder of pack_shards, for --beside-captured.
         settings: see the flags below.
     """
     if (environment is None) == (lights is None):
@@ -79,8 +82,12 @@ def run(
     relighter = Relighter(load_avatar(avatar, atlas), TraceIrradiance(samples=settings.shadow_samples))
     sequence = DrivingSequence(relighter, read_poses(relighter, tracking, textures, index, settings), settings)
     path, codes = camera_path(sequence, cameras, keyframes, settings), []
+    beside = captured_panel(shards, settings)
+    if settings.exr_layers and settings.stills not in ("exr", "both"):
+        raise InputError(f"--exr-layers: expected --stills exr or both, found {settings.stills}")
     if environment is None:
-        light = ListedLights(relighter, read_light_list(lights))
+        middle = sequence.middle() if settings.light_turns else np.zeros(3)
+        light = ListedLights(relighter, read_light_list(lights), middle, settings.light_turns, sequence.pictures)
     else:
         light = TurningSky(relighter, read_environment(environment), settings, sequence.pictures)
 
@@ -93,8 +100,18 @@ def run(
                 driven, shaded = signal, light.frame(signal, picture)
             if settings.splats == "all" or (settings.splats == "first" and picture == 0):
                 write_splats(folder / f"splats/{picture:06d}.ply", splats_of(shaded, settings.exposure))
-            rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(shaded, path[picture]))
-            yield write_stills(folder / "stills", picture, rgb, alpha, light.behind(path[picture], picture), settings)
+            camera = path[picture]
+            rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(shaded, camera))
+            if settings.stills in ("exr", "both"):
+                layers = relighter.render_layers(shaded, camera) if settings.exr_layers else {}
+                write_exr_still(folder / f"stills/{picture:06d}.exr", rgb, alpha, layers)
+            shown = as_shown(rgb, alpha, light.behind(camera, picture), settings.exposure)
+            if beside is not None:
+                captured = beside.at(int(sequence.frames[sequence.pose_of(picture)]), camera)
+                shown = np.concatenate([captured, shown], 1)
+            if settings.stills in ("png", "both"):
+                write_png(folder / f"stills/{picture:06d}.png", shown)
+            yield shown
 
     with written_folder(out, "relight_avatar") as folder:
         write_video(folder / "film.mp4", show(), settings.fps)
@@ -131,25 +148,30 @@ def camera_path(
     )  # fmt: skip
 
 
-def write_stills(
-    folder: Path, picture: int, rgb: np.ndarray, alpha: np.ndarray, behind: np.ndarray, settings: RelightAvatar
-) -> np.ndarray:
-    """Write what `stills` asks for; returns the picture as it is shown, in sRGB of 8 bits."""
-    if settings.stills in ("exr", "both"):
-        planes = [*np.moveaxis(rgb, 2, 0), alpha]
-        write_exr(folder / f"{picture:06d}.exr", dict(zip("RGBA", planes, strict=True)))
-    shown = settings.exposure * (rgb + (1 - alpha)[..., None] * behind)
-    shown = np.round(np.clip(srgb_from_linear(shown), 0, 1) * 255).astype(np.uint8)
-    if settings.stills in ("png", "both"):
-        write_png(folder / f"{picture:06d}.png", shown)
-    return shown
+def captured_panel(shards: Path | None, settings: RelightAvatar) -> CapturedPanel | None:
+    """Captured pictures, if they are asked for.
+
+    Raises:
+        InputError: without shards, without tracked frames, or unless one camera stands where it stood.
+    """
+    if not settings.beside_captured:
+        return None
+    if shards is None or len(settings.camera_names) != 1:
+        found = f"--camera-names {' '.join(settings.camera_names) or '(none)'}, --shards {shards}"
+        raise InputError(f"--beside-captured: expected one of --camera-names, and --shards, found {found}")
+    return CapturedPanel(shards, settings.camera_names[0])
 
 
-def splats_of(frame: PreparedFrame, exposure: float) -> Splats:
-    """The frame's Gaussians with the colour that all sides share."""
-    rgb, gaussians = exposure * view_independent_color(frame), frame.gaussians
-    shapes = (gaussians.opacities, gaussians.scales, gaussians.quaternions)
-    return Splats(gaussians.means, frame.surface.posed.normals, rgb, *shapes)
+def write_exr_still(path: Path, rgb: np.ndarray, alpha: np.ndarray, layers: Mapping[str, Tensor]) -> None:
+    """Write linear light over black, A, and layers."""
+    planes = dict(zip("RGBA", [*np.moveaxis(rgb, 2, 0), alpha], strict=True))
+    write_exr(path, planes | {name: layer.cpu().numpy() for name, layer in layers.items()})
+
+
+def as_shown(rgb: np.ndarray, alpha: np.ndarray, behind: np.ndarray, exposure: float) -> np.ndarray:
+    """The picture before what is behind it, in sRGB of 8 bits."""
+    shown = exposure * (rgb + (1 - alpha)[..., None] * behind)
+    return np.round(np.clip(srgb_from_linear(shown), 0, 1) * 255).astype(np.uint8)
 
 
 def picture_table(sequence: DrivingSequence, path: list[Camera]) -> pd.DataFrame:

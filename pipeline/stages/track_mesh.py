@@ -8,6 +8,9 @@ keypoints; "tracked" without images; "interpolated" where too few keypoints were
 template is posed by a robust least-squares fit of all frames of the chunk together (`pipeline.tracking.mesh_tracker`);
 an unrigged one (a head) moves by a root transform and smooth offsets (`pipeline.tracking.surface_tracker`), without
 comparing images. Lit or not, every frame is tracked. Held-out cameras take no part unless `use_test_cameras` says so.
+
+Meshes that were tracked elsewhere are taken as they are (`pipeline.tracking.given_meshes`); the status of a frame is
+then "given", "between" two of them, or "held" where there is one on one side only.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from pipeline.lighting.frame_lights import read_frame_lights
 from pipeline.tracking.color_views import read_color_views
 from pipeline.tracking.cues import Rounds, posed_vertices
 from pipeline.tracking.fit_verdicts import complain_of_misfits, fit_verdicts
+from pipeline.tracking.given_meshes import GivenTracking, read_given
 from pipeline.tracking.keypoint_targets import read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
 from pipeline.tracking.mesh_tracker import Tracking, TrackingLimits, track
@@ -73,16 +77,26 @@ def run(
     start = max(first - settings.context_frames, 0)
     with_context = frames.iloc[start : last + settings.context_frames]
     template = read_template(capture / content["template"]["mesh"], float(content["template"]["scale_to_m"]))
+    source, images = ImageSource.from_index(capture, content["images"]), read_table(index / "images.parquet")
+    if "meshes" in content:
+        given = read_given(
+            capture, read_table(index / "meshes.parquet"), content["meshes"], template, frames,
+            slice(first, last),
+        )  # fmt: skip
+        numbers = frames.frame.to_numpy(np.int64)[first:last]
+        used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), True)
+        masked = mask_views(source, images, used, numbers, settings.outline_cameras, settings.outline_size_px)
+        write_given(out, chunk, numbers, template.faces, given, masked)
+        return
     if content["template"].get("keypoints") is None:
         raise InputError("capture.yaml: template.keypoints: expected a csv of keypoints on the template, found none")
     targets = read_keypoint_targets(capture / content["template"]["keypoints"], template)
-    images = read_table(index / "images.parquet")
     used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), settings.use_test_cameras)
     frame_numbers = with_context.frame.to_numpy(np.int64)
     observations = keypoint_observations(read_table(index / "keypoints_2d.parquet"), used, frame_numbers, targets)
     masked = {}
     if settings.outline_rounds:
-        masked = mask_views(capture, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
+        masked = mask_views(source, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
     views = list(masked.values())
     chosen = spread_vertices(template.vertices_rest, settings.outline_vertices)
     silhouettes = [SilhouetteCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
@@ -96,7 +110,7 @@ def run(
     if settings.image_rounds and template.rigged and patterns is not None and lights is not None:
         lit = fully_lit_frames(patterns, frame_numbers, settings.image_frames)
         colors = read_color_views(
-            ImageSource.from_index(capture, content["images"]), images, used, frame_numbers, lit,
+            source, images, used, frame_numbers, lit,
             settings.image_cameras, settings.image_size_px,
         )  # fmt: skip
         refinement = photometric_refinement(
@@ -122,6 +136,21 @@ def run(
     LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
     kept = slice(first - start, last - start)
     _write(out, chunk, frame_numbers, kept, template, tracking, masked, between, settings)
+
+
+def write_given(
+    out: Path, chunk: int, frames: np.ndarray, faces: np.ndarray, given: GivenTracking, masked: dict
+) -> None:
+    """Write meshes that were tracked elsewhere, and say which frames lie between them."""
+    table = given.table(frames, list(masked.values()), faces)
+    for status, why in (("between", "interpolated between given ones"), ("held", "the nearest given one's")):
+        if named := table.frame[table.status == status].tolist():
+            LOG.warning("%d frames have no mesh: %s: %s", len(named), why, named)
+    overlaps = {name: silhouette_overlap([view], given.vertices, faces) for name, view in masked.items()}
+    # Nobody detected keypoints; whether the masks fit is said here, and decided when a set is imported.
+    log_verdicts(LOG, [verdict for verdict in fit_verdicts(0, 0, overlaps) if verdict.kind == "masks"])
+    write_arrays(out / f"{chunk:04d}.safetensors", given.arrays(frames))
+    write_table(out / f"{chunk:04d}.parquet", table)
 
 
 def _write(

@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool, Float32, Int64
 
 from pipeline.base.progress import progress
-from pipeline.capture.images import ImageSource, read_mask
+from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means, reduction
 from pipeline.geometry.cameras import Camera
 
@@ -89,7 +89,7 @@ def read_color_views(
             image = source.read(rows.path[frames[f]])
             finite = np.isfinite(image).all(2)
             path = rows.mask_path[frames[f]]
-            share = 1.0 if pd.isna(path) else read_mask(source.folder / path).astype(np.float32) / 255
+            share = 1.0 if pd.isna(path) else source.read_mask(path, image.shape).astype(np.float32) / 255
             share = share * finite.astype(np.float32)
             # Weighted by the mask: the background does not bleed into the subject.
             masks[row[f]] = block_means(share, factor, camera)

@@ -29,6 +29,10 @@ class KeypointTargets:
     vertices: Int64[np.ndarray, " keypoints"]
 
 
+NO_TARGETS = KeypointTargets((), np.zeros(0, np.int64), np.zeros(0, np.int64))
+"""Of a capture whose meshes were tracked elsewhere."""
+
+
 def read_keypoint_targets(path: Path, template: Template) -> KeypointTargets:
     """Read a csv of `keypoint,node_index` or `keypoint,vertex`.
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import InputError
 from pipeline.base.progress import progress
+from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means, reduction
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.signed_distance import View, view_from_masks
@@ -81,7 +81,7 @@ def keypoint_observations(
 
 
 def mask_views(
-    capture: Path, images: pd.DataFrame, cameras: dict[str, Camera], frames: np.ndarray, most: int, size_px: int
+    source: ImageSource, images: pd.DataFrame, cameras: dict[str, Camera], frames: np.ndarray, most: int, size_px: int
 ) -> dict[str, View]:
     """Silhouettes of masks by camera, from at most `most` cameras, reduced to `size_px`.
 
@@ -94,14 +94,13 @@ def mask_views(
         factor = reduction(cameras[name], size_px)
         camera = cameras[name].downsampled(float(factor))
         rows = masked[masked.camera == name].set_index("frame").mask_path
-        views[name] = view_from_masks(camera, [_mask(capture, rows.get(frame), camera, factor) for frame in frames])
+        masks = (_mask(source, rows.get(frame), cameras[name], factor, camera) for frame in frames)
+        views[name] = view_from_masks(camera, list(masks))
     return views
 
 
-def _mask(capture: Path, path: str | None, camera: Camera, factor: int) -> np.ndarray | None:
+def _mask(source: ImageSource, path: str | None, camera: Camera, factor: int, small: Camera) -> np.ndarray | None:
     if path is None:
         return None
-    mask = cv2.imread(str(capture / path), cv2.IMREAD_GRAYSCALE)
-    if mask is None:
-        raise InputError(f"{capture / path}: expected an 8-bit mask, found no readable image")
-    return np.round(block_means(mask, factor, camera)).astype(np.uint8)
+    mask = source.read_mask(path, (camera.height, camera.width))
+    return np.round(block_means(mask, factor, small)).astype(np.uint8)

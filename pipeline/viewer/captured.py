@@ -11,9 +11,9 @@ import numpy as np
 from PIL import Image
 
 from pipeline.base.color import srgb_from_linear
+from pipeline.base.spread import spread
 from pipeline.capture.records import ImageRecord
 from pipeline.capture.shards import ImageShards
-from pipeline.viewer.shown_frame import spread
 
 JPEG_QUALITY = 90
 """Errors of half a percent of full scale, in a tenth of the bytes of a PNG."""

@@ -13,6 +13,7 @@ from pipeline.avatar.frames.inputs import BOUNCE_RAYS
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
 from pipeline.geometry.texels import adjoining_texels
+from pipeline.lighting.named_lights import NamedLights
 from pipeline.viewer.packing import agree, block, differences_down, table_bytes, visibility_words
 from pipeline.viewer.shown_frame import (
     LOG_SCALES,
@@ -22,7 +23,6 @@ from pipeline.viewer.shown_frame import (
     surface_matter,
     texel_anchors,
 )
-from pipeline.viewer.stage_lights import StageLights
 
 BUNDLE = "bundle/page.html"
 """The page without an avatar, in this package. `viewer/` has its sources and builds it."""
@@ -54,7 +54,7 @@ class Blocks:
         return sum(map(len, self.texts.values())) / MEGA
 
 
-def frame_blocks(shown: ShownFrame, common: ShownFrame, stage: StageLights) -> Blocks:
+def frame_blocks(shown: ShownFrame, common: ShownFrame, stage: NamedLights) -> Blocks:
     """Blocks of a frame; its shapes only if they differ from those of `common`, which all share."""
     contents = {
         "place": table_bytes(shown.place),
@@ -89,7 +89,7 @@ def frames_that_fit(frames: Sequence[Blocks], others_mb: float, page_mb: float) 
 
 
 def facts_of(
-    subject: str, built: str, loaded: LoadedAvatar, stage: StageLights, captured: list[dict[str, Any]]
+    subject: str, built: str, loaded: LoadedAvatar, stage: NamedLights, captured: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """Everything that is no table, for the page's JSON."""
     spec, atlas = loaded.avatar.spec, loaded.atlas

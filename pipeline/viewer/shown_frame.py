@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -12,6 +10,7 @@ from jaxtyping import Float, Float64, UInt8, UInt16, UInt32
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.prepared import PreparedFrame
+from pipeline.avatar.matter import read_matter
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.training.checkpoint import LoadedAvatar
@@ -21,8 +20,6 @@ from pipeline.geometry.texels import Atlas
 from pipeline.lighting.distant import FAR_M
 from pipeline.lighting.environment import Environment
 from pipeline.viewer.packing import LEVELS, half_floats, octahedral, quantized, table
-
-Item = TypeVar("Item")
 
 SKY_HEIGHT = 8
 """Rows of the panorama whose pixels are lights of the page: 128 directions, one texel of bits each Gaussian."""
@@ -126,17 +123,13 @@ def _shape(prepared: PreparedFrame) -> UInt16[np.ndarray, "n 8"]:
     return table(logs, np.zeros((len(logs), 1), np.uint16), *local)
 
 
-@torch.no_grad()
 def surface_matter(avatar: Avatar) -> UInt16[np.ndarray, "n 8"]:
     """Albedo, width of GGX and scale of its gloss, as float16.
 
     No frame changes them. An avatar without gloss has a scale of 0.
     """
-    albedo = avatar.albedo.numpy()
-    width, gloss = np.ones((len(albedo), 1)), np.zeros((len(albedo), 1))
-    if avatar.spec.specular_model == "ggx":
-        width, gloss = (getattr(avatar, name).exp().numpy()[:, None] for name in ("log_ggx_width", "log_gloss"))
-    return table(half_floats(albedo), half_floats(width), half_floats(gloss))
+    matter = read_matter(avatar)
+    return table(*(half_floats(one) for one in (matter.albedo, matter.width[:, None], matter.gloss[:, None])))
 
 
 def texel_anchors(atlas: Atlas) -> UInt16[np.ndarray, "n 4"]:
@@ -144,9 +137,3 @@ def texel_anchors(atlas: Atlas) -> UInt16[np.ndarray, "n 4"]:
     face = atlas.face.astype(np.uint32)
     halves = np.stack([face & LEVELS, face >> 16], 1).astype(np.uint16)
     return np.concatenate([halves, quantized(atlas.barycentric[:, :2], 0.0, 1.0)], 1)
-
-
-def spread(items: Sequence[Item], count: int) -> list[Item]:
-    """At most `count` of the items, evenly spread, the first among them."""
-    chosen = np.linspace(0, len(items), min(count, len(items)), endpoint=False).astype(int)
-    return [items[place] for place in chosen]

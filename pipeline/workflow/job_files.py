@@ -20,7 +20,7 @@ from pipeline.config.flags import flags
 from pipeline.config.loading import Project, has_own_light, section_for
 from pipeline.config.project import SubjectSettings
 from pipeline.config.stage_commands import subject_files
-from pipeline.config.subjects import chunk_ids, require_subject, subject_names, watched_files
+from pipeline.config.subjects import chunk_ids, dataset_files, require_subject, subject_names, watched_files
 
 RESULTS = "results"
 
@@ -112,11 +112,16 @@ class JobFiles:
     def capture_origin(self) -> list[str]:
         """Code digest and settings that make a synthetic capture; else nothing.
 
-        Its files are not watched.
+        Its files are not watched. Those of an imported one are known by the digest in its capture.yaml.
         """
         if self.subject not in self.project.synthetic_subjects:
             return []
         return [code_digest("pipeline.stages.synthesize_capture"), *self.flags("synthesize_capture")]
+
+    def dataset_files(self) -> list[str]:
+        """Files of the public set that the capture is imported from, and the topology."""
+        topology = self.settings.import_capture.topology
+        return [*dataset_files(self.project, self.subject), *filter(None, [topology])]
 
     def each_chunk(self, pattern: str) -> list[str]:
         """Files of the job's chunks; {chunk} in a path below the subject's results is filled in."""
@@ -188,6 +193,12 @@ class JobFiles:
         """Tables of codes and gaze that the settings of relight_avatar name."""
         settings = section_for(self.settings, "relight_avatar", self.variant)
         return [path for path in (settings.codes, settings.gaze) if path]
+
+    def captured_shards(self) -> list[str]:
+        """Shards of captured pictures, if relight_avatar shows them beside its own."""
+        if not section_for(self.settings, "relight_avatar", self.variant).beside_captured:
+            return []
+        return [file for split in ("train", "validation", "test") for file in self.shards(f"shards/{split}")]
 
     def score_pictures(self) -> list[str]:
         """The folder of pictures of evaluate_avatar, unless its setting turns them off."""

@@ -14,11 +14,13 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
-from pipeline.avatar.training.checkpoint import save_avatar
+from pipeline.avatar.training.checkpoint import load_avatar, save_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays
 from pipeline.capture.images import read_exr_channel, read_stored, write_exr
+from pipeline.capture.records import ImageRecord
+from pipeline.capture.shards import write_image_shard
 from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.camera_paths import orbit
@@ -169,6 +171,66 @@ def test_map_is_prefiltered_at_the_height_that_is_asked_for(inputs, tmp_path):
     np.testing.assert_array_equal(shown[None], shown[4096])
     errors = [np.abs(shown[height] - shown[None]).mean() for height in (8, 2)]
     assert 0 < errors[0] < errors[1]
+
+
+def test_lamps_turn_about_the_middle_of_what_is_shown(inputs, tmp_path):
+    """In the third of four pictures of a round the lamp is behind the sheet; in the second and fourth, beside it."""
+    settings = RelightAvatar(**SMALL, stills="exr", splats="none", light_turns=1, pictures=4, last_frame=5)
+    stage.run(**inputs, lights=tmp_path / "lights.csv", out=tmp_path / "out", settings=settings)
+    front, right, behind, left = (linear(tmp_path / "out", picture)[16, 12, :3] for picture in range(4))
+    assert front.min() > 0.02
+    assert max(right.max(), left.max()) < 0.3 * front.max()
+    assert behind.max() < 1e-3 * front.max()
+
+
+def test_layers_of_a_still_add_up_to_it(inputs, tmp_path):
+    settings = RelightAvatar(**SMALL, stills="exr", exr_layers=True, splats="none", last_frame=5)
+    stage.run(**inputs, lights=tmp_path / "lights.csv", out=tmp_path / "out", settings=settings)
+    still = tmp_path / "out/stills/000000.exr"
+    layer = lambda name, channels="RGB": np.stack([read_exr_channel(still, f"{name}.{c}") for c in channels], -1)  # noqa: E731
+    rgba = linear(tmp_path / "out", 0)
+    total = layer("diffuse") + layer("indirect") + layer("specular")
+    np.testing.assert_allclose(total, rgba[..., :3], atol=2e-3)  # half floats
+    assert layer("specular")[16, 12].min() > 0 and layer("indirect").max() == 0
+    albedo = load_avatar(inputs["avatar"], inputs["atlas"]).avatar.albedo.detach()[0]
+    np.testing.assert_allclose(layer("albedo")[16, 12] / rgba[16, 12, 3], albedo, rtol=2e-3)
+    np.testing.assert_allclose(layer("normal", "XYZ")[16, 12] / rgba[16, 12, 3], [0, 0, 1], atol=2e-3)
+    np.testing.assert_allclose(read_exr_channel(still, "Z")[16, 12], 1.2, rtol=2e-3)
+    with pytest.raises(InputError, match="--exr-layers: expected --stills exr or both, found png"):
+        settings = RelightAvatar(exr_layers=True)
+        stage.run(**inputs, lights=tmp_path / "lights.csv", out=tmp_path / "no", settings=settings)
+
+
+def test_captured_pictures_stand_beside(inputs, tmp_path):
+    """Each frame's own, where the camera saw it: a crop of a picture half as large; black where there is none."""
+    (camera,) = orbit(np.zeros(3), 0.8, 0.0, 0.0, 40.0, 40, 60, 1)
+    write_cameras(tmp_path / "cameras.json", {"a": camera})
+    crop = camera.K / np.array([[2.0], [2], [1]]) - np.array([[0, 0, 4.0], [0, 0, 6], [0, 0, 0]])
+    colors = np.zeros((12, 10, 3), np.float32) + np.float32([0.8, 0.4, 0.1])
+    seen = ImageRecord("a", 6, False, False, False, False, True, 4, 6, 10, 12, colors, colors[..., 0], crop,
+                       camera.R, camera.t)  # fmt: skip
+    for split in ("train", "validation", "test"):
+        write_image_shard(tmp_path / f"shards/{split}/0000.arrow", [seen] if split == "train" else [])
+    settings = RelightAvatar(camera_names=("a",), height=60, splats="none", beside_captured=True)
+    files = {"lights": tmp_path / "lights.csv", "cameras": tmp_path / "cameras.json"}
+    stage.run(**inputs, **files, shards=tmp_path / "shards", out=tmp_path / "out", settings=settings)
+    pictures = [read_stored(tmp_path / f"out/stills/{picture:06d}.png") for picture in range(3)]
+    assert pictures[0].shape == (60, 80, 3) and film_length(tmp_path / "out/film.mp4") == 3
+    assert [picture[:, :40].any() for picture in pictures] == [False, True, False]
+    captured = pictures[1][:, :40]
+    inside = np.zeros((60, 40), bool)
+    inside[13:35, 9:27] = True  # pixels 8 to 27 and 12 to 35, without the rim
+    expected = np.round(srgb_from_linear(colors[0, 0]) * 255)
+    np.testing.assert_array_equal(captured[inside], np.broadcast_to(expected, (inside.sum(), 3)))
+    assert not captured[:11].any() and not captured[:, 29:].any()
+    for said, chosen, given in (
+        ("expected one of --camera-names", {}, files | {"shards": tmp_path / "shards"}),
+        ("expected one of --camera-names", {"camera_names": ("a",)}, files),
+        ("expected pictures of b", {"camera_names": ("b",)}, files | {"shards": tmp_path / "shards"}),
+    ):
+        write_cameras(tmp_path / "cameras.json", {"a": camera, "b": camera})
+        with pytest.raises(InputError, match=said):
+            stage.run(**inputs, **given, out=tmp_path / "no", settings=RelightAvatar(beside_captured=True, **chosen))
 
 
 def test_a_head_is_driven_by_its_tracked_expressions(inputs, tmp_path):

@@ -5,6 +5,7 @@ Needs Debian's chromium and the Python package playwright; without them it is sk
 
 from __future__ import annotations
 
+import base64
 import itertools
 
 import cv2
@@ -24,6 +25,7 @@ from pipeline.viewer.shown_frame import SKY_HEIGHT
 from tests.support.viewer.ball_avatar import BRIGHT, LAMPS, MIDDLE, write_ball
 from tests.support.viewer.relit_page import (
     CHROMIUM,
+    SETTLED,
     lamp,
     launch,
     open_page,
@@ -38,7 +40,10 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get i
 LEAST_DB = 45.0
 """The page rounds to 8 bits, 59 dB, and its tables to 16; a shadow's edge that falls on another texel costs more."""
 
-DESK, PHONE = (1100, 700), (360, 740)
+DESK, PHONE = (800, 560), (360, 740)
+COARSE = 0.5
+"""Pixels of the screen to one of the page and direction: a CPU draws them."""
+
 PLACED = {"position": (1.5, 4.0, 4.0), "intensity": (20.0, 24.0, 30.0)}
 
 
@@ -63,28 +68,42 @@ def browser(playwright):
     started.close()
 
 
+@pytest.fixture(scope="module")
+def heard():
+    """All that pages ask for, and all that they complain of."""
+    return []
+
+
+@pytest.fixture(autouse=True)
+def quiet_pages(heard, ball):
+    """Afterwards: the pages have asked for nothing but themselves, and complained of nothing."""
+    heard.clear()
+    yield
+    assert [said for said in heard if not said.startswith(("data:", "blob:", f"file://{ball}/index.html"))] == []
+
+
+def opened(browser, ball, heard, size, **options):
+    width, height = size
+    page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=COARSE, **options)
+    page.on("request", lambda request: heard.append(request.url))
+    page.on("console", lambda message: heard.append(message.text))
+    page.on("pageerror", lambda error: heard.append(str(error)))
+    assert open_page(page, ball / "index.html") == "open"
+    return page
+
+
+@pytest.fixture(scope="module")
+def used_page(browser, ball, heard):
+    """The page of all tests, as the one before left it: for pictures that no control has a part in."""
+    return opened(browser, ball, heard, DESK)
+
+
 @pytest.fixture
-def visit(browser, ball):
-    """A function: the opened page. Afterwards: it has asked for nothing but itself, and complained of nothing."""
-    opened, requests, complaints = [], [], []
-
-    def visit(size=DESK, **options):
-        width, height = size
-        context = browser.new_context(viewport={"width": width, "height": height}, **options)
-        opened.append(context)
-        page = context.new_page()
-        page.on("request", lambda request: requests.append(request.url))
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        assert open_page(page, ball / "index.html") == "open"
-        return page
-
-    yield visit
-    for context in opened:
-        context.close()
-    asked = [url for url in requests if not url.startswith(("data:", "blob:"))]
-    assert asked == [f"file://{ball}/index.html"] * len(opened)
-    assert not complaints
+def page(used_page):
+    """The same as it opens."""
+    used_page.reload()
+    used_page.wait_for_selector("body[data-state=open]")
+    return used_page
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +128,9 @@ def lit_by(kind, relighter, signal, page):
 
 
 @pytest.mark.parametrize("kind", ["stage", "placed", "panorama"])
-def test_pictures_are_those_of_the_pipeline(visit, ball, relighter, kind):
+def test_pictures_are_those_of_the_pipeline(used_page, ball, relighter, kind):
     """Two frames from four sides, near and far: 24 pictures of three kinds of light."""
-    page, frames = visit(), read_frame_shards([ball / "shards/frames"])
+    page, frames = used_page, read_frame_shards([ball / "shards/frames"])
     scores = []
     for place, number in enumerate((10, 11)):
         frame, lights = lit_by(kind, relighter, from_record(frames[number]), page)
@@ -123,20 +142,17 @@ def test_pictures_are_those_of_the_pipeline(visit, ball, relighter, kind):
     assert min(scores) >= LEAST_DB, scores
 
 
-def test_a_lamp_that_is_hidden_is_told_from_one_that_is_not(visit, ball):
+def test_a_lamp_that_is_hidden_is_told_from_one_that_is_not(used_page):
     """Below the floor a lamp lights nothing of its upper side, which fills the picture."""
-    page = visit()
     camera = orbit(np.array([2.0, 0, 0]), 0.5, 3.0, 0.0, 20.0, 32, 32, 1)[0]
-    above, below = (page_picture(page, 0, camera, [lamp((2.0, y, 0.5), BRIGHT)], 1.0) for y in (4.0, -4.0))
+    above, below = (page_picture(used_page, 0, camera, [lamp((2.0, y, 0.5), BRIGHT)], 1.0) for y in (4.0, -4.0))
     assert above.mean() > 0.2
     assert below.max() == 0
 
 
 def pixels(page):
     """The canvas as a screenshot shows it once drawing is done, the measured time of a picture masked."""
-    page.wait_for_timeout(500)
-    page.evaluate("() => new Promise(done => { const look = () => scene.drawing || scene.asked ? setTimeout(look, 20)"
-                  " : done(); look(); })")  # fmt: skip
+    page.evaluate(SETTLED)
     shot = page.locator("#canvas").screenshot(mask=[page.locator("#rate")])
     return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(np.float64)
 
@@ -145,8 +161,7 @@ def changed(one, other):
     return float(np.abs(one - other).mean())
 
 
-def test_every_control_changes_the_picture(visit):
-    page = visit()
+def test_every_control_changes_the_picture(page):
     pictures = [pixels(page)]
     steps = [
         lambda: page.select_option("#stage-mode", "off"),
@@ -171,8 +186,7 @@ def test_every_control_changes_the_picture(visit):
     assert label == "ball & floor, frame 11, shadow, lit by 0 lights of the stage, 1 placed lamp, the panorama evening"
 
 
-def test_lights_of_the_stage_are_chosen_by_name(visit):
-    page = visit()
+def test_lights_of_the_stage_are_chosen_by_name(page):
     buttons = page.locator("#stage-lights button")
     assert buttons.all_inner_texts() == list(LAMPS)
     pressed = "buttons => buttons.map(button => button.ariaPressed)"
@@ -182,8 +196,7 @@ def test_lights_of_the_stage_are_chosen_by_name(visit):
     assert page.locator("#stage-mode").input_value() == "chosen"
 
 
-def test_lamp_is_dragged_and_moved_by_keys(visit):
-    page = visit()
+def test_lamp_is_dragged_and_moved_by_keys(page):
     page.click("#add-lamp")
     handle = page.locator(".handle")
     pixels(page)
@@ -202,8 +215,7 @@ def test_lamp_is_dragged_and_moved_by_keys(visit):
     assert handle.count() == 0
 
 
-def test_keys_turn_and_step(visit):
-    page = visit()
+def test_keys_turn_and_step(page):
     page.select_option("#quality", "exact")
     page.locator("#canvas").focus()
     page.keyboard.press("0")  # keys also bring the ring of the focus, which is part of a screenshot
@@ -219,19 +231,28 @@ def test_keys_turn_and_step(visit):
     assert page.locator("#frame-name").inner_text() == "frame 11"
 
 
-def test_finger_turns_on_a_phone_and_nothing_is_wider_than_it(visit):
-    page = visit(PHONE, has_touch=True, is_mobile=True)
+def test_fingers_turn_and_pinch_on_a_phone_and_nothing_is_wider_than_it(browser, ball, heard):
+    page = opened(browser, ball, heard, PHONE, has_touch=True, is_mobile=True)
     start = pixels(page)
     send = page.context.new_cdp_session(page).send
-    for kind, x in (("touchStart", 100), ("touchMove", 160), ("touchMove", 240), ("touchEnd", None)):
-        points = [] if x is None else [{"x": x, "y": 200}]
-        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    assert changed(start, pixels(page)) > 0.5
+
+    def touch(*moments):
+        for moment, places in enumerate([*moments, ()]):
+            kind = "touchEnd" if not places else "touchMove" if moment else "touchStart"
+            points = [{"x": x, "y": 200, "id": finger} for finger, x in enumerate(places)]
+            send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch([100], [160], [240])
+    turned = pixels(page)
+    assert changed(start, turned) > 0.5
+    before = page.evaluate("scene.orbit.distance")
+    touch([150, 230], [130, 250], [110, 270])  # 80 pixels apart, then 160: twice as near
+    assert page.evaluate("scene.orbit.distance") == pytest.approx(before / 2)
+    assert changed(turned, pixels(page)) > 0.5
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE[0]
 
 
-def test_captured_picture_stands_beside_the_avatar(visit):
-    page = visit()
+def test_captured_picture_stands_beside_the_avatar(page):
     page.select_option("#beside", "cam1")
     pixels(page)
     assert page.locator("#photograph").evaluate("image => image.naturalWidth") == 40
@@ -240,24 +261,42 @@ def test_captured_picture_stands_beside_the_avatar(visit):
     assert page.locator("#captured").is_hidden()
 
 
-def test_dropped_panorama_shines_and_other_files_are_refused(visit, tmp_path):
-    page = visit()
+def drop(page, path):
+    """Drop a file onto the page, as a hand would: over it first, which shows that it may fall."""
+    content = base64.b64encode(path.read_bytes()).decode()
+    carried = page.evaluate_handle("""([text, name]) => {
+      const carried = new DataTransfer();
+      carried.items.add(new File([Uint8Array.from(atob(text), c => c.charCodeAt(0))], name));
+      return carried;
+    }""", [content, path.name])  # fmt: skip
+    page.dispatch_event("main", "dragenter", {"dataTransfer": carried})
+    assert page.locator("#dropping").is_visible()
+    page.dispatch_event("main", "drop", {"dataTransfer": carried})
+    assert page.locator("#dropping").is_hidden()
+
+
+def test_opened_and_dropped_panoramas_shine_and_other_files_are_refused(page, tmp_path):
     page.select_option("#stage-mode", "off")
     dark = pixels(page)
     radiance = np.full((16, 32, 3), 0.5, np.float32)
     cv2.imwrite(str(tmp_path / "grey.hdr"), radiance)
     page.set_input_files("#sky-file", tmp_path / "grey.hdr")
+    page.wait_for_selector("#sky option[data-opened]", state="attached")
     page.locator("#sky-shown").uncheck()
     assert changed(dark, pixels(page)) > 1
+    lit = pixels(page)
+    cv2.imwrite(str(tmp_path / "red.png"), np.full((8, 16, 3), (20, 20, 255), np.uint8))
+    drop(page, tmp_path / "red.png")
+    page.wait_for_selector('#sky option[value="red.png"]', state="attached")
+    assert changed(lit, pixels(page)) > 1
     cv2.imwrite(str(tmp_path / "square.png"), np.zeros((8, 8, 3), np.uint8))
-    page.set_input_files("#sky-file", tmp_path / "square.png")
+    drop(page, tmp_path / "square.png")
     page.wait_for_selector("#message:not([hidden])")
     expected = "square.png: expected a panorama twice as wide as high, found 8 × 8"
     assert page.locator("#message").inner_text() == expected
 
 
-def test_controls_have_names(visit):
-    page = visit()
+def test_controls_have_names(page):
     page.click("#add-lamp")
     nameless = page.evaluate("""() => [...document.querySelectorAll('button, input, select, canvas')].filter(element =>
       !(element.getAttribute('aria-label') || element.labels?.length || element.textContent.trim()))

@@ -151,7 +151,7 @@ def test_commands_name_files_that_the_rules_declare(copy_of_project, tmp_path):
     (workflow.folder / "config/lights/sky.exr").touch()
     wanted = ("calibration/review", "tracking/review", "accuracy_cost.csv", "report/index.html", "eyes.json",
               "irradiance/0000.parquet", "textures/0000.safetensors", "relit/full/sky", "budget.csv",
-              "error_budget", "viewer/index.html")  # fmt: skip
+              "error_budget", "viewer/index.html", "export")  # fmt: skip
     options = ("--dry-run", "--printshellcmds", "--config", "budget_minutes=60", "--")
     done = workflow.snakemake(*options, "results/comparison.csv", *(f"results/tiny/{name}" for name in wanted))
     pattern = r"^(rule|checkpoint) (\w+):\n(.*?)^Shell command: ([^\n]*)$"

@@ -37,6 +37,7 @@ ON_REQUEST = {
     "budget_errors",
     "relight_avatar",
     "export_viewer",
+    "export_avatar",
     "write_report",
     "compare_subjects",
 }

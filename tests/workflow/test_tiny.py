@@ -202,7 +202,8 @@ def test_viewer_of_an_analytic_variant_is_the_pipelines_picture(workflow, tmp_pa
     if CHROMIUM is None:
         pytest.skip("no Chromium: apt-get install chromium")
     copy, target = workflow.copied(tmp_path / "project"), "results/tiny/viewer/index.html"
-    copy.append("config/subjects/tiny.yaml", "variants: {analytic: {shading: microfacet}}\n")
+    short = "steps: 10, steps_together: 1"  # the two pictures have to be one of any avatar
+    copy.append("config/subjects/tiny.yaml", f"variants: {{analytic: {{shading: microfacet, {short}}}}}\n")
     assert {"train_avatar", "export_viewer"} <= set(copy.ran(target))
     results = copy.folder / "results/tiny"
     loaded = load_avatar(results / "avatars/analytic", results / "atlas.safetensors")

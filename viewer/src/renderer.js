@@ -3,7 +3,7 @@ import { centerOf } from "./camera.js";
 import { makeProgram, makeTexture, setUniforms, Target, uploadWords, WIDTH } from "./gl.js";
 import { WHOLE } from "./shaders/gaussian.js";
 import { BOUNCE, DIFFUSE, LAYER, SHARED } from "./shaders/lighting.js";
-import { DISPLAY, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders/splatting.js";
+import { BATCH, DISPLAY, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders/splatting.js";
 
 export const LAYERS = ["picture", "albedo", "normals", "diffuse", "specular", "shadow", "bounce"];
 const NEAR_M = 0.01;
@@ -39,7 +39,7 @@ export class Renderer {
       display: makeProgram(gl, WHOLE, DISPLAY),
     };
     this.textures = Object.fromEntries(
-      ["place", "shape", "matter", "seen", "starts", "hits", "adjoining", "placed", "lights"].map((name) => [name, makeTexture(gl)]),
+      ["place", "shape", "matter", "seen", "starts", "hits", "adjoining", "placed", "lights", "order"].map((name) => [name, makeTexture(gl)]),
     );
     this.textures.sky = makeTexture(gl, gl.LINEAR);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, 1, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(4));
@@ -49,20 +49,17 @@ export class Renderer {
     };
     this.rows = Math.ceil(this.count / WIDTH);
     this.setPlaced(new Uint32Array(this.count));
-    this.#makeOrder();
+    this.#makeQuads();
   }
 
-  #makeOrder() {
+  /** Two triangles for each splat of a batch; the shader makes their corners of their numbers. */
+  #makeQuads() {
     const { gl } = this;
-    this.indices = gl.createBuffer();
-    this.arrays = gl.createVertexArray();
-    gl.bindVertexArray(this.arrays);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.indices);
-    gl.bufferData(gl.ARRAY_BUFFER, Uint32Array.from({ length: this.count }, (_, i) => i), gl.DYNAMIC_DRAW);
-    const place = gl.getAttribLocation(this.programs.splat.program, "index");
-    gl.enableVertexAttribArray(place);
-    gl.vertexAttribIPointer(place, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(place, 1);
+    this.quads = gl.createVertexArray();
+    gl.bindVertexArray(this.quads);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    const corners = Uint16Array.from({ length: 6 * BATCH }, (_, k) => 4 * Math.floor(k / 6) + [0, 1, 2, 2, 1, 3][k % 6]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
   }
 
@@ -87,8 +84,7 @@ export class Renderer {
 
   /** Front-to-back order of the next pictures. */
   setOrder(order) {
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.indices);
-    this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 0, order);
+    uploadWords(this.gl, this.textures.order, order, 1);
   }
 
   /** Radiance of a panorama that is seen behind the subject. */
@@ -172,11 +168,11 @@ export class Renderer {
   #splat(program, camera) {
     const { gl, facts } = this;
     setUniforms(gl, program, {
-      ...this.#gaussians(), ...pinhole(camera), t: camera.t, near: NEAR_M,
+      ...this.#gaussians(), ...pinhole(camera), t: camera.t, near: NEAR_M, t_order: [9, this.textures.order], i_count: this.count,
       dilation: Math.max(1e-6, facts.rendering.dilation_px2), i_compensate: Number(facts.rendering.compensate_opacity),
     });
-    gl.bindVertexArray(this.arrays);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.bindVertexArray(this.quads);
+    gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.count / BATCH));
     gl.bindVertexArray(null);
   }
 

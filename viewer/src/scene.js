@@ -107,7 +107,7 @@ export class Scene {
     });
     if (fast && this.quality === "auto") {
       clearTimeout(this.rest);
-      this.rest = setTimeout(() => this.request(), REST_MS);
+      this.rest = setTimeout(() => { this.rest = null; this.request(); }, REST_MS);
     }
     this.drawing = true;
     for (const listener of this.shown) listener(this);
@@ -123,6 +123,12 @@ export class Scene {
     if (this.again) this.request();
     this.again = false;
     this.afterwards?.();
+  }
+
+  /** The picture is of what was asked for: nothing is drawn, sorted or traced any more, or waits for it. */
+  get settled() {
+    const shown = this.frame?.frame === this.facts.frames[this.place].frame;
+    return shown && !(this.asked || this.drawing || this.rest || this.sorter.worker.running || this.tracer.worker.running);
   }
 
   /** Median time from the start of a picture until the graphics processor is done with it, of the last ones. */

@@ -24,6 +24,37 @@ rule synthesize_capture:
         "{params.settings:q} > {log:q} 2>&1"
 
 
+rule import_capture:
+    input:
+        lambda wildcards: job(wildcards).dataset_files(),
+    output:
+        # Written last: present means complete. Images stay where they are, behind a link.
+        description=f"{captures}/{{subject}}/capture.yaml",
+    log:
+        "results/{subject}/logs/import_capture.log",
+    benchmark:
+        "results/{subject}/benchmarks/import_capture.tsv"
+    wildcard_constraints:
+        subject=one_of(project.imported_subjects),
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_for("import_capture"),
+        arguments=arguments_for(
+            "import_capture",
+            dataset=lambda wildcards: job(wildcards).settings.source,
+            source=lambda wildcards: job(wildcards).settings.path,
+        ),
+        settings=settings_for("import_capture"),
+    message:
+        "{wildcards.subject}: reading a public set in place"
+    shell:
+        "python -m pipeline.stages.import_capture {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+
+
 # A checkpoint, so that all that follows is decided anew, by content, when the index is there: if it is what it was,
 # nothing else runs. Snakemake reconsiders only jobs with an input from the checkpoint; stages that read nothing of the
 # index therefore name a file of it, as `ancient`, which by itself reruns nothing.
@@ -39,6 +70,7 @@ checkpoint index_capture:
         keypoints="results/{subject}/index/keypoints_2d.parquet",
         eyes="results/{subject}/index/eyes.parquet",
         gaze="results/{subject}/index/gaze.parquet",
+        meshes="results/{subject}/index/meshes.parquet",
         capture="results/{subject}/index/capture.json",
         calibration_cameras="results/{subject}/index/calibration_cameras.json",
         calibration_lights="results/{subject}/index/calibration_lights.json",

@@ -52,7 +52,7 @@ def validated_project():
 
 
 project = validated_project()
-MAKES_CAPTURE = "synthesize_capture"
+MAKES_CAPTURE = ("synthesize_capture", "import_capture")
 captures = os.path.normpath(project.settings.captures)
 
 
@@ -84,8 +84,8 @@ def arguments_for(stage, **own):
     def words(wildcards):
         shared = job(wildcards).named() if "subject" in wildcards.keys() else {}
         values = {name: value(wildcards) for name, value in own.items()}
-        # synthesize_capture writes it: another folder is another output.
-        return stage_arguments(stage, {**shared, "capture": [], **values} if stage != MAKES_CAPTURE else shared)
+        # Those that write it: another folder is another output.
+        return stage_arguments(stage, {**shared, **({} if stage in MAKES_CAPTURE else {"capture": []}), **values})
 
     return words
 
@@ -120,6 +120,11 @@ def capture_folder(wildcards, input):
 def traced_maps(input):
     """The folder of maps beside each of their tables."""
     return [table.removesuffix(".parquet") for table in input.irradiance]
+
+
+def captured_folder(wildcards):
+    """The folder of the shards, if captured pictures are shown."""
+    return job(wildcards).path("shards") if job(wildcards).captured_shards() else []
 
 
 def light_as(kind):

@@ -1,6 +1,7 @@
 rule track_mesh:
     input:
         capture="results/{subject}/index/capture.json",
+        meshes="results/{subject}/index/meshes.parquet",
         frames="results/{subject}/index/frames.parquet",
         images="results/{subject}/index/images.parquet",
         keypoints="results/{subject}/index/keypoints_2d.parquet",

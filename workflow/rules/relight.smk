@@ -9,6 +9,7 @@ rule relight_avatar:
         index_frames="results/{subject}/index/frames.parquet",
         gaze="results/{subject}/index/gaze.parquet",
         tables=lambda wildcards: job(wildcards).driving_tables(),
+        captured=lambda wildcards: job(wildcards).captured_shards(),
         cameras="results/{subject}/calibration/cameras.json",
         light=lambda wildcards: light_file(wildcards.light),
     output:
@@ -31,6 +32,7 @@ rule relight_avatar:
                 "tracking": each_chunk("tracking/{chunk}.safetensors"),
                 "environment": light_as("environment"),
                 "light_list": light_as("light_list"),
+                "captured": captured_folder,
                 "relit": lambda wildcards: job(wildcards).path("relit", wildcards.variant, wildcards.light),
             },
             textures=lambda input: input.textures,
@@ -78,3 +80,40 @@ rule export_viewer:
         "{wildcards.subject}: writing the page that relights the avatar"
     shell:
         "python -m pipeline.stages.export_viewer {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+
+
+# The same for the files that other programs open.
+rule export_avatar:
+    input:
+        atlas="results/{subject}/atlas.safetensors",
+        avatar=lambda wildcards: job(wildcards).avatars("avatar.safetensors")[0],
+        config=lambda wildcards: job(wildcards).avatars("config.json")[0],
+        frames=lambda wildcards: job(wildcards).frame_shards(),
+        index="results/{subject}/index/capture.json",
+        cameras="results/{subject}/calibration/cameras.json",
+        lights="results/{subject}/calibration/lights.parquet",
+        patterns="results/{subject}/patterns.parquet",
+        script="pipeline/export/open_in_blender.py",
+    output:
+        directory("results/{subject}/export"),
+    log:
+        "results/{subject}/logs/export_avatar.log",
+    benchmark:
+        "results/{subject}/benchmarks/export_avatar.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: 16
+    resources:
+        mem_mb=4000,
+    params:
+        code=code_for("export_avatar"),
+        arguments=arguments_for(
+            "export_avatar",
+            avatar=lambda wildcards: job(wildcards).avatars()[0],
+            frame_shards=lambda wildcards: job(wildcards).frame_folders()[0],
+        ),
+        settings=settings_for("export_avatar"),
+    message:
+        "{wildcards.subject}: writing the avatar as files for other programs"
+    shell:
+        "python -m pipeline.stages.export_avatar {params.arguments:q} {params.settings:q} > {log:q} 2>&1"

@@ -20,6 +20,7 @@ import torch
 from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
+from pipeline.avatar.appearance.lobes import SMALLEST_ALPHA
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_fields import NearField
 from pipeline.avatar.frames.prepared import PreparedFrame
@@ -39,6 +40,7 @@ from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
 from pipeline.lighting.irradiance import LUMINANCE
 from pipeline.lighting.point_lights import PointLights
+from pipeline.rendering.splat_ply import Splats
 
 EXPRESSED_SPREAD = 1.5
 """How much rougher and smoother than at rest an expression may make a head before its panoramas run out; beyond, the
@@ -129,6 +131,31 @@ class Relighter:
         return picture.rgb, picture.alpha
 
     @torch.no_grad()
+    def render_layers(self, frame: PreparedFrame, camera: Camera) -> dict[str, Float[Tensor, "h w"]]:
+        """The picture's parts over black, by channels that programs for compositing know.
+
+        diffuse, indirect and specular add up to the picture: the last is what the others leave over, and so has all
+        that changes with the view. Normals are in the world, unit length where the avatar is opaque; Z is the depth of
+        what is seen, metres, not divided by less than SMALLEST_ALPHA.
+        """
+        shading = frame.shading
+        indirect = torch.zeros_like(shading.diffuse) if shading.indirect is None else shading.indirect
+        features = {
+            "albedo": self.avatar.albedo, "normal": frame.surface.bent_normals,
+            "diffuse": view_independent_color(frame) - indirect, "indirect": indirect,
+        }  # fmt: skip
+        drawn = self.avatar.draw(frame, torch.cat(list(features.values()), 1), camera_view(camera, self.device))
+        images = dict(zip(features, drawn.features.split(3, 2), strict=True))
+        rgb, _ = self.view(frame, camera)
+        images["specular"] = rgb - images["diffuse"] - images["indirect"]
+        named = {
+            f"{name}.{channel}": image[..., place]
+            for name, image in images.items()
+            for place, channel in enumerate("XYZ" if name == "normal" else "RGB")
+        }
+        return named | {"Z": drawn.depth / drawn.alpha.clamp_min(SMALLEST_ALPHA)}
+
+    @torch.no_grad()
     def code_of(self, signal: DrivingSignal) -> Float32[np.ndarray, " code"]:
         """The latent code that a head's encoder gives a pose: its mean (RGCA 3)."""
         ones = np.ones(self.atlas.texel_count, np.float32)
@@ -175,3 +202,10 @@ def view_independent_color(frame: PreparedFrame) -> Float[Tensor, "texels 3"]:
     shading = frame.shading
     color = shading.diffuse if shading.shadow is None else shading.diffuse * shading.shadow[:, None]
     return color if shading.indirect is None else color + shading.indirect
+
+
+def splats_of(frame: PreparedFrame, exposure: float) -> Splats:
+    """The frame's Gaussians with the colour that all sides share."""
+    rgb, gaussians = exposure * view_independent_color(frame), frame.gaussians
+    shapes = (gaussians.opacities, gaussians.scales, gaussians.quaternions)
+    return Splats(gaussians.means, frame.surface.posed.normals, rgb, *shapes)

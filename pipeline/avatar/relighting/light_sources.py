@@ -13,19 +13,32 @@ from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.geometry.cameras import Camera
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.environment_lobes import sample_environment
+from pipeline.lighting.frame_lights import FrameLights
 from pipeline.lighting.light_lists import LightList
 
 
-class ListedLights:
-    """Point lights, which may move; black behind the subject."""
+def turned(turns: float, picture: int, pictures: int) -> Float64[np.ndarray, "3 3"]:
+    """Rotation of a picture, of so many rounds in all: counter-clockwise as seen from above."""
+    angle = 2 * np.pi * turns * picture / pictures
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
 
-    def __init__(self, relighter: Relighter, lights: LightList) -> None:
-        self.relighter, self.lights = relighter, lights
-        self.still = all(len(times) == 1 for times, _ in lights.keys.values())
+
+class ListedLights:
+    """Point lights, which may move, and turn about a vertical; black behind the subject."""
+
+    def __init__(
+        self, relighter: Relighter, lights: LightList, middle: Float64[np.ndarray, " 3"], turns: float, pictures: int
+    ) -> None:
+        self.relighter, self.lights, self.middle = relighter, lights, middle
+        self.turns, self.pictures = turns, pictures
+        self.still = turns == 0 and all(len(times) == 1 for times, _ in lights.keys.values())
 
     def frame(self, pose: Float[np.ndarray, "vertices 3"] | DrivingSignal, picture: int) -> PreparedFrame:
         """The avatar in a pose, lit as in a picture."""
-        return self.relighter.under_lights(pose, self.lights.at(picture))
+        lights, turn = self.lights.at(picture), turned(self.turns, picture, self.pictures)
+        places = lights.positions if self.turns == 0 else self.middle + (lights.positions - self.middle) @ turn.T
+        return self.relighter.under_lights(pose, FrameLights(places, lights.intensities))
 
     def behind(self, camera: Camera, picture: int) -> Float[np.ndarray, "h w 3"]:
         """Linear RGB where the subject is not."""
@@ -60,10 +73,8 @@ class TurningSky:
         self.prepared = relighter.prepare_sky(lit_by) if by_lobes else None
 
     def turn(self, picture: int) -> Float64[np.ndarray, "3 3"]:
-        """World from map: counter-clockwise as seen from above."""
-        angle = 2 * np.pi * self.turns * picture / self.pictures
-        sine, cosine = np.sin(angle), np.cos(angle)
-        return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
+        """World from map."""
+        return turned(self.turns, picture, self.pictures)
 
     def frame(self, pose: Float[np.ndarray, "vertices 3"] | DrivingSignal, picture: int) -> PreparedFrame:
         """The avatar in a pose, lit as in a picture."""

@@ -6,39 +6,29 @@ their digests are filled in afterwards by `with_digests`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import digest_file
 from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_known_cameras, read_known_lenses
-from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, complain_unknown, read_csv
-from pipeline.capture.index.image_checks import ExpectedImage
-from pipeline.capture.index.tables import read_patches_csv
-from pipeline.capture.paths import fill, find_files, locate
+from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_unknown, read_csv
+from pipeline.capture.index.image_checks import ExpectedImage, IndexSection
+from pipeline.capture.paths import find_files, locate
 from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
-    ChartColor,
     KnownCameras,
     KnownLights,
     MirrorBallLights,
-    NoColor,
 )
 from pipeline.capture.video_frames import VIDEO_SUFFIXES, count_frames
 
 CAMERAS = "the table of cameras"
 
-CORNER_COLUMNS: Mapping[str, Kind] = {"camera": "name", "corner": "whole", "x": "number", "y": "number"}
-
 TIME_COLUMNS: Mapping[str, Kind] = {"camera": "name", "view": "whole", "time_s": "number"}
-
-CORNERS = 4
-
-IndexSection = tuple[dict[str, Any], list[ExpectedImage]]
 
 FEWEST_LIGHTS = 3
 """Three points fix a rigid motion: fewer measured lights cannot place the cameras in the stage."""
@@ -150,63 +140,6 @@ def _check_sightings(
         complaints.add(section.path, "position", expected=expected, found=f"{len(lit)}")
     if lights < FEWEST_LIGHTS:
         complaints.add(section.path, "light", expected=f"at least {FEWEST_LIGHTS} lights", found=f"{lights}")
-
-
-def find_color_calibration(
-    root: Path, section: ChartColor | NoColor, cameras: pd.DataFrame, complaints: Complaints
-) -> IndexSection:
-    """`calibration_color.json`, and one image of the chart per camera, of any size."""
-    if isinstance(section, NoColor):
-        nothing = {"method": "none", "transfer": None, "patches_digest": None}
-        return {**nothing, "images": [], "patches": [], "corners": {}}, []
-    images = [{"camera": camera, "path": fill(section.path, camera=camera)} for camera in cameras["camera"]]
-    if missing := [image["camera"] for image in images if not (root / image["path"]).is_file()]:
-        complaints.add(
-            section.path, "camera", expected="an image of the chart per camera", found=f"none for {listed(missing)}"
-        )
-    images = [image for image in images if image["camera"] not in missing]
-    patches = read_patches_csv(root, section.patches, complaints)
-    digest = digest_file(root / section.patches) if patches is not None else None
-    corners = read_corners_csv(root, section.corners, list(cameras["camera"]), complaints) if section.corners else {}
-    content = {"method": section.method, "transfer": section.transfer, "images": images, "corners": corners}
-    expected = [ExpectedImage(image["path"], "color", image["camera"], None) for image in images]
-    return {**content, "patches": patches, "patches_digest": digest}, expected
-
-
-def read_corners_csv(
-    root: Path, path: str, cameras: Collection[str], complaints: Complaints
-) -> dict[str, list[list[float]]]:
-    """Corners 0..3 of each camera's chart, pixels; a camera may be left out.
-
-    They are for cameras in whose images the chart is not found automatically; the first pixel's centre is at (0.5,
-    0.5). Corner 0 is the outermost corner of patch 1, corner 1 that of patch 6, corner 2 that of patch 24, corner 3
-    that of patch 19: they go around the block of patches, without the chart's frame.
-    """
-    table = read_csv(root, path, CORNER_COLUMNS, complaints)
-    if table is None:
-        return {}
-    complain_unknown(complaints, path, "camera", table["camera"], cameras, "the table of cameras")
-    if (bad := ~table["corner"].isin(range(CORNERS))).any():
-        complain_rows(complaints, path, "corner", bad, "0, 1, 2 or 3", table["corner"])
-    complain_repeats(complaints, path, table, ["camera", "corner"])
-    found = {}
-    for camera, rows in table.groupby("camera", sort=False):
-        if missing := [corner for corner in range(CORNERS) if corner not in set(rows["corner"])]:
-            complaints.add(path, f"{camera}: corner", expected="all of 0 to 3", found=f"no {listed(missing)}")
-            continue
-        corners = rows.sort_values("corner")[["x", "y"]].to_numpy()
-        if np.isfinite(corners).all() and not _is_convex(corners):
-            expected = "corners 0 to 3 that go around the chart: outside of patches 1, 6, 24 and 19"
-            complaints.add(path, f"{camera}: x and y", expected=expected, found="sides that cross or lie in one line")
-        found[camera] = corners.tolist()
-    return found
-
-
-def _is_convex(corners: np.ndarray) -> bool:
-    side = np.roll(corners, -1, 0) - corners
-    following = np.roll(side, -1, 0)
-    turn = np.sign(side[:, 0] * following[:, 1] - side[:, 1] * following[:, 0])
-    return bool(abs(turn.sum()) == CORNERS)
 
 
 def _at_sensor_size(entries: list[dict], cameras: pd.DataFrame) -> list[ExpectedImage]:

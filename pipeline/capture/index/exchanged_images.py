@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pandas as pd
@@ -50,7 +48,7 @@ def complain_of_exchanged(
         order = [(frame, camera) for frame in frames for camera in cameras]
         shape = (len(frames), len(cameras), SIDE_PX**2)
         shown = np.stack([_image(source, rows.path[key]) for key in order]).reshape(shape)
-        given = np.stack([_mask(source.folder, rows.mask_path[key]) for key in order]).reshape(shape)
+        given = np.stack([_mask(source, rows.mask_path[key]) for key in order]).reshape(shape)
         fits = correlations(shown, given)
         for i, j in exchanged(fits):
             found = f"images that fit the masks of the other (correlation {fits[i, j]:.2f} and {fits[j, i]:.2f}"
@@ -88,8 +86,8 @@ def _image(source: ImageSource, path: str) -> Float64[np.ndarray, " pixels"]:
     return _reduced(gray)
 
 
-def _mask(folder: Path, path: str) -> Float64[np.ndarray, " pixels"]:
-    return _reduced(read_mask(folder / path).astype(np.float32))
+def _mask(source: ImageSource, path: str) -> Float64[np.ndarray, " pixels"]:
+    return _reduced(source.masks.subject(read_mask(source.folder / path)).astype(np.float32))
 
 
 def _reduced(values: np.ndarray) -> Float64[np.ndarray, " pixels"]:

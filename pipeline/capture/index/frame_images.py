@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
+from pipeline.capture.archives import is_there
+from pipeline.capture.index.csv_tables import DTYPES, Kind, complain_repeats, complain_unknown
 from pipeline.capture.index.image_checks import ExpectedImage
-from pipeline.capture.paths import fill
+from pipeline.capture.index.parquet_tables import read_parquet
+from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
+from pipeline.capture.paths import check_relative, fill
 from pipeline.capture.schema.capture_yaml import Capture
+from pipeline.capture.schema.manifest import MANIFEST
+
+IMAGE_COLUMNS: Mapping[str, Kind] = {"camera": "name", "frame": "whole", "path": "text", "mask_path": "text"}
 
 
 def find_frame_images(
@@ -22,12 +30,16 @@ def find_frame_images(
     """
     columns = {"camera": [], "frame": [], "path": [], "mask_path": []}
     if manifest.images is not None and cameras is not None and frames is not None:
+        if manifest.images.table is not None:
+            return read_images_table(root, manifest, cameras, frames, complaints)
+        if manifest.masks is not None and manifest.masks.path is None:
+            complaints.add(MANIFEST, "masks.path", expected="a pattern, as images.path is one", found="no such key")
         _check_distinct(manifest.images.path, cameras, frames, complaints)
         for camera in dict.fromkeys(cameras["camera"]):
             numbers = list(dict.fromkeys(frames["frame"]))
             paths = _present(root, manifest.images.path, "images", camera, numbers, complaints)
             masks = {}
-            if manifest.masks is not None:
+            if manifest.masks is not None and manifest.masks.path is not None:
                 masks = _present(root, manifest.masks.path, "masks", camera, numbers, complaints)
             columns["camera"] += [camera] * len(paths)
             columns["frame"] += paths.keys()
@@ -41,7 +53,7 @@ def _present(
 ) -> dict[int, str]:
     """Frame to path, where there is such a file."""
     paths = {frame: fill(pattern, camera=camera, frame=frame) for frame in frames}
-    missing = {frame for frame, path in paths.items() if not (root / path).is_file()}
+    missing = {frame for frame, path in paths.items() if not is_there(root / path)}
     if missing and len(missing) == len(frames):
         found = f"none at all; the first would be {paths[frames[0]]}"
         complaints.add(what, camera, expected=f"one for each of {len(frames)} frames", found=found)
@@ -49,6 +61,14 @@ def _present(
         found = f"{len(missing)} of {len(frames)} {what} missing: {listed(sorted(missing))}"
         complaints.add(what, camera, expected="one for each frame", found=found)
     return {frame: path for frame, path in paths.items() if frame not in missing}
+
+
+def mask_format(manifest: Capture) -> MaskFormat:
+    """Format of the capture's masks."""
+    section = manifest.masks
+    if section is None:
+        return PLAIN_MASKS
+    return MaskFormat(None if section.labels is None else tuple(section.labels), section.enlarged)
 
 
 def _check_distinct(pattern: str, cameras: pd.DataFrame, frames: pd.DataFrame, complaints: Complaints) -> None:
@@ -59,12 +79,53 @@ def _check_distinct(pattern: str, cameras: pd.DataFrame, frames: pd.DataFrame, c
         complaints.add("images", "path", expected="a path of its own for each camera and frame", found=found)
 
 
-def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None) -> list[ExpectedImage]:
+def read_images_table(
+    root: Path, manifest: Capture, cameras: pd.DataFrame, frames: pd.DataFrame, complaints: Complaints
+) -> pd.DataFrame:
+    """Table of the images that a capture lists one by one; columns as of `find_frame_images`."""
+    path, section = manifest.images.table, manifest.masks
+    if section is not None and section.path is not None:
+        hint = "name the masks there, in the column mask_path"
+        complaints.add(MANIFEST, "masks.path", expected="none, as images.table lists masks", found="one", hint=hint)
+    table = read_parquet(root, path, IMAGE_COLUMNS, complaints)
+    if table is None:
+        return pd.DataFrame({name: pd.Series(dtype=DTYPES[kind]) for name, kind in IMAGE_COLUMNS.items()})
+    complain_repeats(complaints, path, table, ["camera", "frame"])
+    complain_unknown(complaints, path, "camera", table["camera"], list(cameras["camera"]), "the table of cameras")
+    complain_unknown(complaints, path, "frame", table["frame"], list(frames["frame"]), "the table of frames")
+    if blind := sorted(set(cameras["camera"]) - set(table["camera"])):
+        complaints.add(path, "camera", expected="images of every camera", found=f"none of {listed(blind)}")
+    if dark := sorted(set(frames["frame"]) - set(table["frame"])):
+        complaints.add(path, "frame", expected="images of every frame", found=f"none of {listed(dark)}")
+    for column in ("path", "mask_path"):
+        outside = [value for value in table[column].dropna().unique() if not _is_relative(value)]
+        if outside:
+            expected, found = "paths relative to the capture, without ..", listed(outside)
+            complaints.add(path, column, expected=expected, found=found)
+    missing = table["path"].isna() | ~table["path"].isin([p for p in table["path"].dropna() if is_there(root / p)])
+    if missing.any():
+        found = f"{int(missing.sum())} that are not there: {listed(list(table['path'][missing].astype(str)))}"
+        complaints.add(path, "path", expected="images", found=found)
+    known = table["camera"].isin(cameras["camera"]) & table["frame"].isin(frames["frame"])
+    return table[known & ~missing].sort_values(["camera", "frame"], kind="stable", ignore_index=True)
+
+
+def _is_relative(path: str) -> bool:
+    try:
+        check_relative(path)
+    except ValueError:
+        return False
+    return True
+
+
+def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None, manifest: Capture) -> list[ExpectedImage]:
     """Expectations of the images and masks found."""
+    masks, imported = mask_format(manifest), manifest.imported is not None
     sizes = {} if cameras is None else {row.camera: (row.width, row.height) for row in cameras.itertuples()}
     expected = []
     for row in images.itertuples():
-        expected.append(ExpectedImage(row.path, "color", row.camera, sizes[row.camera]))
+        expected.append(ExpectedImage(row.path, "color", row.camera, sizes[row.camera], imported=imported))
         if isinstance(row.mask_path, str):
-            expected.append(ExpectedImage(row.mask_path, "mask", row.camera, sizes[row.camera]))
+            size = sizes[row.camera]
+            expected.append(ExpectedImage(row.mask_path, "mask", row.camera, size, masks=masks, imported=imported))
     return expected

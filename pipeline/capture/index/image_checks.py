@@ -7,14 +7,16 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.base.files import digest_bytes
 from pipeline.base.progress import progress
-from pipeline.capture.images import decode_image, decode_mask, decode_stored, read_bytes
+from pipeline.capture.archives import read_bytes
+from pipeline.capture.images import decode_image, decode_mask, decode_stored
+from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 from pipeline.capture.paths import locate
 
 NAMED_UNREADABLE = 5
@@ -31,6 +33,8 @@ class ExpectedImage:
         camera: whose image it is.
         size: (width, height) in pixels, None if any will do.
         table: what says so, for messages.
+        masks: how a mask stores the subject.
+        imported: True for images of an imported capture, which may lie behind its link.
     """
 
     path: str
@@ -38,6 +42,12 @@ class ExpectedImage:
     camera: str
     size: tuple[int, int] | None
     table: str = "the table of cameras"
+    masks: MaskFormat = PLAIN_MASKS
+    imported: bool = False
+
+
+IndexSection = tuple[dict[str, Any], list[ExpectedImage]]
+"""What the index says about a section of the calibration, and its images that are still to be decoded."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +76,7 @@ class Inspection:
 def inspect_image(root: Path, image: ExpectedImage) -> Inspection:
     """Read an image once: digest and checks."""
     try:
-        content = read_bytes(locate(root, image.path))
+        content = read_bytes(locate(root, image.path, imported=image.imported))
     except InputError as error:
         return Inspection("", unreadable=str(error))
     digest = digest_bytes(content)
@@ -75,18 +85,25 @@ def inspect_image(root: Path, image: ExpectedImage) -> Inspection:
         pixels = decode(content, Path(image.path))
     except InputError as error:
         return Inspection(digest, unreadable=str(error))
-    return Inspection(digest, tuple(_flaws(image, pixels)), black=not pixels.any())
+    subject = image.masks.subject(pixels) if image.what == "mask" else pixels
+    return Inspection(digest, tuple(_flaws(image, pixels)), black=not subject.any())
 
 
 def _flaws(image: ExpectedImage, pixels: np.ndarray) -> Iterable[Flaw]:
     size = (pixels.shape[1], pixels.shape[0])
-    if image.size is not None and size != image.size:
+    if image.size is not None and not _fits(image, size):
         expected = f"{image.size[0]} x {image.size[1]} pixels, as {image.table} says"
         yield Flaw(image.camera, "size", expected, f"{size[0]} x {size[1]}")
     if image.what == "color" and (count := int(np.count_nonzero(~np.isfinite(pixels).all(-1)))):
         yield Flaw(image.camera, "pixels", "finite numbers", f"{count} of {size[0] * size[1]} pixels NaN or infinite")
-    if image.what == "mask" and pixels.max(initial=0) == 1:
+    if image.what == "mask" and image.masks.labels is None and pixels.max(initial=0) == 1:
         yield Flaw(image.camera, "pixels", "0 to 255, 255 = subject", "none above 1")
+
+
+def _fits(image: ExpectedImage, size: tuple[int, int]) -> bool:
+    if image.what == "mask":
+        return image.masks.factor(size[::-1], image.size[::-1]) is not None
+    return size == image.size
 
 
 def inspect_images(root: Path, images: list[ExpectedImage], complaints: Complaints, threads: int) -> dict[str, str]:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow
 
-from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.base.errors import Complaints, listed
 from pipeline.capture.index.csv_tables import (
     DTYPES,
     FLOAT32,
@@ -21,7 +20,7 @@ from pipeline.capture.index.csv_tables import (
     complain_unknown,
     read_csv,
 )
-from pipeline.capture.paths import locate
+from pipeline.capture.index.parquet_tables import read_parquet
 
 log = logging.getLogger(__name__)
 
@@ -203,18 +202,8 @@ def read_keypoints_parquet(
     empty = pd.DataFrame({column: pd.Series(dtype=DTYPES[kind]) for column, kind in KEYPOINT_COLUMNS.items()})
     if path is None:
         return empty
-    try:
-        table = pd.read_parquet(locate(root, path))
-    except (InputError, pyarrow.ArrowException, OSError, ValueError) as error:
-        complaints.add(path, "table", expected="a parquet table", found=str(error))
-        return empty
-    if missing := [column for column in KEYPOINT_COLUMNS if column not in table.columns]:
-        complaints.add(path, "columns", expected=", ".join(KEYPOINT_COLUMNS), found=f"no {', '.join(missing)}")
-        return empty
-    try:
-        table = table[list(KEYPOINT_COLUMNS)].astype({c: DTYPES[kind] for c, kind in KEYPOINT_COLUMNS.items()})
-    except (TypeError, ValueError) as error:
-        complaints.add(path, "columns", expected="numbers in frame, x, y, confidence", found=str(error))
+    table = read_parquet(root, path, KEYPOINT_COLUMNS, complaints)
+    if table is None:
         return empty
     for column in ("x", "y", "confidence"):
         if count := int((~np.isfinite(table[column])).sum()):

@@ -32,11 +32,14 @@ class Shape:
     joints: set[int]
 
 
-def check_template(root: Path, template: Template, complaints: Complaints) -> tuple[list[str] | None, pd.DataFrame]:
+def check_template(
+    root: Path, template: Template, complaints: Complaints
+) -> tuple[list[str] | None, pd.DataFrame, int | None]:
     """Check that the mesh loads, and that keypoints and eyes lie on its joints or vertices.
 
     Returns:
-        the keypoints' names, None if there is no table of them or it is in doubt; and the table of eyes.
+        the keypoints' names, None if there is no table of them or it is in doubt; the table of eyes; and the number of
+        vertices, None if it is in doubt.
     """
     shape = None
     with complaints.collecting():
@@ -44,14 +47,15 @@ def check_template(root: Path, template: Template, complaints: Complaints) -> tu
         # As tracking reads it, so that what it would refuse is said now.
         read_template(locate(root, template.mesh), template.scale_to_m)
     faces, vertices = (None, 0) if shape is None else (shape.faces, shape.vertices)
+    count = None if shape is None else shape.vertices
     eyes = read_eyes_csv(root, template.eyes, faces, vertices, complaints)
     table = read_keypoint_places(root, template.keypoints, complaints)
     if table is None:
-        return None, eyes
+        return None, eyes, count
     complain_repeats(complaints, template.keypoints, table, ["keypoint"])
     if shape is not None:
         _check_places(template.keypoints, table, shape.vertices, shape.joints, complaints)
-    return list(table["keypoint"]), eyes
+    return list(table["keypoint"]), eyes, count
 
 
 def _read_shape(root: Path, path: str) -> Shape:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,15 @@ from pipeline.base.errors import Complaints
 from pipeline.base.files import digest_file
 from pipeline.base.splits import VALIDATION_FLAGS
 from pipeline.capture.images import ImageSource
-from pipeline.capture.index import calibration_files, tables
+from pipeline.capture.index import calibration_files, color_files, tables
 from pipeline.capture.index.csv_tables import complain_unknown
 from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
-from pipeline.capture.index.frame_images import expected_images, find_frame_images
+from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
 from pipeline.capture.index.image_checks import ExpectedImage, inspect_images
+from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.template_checks import check_template
+from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
     Capture,
@@ -54,11 +56,12 @@ def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
     contents, expected = _find_calibration(root, manifest, found, complaints)
     _check_transfer(manifest.images, complaints)
     images = find_frame_images(root, manifest, found["cameras"], found["frames"], complaints)
-    expected += expected_images(images, found["cameras"])
+    expected += expected_images(images, found["cameras"], manifest)
     digests = inspect_images(root, expected, complaints, threads)
     _check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
-    source = ImageSource(root, manifest.images.transfer, manifest.images.black_level)
+    facts = manifest.images
+    source = ImageSource(root, facts.transfer, facts.black_level, mask_format(manifest))
     complain_of_exchanged(images, found["cameras"], source, complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
@@ -83,7 +86,9 @@ def _read_tables(root: Path, manifest: Capture, complaints: Complaints) -> Table
         found["patterns"] = tables.read_patterns_csv(root, manifest.patterns, frames, lights, complaints)
     keypoints = None
     if manifest.template:
-        keypoints, found["eyes"] = check_template(root, manifest.template, complaints)
+        keypoints, found["eyes"], vertices = check_template(root, manifest.template, complaints)
+        imported = manifest.imported is not None
+        found["meshes"] = read_meshes(root, manifest.meshes, found["frames"], vertices, imported, complaints)
         if manifest.gaze and not manifest.template.eyes:
             expected = "a csv that says which vertices the eyes of gaze consist of"
             complaints.add(MANIFEST, "template.eyes", expected=expected, found="no such key")
@@ -115,7 +120,7 @@ def _find_calibration(
         )
         expected += more
     if cameras is not None and section.color is not None:
-        contents["calibration_color"], more = calibration_files.find_color_calibration(
+        contents["calibration_color"], more = color_files.find_color_calibration(
             root, section.color, cameras, complaints
         )
         expected += more
@@ -138,7 +143,7 @@ def _check_stage_frame(
 
 
 def _check_transfer(images: Images | None, complaints: Complaints) -> None:
-    if images is not None and images.transfer == "srgb" and images.path.lower().endswith(".exr"):
+    if images is not None and images.transfer == "srgb" and (images.path or "").lower().endswith(".exr"):
         complaints.add(
             MANIFEST, "images.transfer", expected="linear: OpenEXR files hold linear light by definition",
             found="srgb", hint="say linear, or convert the images to .png",
@@ -199,12 +204,19 @@ def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[
 
     No splits and no calibration, so that a change there reruns only what reads it.
     """
-    template, images = manifest.template, manifest.images
+    template, images, given = manifest.template, manifest.images, {}
+    facts = images.model_dump(include={"transfer", "black_level", "downsample_from_sensor"})
+    if (masks := mask_format(manifest)) != PLAIN_MASKS:
+        facts["masks"] = asdict(masks)
+    if manifest.meshes is not None:
+        given["meshes"] = manifest.meshes.model_dump(include={"motion", "scale_to_m"})
+    if manifest.imported is not None:
+        given["imported"] = manifest.imported.model_dump(exclude={"digest"})
     return {
         "subject": manifest.subject,
         "kind": manifest.kind,
         "fps": manifest.fps,
-        "images": images.model_dump(include={"transfer", "black_level", "downsample_from_sensor"}),
+        "images": facts,
         "template": {
             "mesh": template.mesh,
             "mesh_digest": digest_file(root / template.mesh),
@@ -213,4 +225,5 @@ def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[
             "scale_to_m": template.scale_to_m,
             "eyes": sorted(set(eyes["eye"])),
         },
+        **given,
     }

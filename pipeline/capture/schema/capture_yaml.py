@@ -12,36 +12,20 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from pipeline.capture.schema.camera_schema import BoardCameras, CharucoCameras, KnownCameras
+from pipeline.capture.schema.given_schema import Imported, Meshes
+from pipeline.capture.schema.image_schema import Images, Masks
 from pipeline.capture.schema.sections import (
     BallPattern,
     ChartPattern,
     CsvPath,
-    ImagePattern,
     Length,
-    MaskPattern,
+    ParquetPath,
     Section,
     SilhouettePattern,
     path_to,
 )
 
 NAME_PATTERN = r"^[A-Za-z0-9_][A-Za-z0-9_-]*$"
-
-
-class Images(Section):
-    """The images of the moving subject."""
-
-    path: ImagePattern = Field(description="pattern with {camera} and {frame:06d}; .exr (R, G, B) or .png (8, 16 bit)")
-    transfer: Literal["linear", "srgb"] = Field(description="how stored values relate to light")
-    black_level: float = Field(
-        allow_inf_nan=False, description="stored value (counts for .png) of no light; subtracted before anything else"
-    )
-    downsample_from_sensor: int = Field(ge=1, description="d: an image pixel is d x d sensor pixels")
-
-
-class Masks(Section):
-    """Masks of the pixels that show the subject."""
-
-    path: MaskPattern = Field(description="pattern with {camera} and {frame:06d}; one channel, 8 bit, 255 = subject")
 
 
 class Template(Section):
@@ -91,6 +75,16 @@ class ChartColor(Section):
     )
 
 
+class KnownColor(Section):
+    """Each camera's colours are corrected by a matrix that was found elsewhere."""
+
+    method: Literal["known"] = Field(description="which method this section is about")
+    path: Annotated[str, path_to(".json")] = Field(
+        description="json: `cameras`, of each camera the 3 x 3 corrected-from-raw matrix of linear R, G, B; or 3 x 4, "
+        "with a column that is added"
+    )
+
+
 class NoColor(Section):
     """Colours are left as the cameras record them."""
 
@@ -104,7 +98,9 @@ class Calibration(Section):
         discriminator="method", description="poses and lenses"
     )
     lights: MirrorBallLights | KnownLights = Field(discriminator="method", description="positions of the LEDs")
-    color: ChartColor | NoColor = Field(discriminator="method", description="colour response of each camera")
+    color: ChartColor | KnownColor | NoColor = Field(
+        discriminator="method", description="colour response of each camera"
+    )
 
 
 class Splits(Section):
@@ -157,10 +153,9 @@ class Capture(Section):
         description="csv: frame, light, intensity (or intensity_r, intensity_g, intensity_b if lights are coloured); "
         "one row per lit light, unlisted = off"
     )
-    keypoints_2d: Annotated[str, path_to(".parquet")] | None = Field(
-        None, description="parquet: frame, camera, keypoint, x, y, confidence"
-    )
+    keypoints_2d: ParquetPath | None = Field(None, description="parquet: frame, camera, keypoint, x, y, confidence")
     template: Template = Field(description="the mesh that is tracked")
+    meshes: Meshes | None = Field(None, description="tracked elsewhere: the template's vertices, frame by frame")
     gaze: CsvPath | None = Field(
         None,
         description="csv: frame, eye, x, y, z; unit direction in which an eye of template.eyes looks, in the frame of "
@@ -168,3 +163,8 @@ class Capture(Section):
     )
     calibration: Calibration = Field(description="how cameras, lights and colours are calibrated")
     splits: Splits = Field(description="what is held out for testing")
+    imported: Imported | None = Field(
+        None,
+        description="of captures that import_capture writes: what was taken from a public set. Their images lie in the "
+        "set's own folder, behind the link `source`",
+    )

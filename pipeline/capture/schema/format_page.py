@@ -94,6 +94,8 @@ def _kind(annotation: Any) -> str:
         return " or ".join(_kind(part) for part in get_args(annotation) if part is not type(None))
     if get_origin(annotation) is list:
         return f"list of {_kind(get_args(annotation)[0])}s"
+    if get_origin(annotation) is dict:
+        return f"section of {_kind(get_args(annotation)[1])}s"
     return {str: "text", int: "whole number", float: "number", bool: "true or false"}[annotation]
 
 

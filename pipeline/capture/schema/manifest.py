@@ -76,7 +76,9 @@ def _section(model: type[Section], content: dict[str, Any], name: str) -> Any:
 
 def _complain(complaints: Complaints, problem: dict[str, Any]) -> None:
     """One of pydantic's errors as a complaint."""
-    kind, value, place = problem["type"], problem["input"], problem["loc"]
+    kind, value = problem["type"], problem["input"]
+    # Choices of a value's type stand among the keys.
+    place = tuple(part for part in problem["loc"] if not (isinstance(part, str) and " " in part))
     model, context = _model_at(place[:-1]), problem.get("ctx", {})
     field = model.model_fields.get(place[-1])
     key, found, hint = _key(place), _found(value), ""

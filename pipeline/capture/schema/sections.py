@@ -34,6 +34,7 @@ def _board_pattern(path: str) -> str:
 
 
 CsvPath = Annotated[str, path_to(".csv")]
+ParquetPath = Annotated[str, path_to(".parquet")]
 ImagePattern = Annotated[str, pattern_with("camera", "frame", suffixes=EXR_OR_PNG)]
 MaskPattern = Annotated[str, pattern_with("camera", "frame", suffixes=(".png",))]
 BoardPattern = Annotated[str, AfterValidator(_board_pattern)]

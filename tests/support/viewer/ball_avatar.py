@@ -36,9 +36,13 @@ BRIGHT = (30.0, 28.0, 25.0)
 
 
 def unfolded_ball(atlas: Atlas) -> Atlas:
-    """The same mesh with the ball's faces side by side in the right half of a larger map: each has texels."""
+    """The same mesh with the ball's faces side by side in the right half of a larger map: each has texels.
+
+    The floor keeps an eighth of the map: large texels say as much about it.
+    """
     balls = len(atlas.faces) - 2
     uv, cell = np.array(atlas.uv), np.array([0.5 / ACROSS, ACROSS / balls])
+    uv[:2] /= 2
     for k in range(balls):
         row, column = divmod(k, ACROSS)
         corner = np.array([0.5, 0.0]) + cell * (column, row)

@@ -17,6 +17,9 @@ from pipeline.geometry.cameras import Camera
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SETTLED = "() => new Promise(done => { const look = () => scene.settled ? done() : setTimeout(look, 5); look(); })"
+"""Waits until the picture is of what was asked for; a page forbids what Playwright's own waiting would do."""
+
 OPENS_MS = 120_000
 """Far longer than a page takes to open: for machines that do much else."""
 

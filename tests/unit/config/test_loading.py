@@ -45,6 +45,15 @@ def test_command_line_wins_over_subject_file(tmp_path):
     assert project.settings.captures == "x"
 
 
+def test_a_public_set_needs_a_path_and_nothing_else_has_one(tmp_path):
+    project = load(tmp_path, {"a": {"source": "goliath", "path": "/data/a"}, "b": {"source": "synthetic"}})
+    assert (project.imported_subjects, project.synthetic_subjects) == (["a"], ["b"])
+    with pytest.raises(InputError, match=r"a\.yaml: path: expected the folder of a goliath capture, found none"):
+        load(tmp_path, {"a": {"source": "goliath"}})
+    with pytest.raises(InputError, match=r"a\.yaml: source: expected one of goliath, .*, found 'native'"):
+        load(tmp_path, {"a": {"path": "/data/a"}})
+
+
 def test_synthetic_subjects_are_those_that_say_so(tmp_path):
     project = load(tmp_path, {"b": {"source": "synthetic"}, "a": {"source": "synthetic"}, "c": {}, "d": ""})
     assert project.synthetic_subjects == ["a", "b"]

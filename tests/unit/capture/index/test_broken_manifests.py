@@ -87,7 +87,7 @@ MANIFEST_BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "no method": (
         manifest(lambda m: m["calibration"]["color"].pop("method")),
-        ["calibration.color.method: expected one of chart, none"],
+        ["calibration.color.method: expected one of chart, known, none"],
     ),
     "section that is a list": (
         manifest(lambda m: m.update(template=[1])),

@@ -1,4 +1,4 @@
-"""Lights of the stage as the page offers them: by name, with the patterns of the frames."""
+"""Lights of the stage by name, with the patterns of the frames."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pipeline.lighting.frame_lights import CHANNELS
 
 
 @dataclass(frozen=True)
-class StageLights:
+class NamedLights:
     """All lights whose place is known.
 
     Attributes:
@@ -38,7 +38,7 @@ class StageLights:
         ]
 
 
-def read_stage_lights(lights: Path, patterns: Path) -> StageLights:
+def read_named_lights(lights: Path, patterns: Path) -> NamedLights:
     """Read the calibrated lights and what they did in each frame.
 
     Raises:
@@ -53,7 +53,7 @@ def read_stage_lights(lights: Path, patterns: Path) -> StageLights:
     medians = lit.groupby("light")[CHANNELS].median().reindex(known.light)
     medians = medians.fillna(medians.median()).fillna(1.0)  # lights that no frame turns on are as bright as the others
     index = dict(zip(known.light, range(len(known)), strict=True))
-    return StageLights(
+    return NamedLights(
         [str(name) for name in known.light], known[["x", "y", "z"]].to_numpy(np.float64),
         medians.to_numpy(np.float64), lit.assign(light=lit.light.map(index)).reset_index(drop=True),
     )  # fmt: skip

@@ -1,0 +1,51 @@
+"""Fakes of public sets that are measured, each with its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.support.datasets import becominglit_layout, goliath_layout, humanolat_layout
+from tests.support.datasets.turning_head import TurningHead
+
+
+@dataclass(frozen=True)
+class FakeSet:
+    """A fake of one set.
+
+    Attributes:
+        dataset: the set, as the configuration names it.
+        truth: makes the truth.
+        write: writes it in the set's layout below a folder; returns the folder that `path` names.
+        cameras: number of those with images.
+        true_frame: the truth's frame by the imported capture's.
+    """
+
+    dataset: str
+    truth: Callable[[], TurningHead]
+    write: Callable[[Path, TurningHead], Path]
+    cameras: int
+    true_frame: Callable[[int], int] = int
+
+
+def true_becominglit_frame(frame: int) -> int:
+    """The truth's frame: sequences count from 0, and the kth from 100000 k here."""
+    sequence, number = divmod(frame, 100_000)
+    return sorted(becominglit_layout.SEQUENCES.values(), key=lambda span: span[0])[sequence][number]
+
+
+FAKES = (
+    FakeSet(
+        "goliath", lambda: goliath_layout.true_head(image=(96, 144)), goliath_layout.write_goliath,
+        len(goliath_layout.CAMERAS),
+    ),
+    FakeSet(
+        "becominglit", lambda: becominglit_layout.true_head(image=(96, 144)), becominglit_layout.write_becominglit,
+        len(becominglit_layout.CAMERAS), true_becominglit_frame,
+    ),
+    FakeSet(
+        "humanolat", lambda: humanolat_layout.true_head(image=(96, 144)), humanolat_layout.write_humanolat,
+        len(humanolat_layout.CAMERAS),
+    ),
+)  # fmt: skip

@@ -1,0 +1,35 @@
+"""Albedo and gloss of an avatar's texels, which no pose and no light changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from pipeline.avatar.model import Avatar
+
+
+@dataclass(frozen=True)
+class Matter:
+    """Numbers of a dielectric with GGX microfacets, NumPy.
+
+    Attributes:
+        albedo: linear RGB.
+        width: alpha of GGX.
+        gloss: factor on what a dielectric reflects; 0 for avatars without such a lobe.
+    """
+
+    albedo: Float[np.ndarray, "texels 3"]
+    width: Float[np.ndarray, " texels"]
+    gloss: Float[np.ndarray, " texels"]
+
+
+@torch.no_grad()
+def read_matter(avatar: Avatar) -> Matter:
+    """Matter of an avatar."""
+    albedo = avatar.albedo.cpu().numpy()
+    if avatar.spec.specular_model != "ggx":
+        return Matter(albedo, np.ones(len(albedo), np.float32), np.zeros(len(albedo), np.float32))
+    return Matter(albedo, *(getattr(avatar, name).exp().cpu().numpy() for name in ("log_ggx_width", "log_gloss")))

@@ -1,0 +1,85 @@
+"""Archives of Goliath: one of images and one of part labels per camera."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.base.errors import InputError, listed
+from pipeline.capture.archives import members, read_bytes
+from pipeline.capture.images import decode_stored
+from pipeline.datasets.imported_capture import Provenance
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Archives:
+    """Frames of each camera's images and masks."""
+
+    images: Mapping[str, frozenset[int]]
+    masks: Mapping[str, frozenset[int]]
+
+
+def find_archives(root: Path, wanted: Collection[str]) -> Archives:
+    """Frames in the archives of images and masks, of all cameras or the `wanted` ones.
+
+    Raises:
+        InputError: if there is none, or not one of those that are wanted.
+    """
+    names = sorted(path.stem.removeprefix("cam") for path in (root / "image").glob("cam*.zip"))
+    if absent := sorted(set(wanted) - set(names)):
+        raise InputError(f"import_capture.cameras: expected some of {listed(names, 20)}, found {listed(absent)}")
+    chosen = [name for name in names if not wanted or name in wanted]
+    images = {name: _frames_in(root / f"image/cam{name}.zip", name, "avif") for name in chosen}
+    if not chosen or (empty := [name for name, frames in images.items() if not frames]):
+        found = "no archive" if not chosen else f"no such member in that of {listed(empty)}"
+        raise InputError(f"{root}/image: expected archives cam*.zip with members cam*/000000.avif, found {found}")
+    masks = {}
+    for name in chosen:
+        archive = root / f"segmentation_parts/cam{name}.zip"
+        masks[name] = _frames_in(archive, name, "png") if archive.is_file() else frozenset()
+    return Archives(images, masks)
+
+
+def _frames_in(archive: Path, camera: str, suffix: str) -> frozenset[int]:
+    pattern = re.compile(rf"cam{re.escape(camera)}/(\d{{6}})\.{suffix}")
+    return frozenset(int(match[1]) for match in map(pattern.fullmatch, members(archive)) if match)
+
+
+def image_size(root: Path, camera: str, frame: int) -> tuple[int, int]:
+    """Width and height of an image, pixels."""
+    path = root / image_path(camera, frame)
+    height, width = decode_stored(read_bytes(path), path).shape[:2]
+    return width, height
+
+
+def image_path(camera: str, frame: int) -> str:
+    """An image, below the set's folder."""
+    return f"image/cam{camera}.zip/cam{camera}/{frame:06d}.avif"
+
+
+def mask_path(camera: str, frame: int) -> str:
+    """Part labels of an image, below the set's folder."""
+    return f"segmentation_parts/cam{camera}.zip/cam{camera}/{frame:06d}.png"
+
+
+def image_table(found: Archives, frames: Collection[int], root: Path, provenance: Provenance) -> pd.DataFrame:
+    """camera, frame, path, mask_path of the frames' images; what is lacking is named."""
+    rows, lacking = [], {}
+    for camera, there in found.images.items():
+        own = [frame for frame in frames if frame in there]
+        if len(own) < len(frames):
+            lacking[camera] = len(frames) - len(own)
+        masks = found.masks[camera]
+        rows += [(camera, f, image_path(camera, f), mask_path(camera, f) if f in masks else None) for f in own]
+    if lacking:
+        log.warning("%s: cameras without some of %d images: %s", root, len(frames), lacking)
+        provenance.left_out["images that are not there"] = listed([f"{n} of {camera}" for camera, n in lacking.items()])
+    table = pd.DataFrame(rows, columns=["camera", "frame", "path", "mask_path"])
+    return table.astype({"camera": "str", "frame": "int64", "path": "str", "mask_path": "str"})

@@ -1,0 +1,100 @@
+"""Images of HumanOLAT, and the light that each shows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.errors import InputError, listed
+from pipeline.capture.archives import read_bytes
+from pipeline.capture.images import decode_mask, decode_stored
+from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
+from pipeline.datasets.imported_capture import ImageStore
+from pipeline.datasets.light_durations import light_name
+
+MODEL, MASKS, IMAGES = "model/model.obj", "segmentations/masks/000", "images_processed"
+CALIBRATION, LIGHTS, ORDER = "cameras.calib", "LSX_light_positions_aligned.pc", "LSX3_light_z_spiral.txt"
+
+FULL_IMAGE = 14
+"""Number of the image with all lights on; those before it show white, gradients and environments."""
+
+FIRST_SKIPPED, SKIP_STEP = 34, 21
+"""The images 34, 55, 76, ... show no single light."""
+
+
+def image_of(k: int) -> int:
+    """Number of the image of the kth light in the order of firing, which counts from 0."""
+    # Skipped are FIRST_SKIPPED, 19 lights after the first, and from there every SKIP_STEP-th.
+    return FULL_IMAGE + 1 + k + (k + 1) // (SKIP_STEP - 1)
+
+
+def read_light_points(path: Path) -> pd.DataFrame:
+    """light, x, y, z of the lines `v x y z`, metres.
+
+    Raises:
+        InputError: if there is none.
+    """
+    rows = [line.split()[1:4] for line in read_bytes(path).decode().splitlines() if line.startswith("v ")]
+    try:
+        places = np.array(rows, np.float64)
+    except ValueError:
+        places = np.zeros(0)
+    if places.ndim != 2 or places.shape[1:] != (3,) or not np.isfinite(places).all():
+        raise InputError(f"{path}: expected lines 'v x y z', found {len(rows)} that are none")
+    names = [light_name(number) for number in range(len(places))]
+    return pd.DataFrame({"light": names, **dict(zip("xyz", places.T, strict=True))})
+
+
+def read_order(path: Path, lights: int) -> list[int]:
+    """Lights, counted from 0, in the order in which they fire.
+
+    Raises:
+        InputError: if the file does not name each light once.
+    """
+    words = read_bytes(path).decode().split()
+    order = [int(word) - 1 for word in words if re.fullmatch(r"\d+", word)]
+    if sorted(order) != list(range(lights)):
+        raise InputError(f"{path}: expected the numbers 1 to {lights}, each once, found {len(order)} numbers")
+    return order
+
+
+def find_images(root: Path, wanted: Collection[str]) -> dict[str, dict[int, str]]:
+    """Path of each image by camera and number.
+
+    Raises:
+        InputError: if there is none, or not one of the `wanted` cameras.
+    """
+    found: dict[str, dict[int, str]] = {}
+    for path in sorted((root / IMAGES).glob("Cam*/*.avif")):
+        if match := re.fullmatch(r".*\.(\d{6})\.avif", path.name):
+            found.setdefault(path.parent.name, {})[int(match[1])] = str(path.relative_to(root))
+    if absent := sorted(set(wanted) - set(found)):
+        known = listed(sorted(found), 20)
+        raise InputError(f"import_capture.cameras: expected some of {known}, found {listed(absent)}")
+    if not found:
+        raise InputError(f"{root}/{IMAGES}: expected images Cam01/<capture>.000014.avif and so on, found none")
+    return {name: images for name, images in found.items() if not wanted or name in wanted}
+
+
+def image_store(
+    root: Path, names: Collection[str], images: Mapping[str, Mapping[int, str]], frames: Collection[int]
+) -> ImageStore:
+    """The images of the frames; all of one camera share its mask."""
+    rows, sizes, labels = [], {}, None
+    for name in names:
+        mask = f"{MASKS}/{name}.png"
+        has_mask = (root / mask).is_file()
+        own = [(name, n, images[name][n], mask if has_mask else None) for n in frames if n in images[name]]
+        rows += own
+        path = root / next(iter(images[name].values()))
+        height, width = decode_stored(read_bytes(path), path).shape[:2]
+        sizes[name] = (width, height)
+        if has_mask and labels is None:
+            labels = (1,) if decode_mask(read_bytes(root / mask), root / mask).max() == 1 else ()
+    table = pd.DataFrame(rows, columns=["camera", "frame", "path", "mask_path"])
+    table = table.astype({"camera": "str", "frame": "int64", "path": "str", "mask_path": "str"})
+    return ImageStore(table, sizes, "srgb", 0.0, 1, MaskFormat(labels) if labels else PLAIN_MASKS)

@@ -1,0 +1,109 @@
+"""A capture of a public set in this project's conventions, before it is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float64
+
+from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
+from pipeline.geometry.cameras import Camera
+from pipeline.geometry.mesh_files import Mesh
+
+
+@dataclass(frozen=True)
+class ImageStore:
+    """Images of a set, and how it stores them.
+
+    Attributes:
+        table: camera, frame, path and mask_path (null without a mask), relative to the set's folder.
+        sizes: width and height of each camera's images.
+        transfer: how stored values relate to light.
+        black_level: stored value of no light, of all channels or of R, G and B.
+        downsample_from_sensor: sensor pixels along a side of an image's pixel.
+        masks: what the values of masks mean.
+    """
+
+    table: pd.DataFrame
+    sizes: Mapping[str, tuple[int, int]]
+    transfer: Literal["linear", "srgb"]
+    black_level: float | Sequence[float]
+    downsample_from_sensor: int
+    masks: MaskFormat = PLAIN_MASKS
+
+
+@dataclass(frozen=True)
+class TrackedMeshes:
+    """Meshes that a set ships.
+
+    Attributes:
+        table: frame, path (relative to the set's folder), world_from_mesh (12 numbers, t in metres, or None).
+        scale_to_m: metres per unit of their vertices.
+        rest: the mesh at rest, metres; if the motion is given, in the frame that `world_from_mesh` starts from.
+        motion: given, if `world_from_mesh` is how the template moves; fitted, if it only takes vertices to the world.
+    """
+
+    table: pd.DataFrame
+    scale_to_m: float
+    rest: Mesh
+    motion: Literal["given", "fitted"] = "given"
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Names and numbers that are never trained on, as in the tables."""
+
+    cameras: Sequence[str] = ()
+    frames: Sequence[int] = ()
+    segments: Sequence[str] = ()
+    patterns: Sequence[int] = ()
+    validation_patterns: Sequence[int] | None = None
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Notes of what a set gave, what it lacks, and what of it is not used.
+
+    Keys say what; values from where it is taken, by which stage it is made, or why it is not used.
+    """
+
+    given: dict[str, str] = field(default_factory=dict)
+    computed: dict[str, str] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ImportedCapture:
+    """Everything that a native capture says, in this project's conventions.
+
+    Metres, y up, OpenCV's cameras, pixels counted from the image's corner.
+
+    Attributes:
+        kind: what of the subject is captured.
+        fps: frames per second, of frame numbers.
+        cameras: at sensor resolution.
+        frames: frame, timestamp_s, segment.
+        images: where they are and how they store light.
+        lights: light, x, y, z.
+        patterns: frame, light, intensity, one row per lit light.
+        colors: corrected-from-raw matrix of each camera, 3 x 3 or 3 x 4; none at all if colours are as recorded.
+        meshes: tracked elsewhere.
+        held_out: the set's own split.
+        provenance: said in the capture, and on the report.
+    """
+
+    kind: Literal["body", "head"]
+    fps: float
+    cameras: Mapping[str, Camera]
+    frames: pd.DataFrame
+    images: ImageStore
+    lights: pd.DataFrame
+    patterns: pd.DataFrame
+    colors: Mapping[str, Float64[np.ndarray, "3 columns"]]
+    meshes: TrackedMeshes
+    held_out: HeldOut
+    provenance: Provenance

@@ -1,0 +1,120 @@
+"""Writing an imported capture in the native format: small tables, and a link to the set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import digest_bytes, digest_file, write_json, write_table, written_whole
+from pipeline.capture.mask_format import PLAIN_MASKS
+from pipeline.capture.paths import SOURCE
+from pipeline.datasets.imported_capture import ImportedCapture
+from pipeline.geometry.cameras import write_cameras
+from pipeline.geometry.mesh_files import Mesh
+
+TABLES = ("cameras.csv", "frames.csv", "lights.csv", "patterns.csv", "images.parquet", "meshes.parquet",
+          "cameras.json", "color.json", "template.glb")  # fmt: skip
+"""All that is written beside capture.yaml; a capture without colours has no color.json."""
+
+
+def write_native(out: Path, source: Path, dataset: str, subject: str, found: ImportedCapture) -> None:
+    """Write a capture folder whose images lie in `source`; capture.yaml is written last.
+
+    Raises:
+        InputError: if the folder holds something that was not imported.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    link_source(out, source)
+    images = found.images.table.assign(
+        path=SOURCE + "/" + found.images.table["path"], mask_path=SOURCE + "/" + found.images.table["mask_path"]
+    )
+    sizes = [
+        {"camera": name, "width": width, "height": height, "sensor_width": camera.width, "sensor_height": camera.height}
+        for name, camera in found.cameras.items()
+        for width, height in [found.images.sizes[name]]
+    ]
+    write_table(out / "cameras.csv", pd.DataFrame(sizes))
+    write_table(out / "frames.csv", found.frames)
+    write_table(out / "lights.csv", found.lights)
+    write_table(out / "patterns.csv", found.patterns)
+    write_table(out / "images.parquet", images)
+    write_table(out / "meshes.parquet", found.meshes.table.assign(path=SOURCE + "/" + found.meshes.table["path"]))
+    write_cameras(out / "cameras.json", found.cameras)
+    if found.colors:
+        write_json(out / "color.json", {"cameras": {name: m.tolist() for name, m in found.colors.items()}})
+    write_template(out / "template.glb", found.meshes.rest)
+    with written_whole(out / "capture.yaml") as temporary:
+        temporary.write_text(yaml.safe_dump(described(out, dataset, subject, found), sort_keys=False))
+
+
+def link_source(out: Path, source: Path) -> None:
+    """Make the capture's link to the set, or turn an old one to it.
+
+    Raises:
+        InputError: if something else has its name.
+    """
+    link = out / SOURCE
+    if link.exists() and not link.is_symlink():
+        raise InputError(f"{link}: expected no such file or folder, as import_capture makes a link; move it away")
+    link.unlink(missing_ok=True)
+    link.symlink_to(source.resolve(), target_is_directory=True)
+
+
+def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> dict[str, Any]:
+    """Content of capture.yaml, once the files that it names are written."""
+    images, masks, held_out = found.images, found.images.masks, found.held_out
+    level = images.black_level
+    content: dict[str, Any] = {
+        "format": "lightstage-capture/1", "subject": subject, "kind": found.kind, "units": "m", "up": "+y",
+        "fps": float(found.fps),
+        "images": {
+            "table": "images.parquet", "transfer": images.transfer,
+            "black_level": float(level) if isinstance(level, int | float) else [float(value) for value in level],
+            "downsample_from_sensor": images.downsample_from_sensor,
+        },
+    }  # fmt: skip
+    if masks != PLAIN_MASKS:
+        labels = {} if masks.labels is None else {"labels": list(masks.labels)}
+        content["masks"] = {**labels, "enlarged": masks.enlarged}
+    chosen = {}
+    if held_out.validation_patterns is not None:
+        chosen["validation_patterns"] = [int(frame) for frame in held_out.validation_patterns]
+    provenance = found.provenance
+    return content | {
+        "cameras": "cameras.csv", "frames": "frames.csv", "lights": "lights.csv", "patterns": "patterns.csv",
+        "template": {"mesh": "template.glb", "scale_to_m": 1.0},
+        "meshes": {
+            "table": "meshes.parquet", "motion": found.meshes.motion, "scale_to_m": found.meshes.scale_to_m,
+        },
+        "calibration": {
+            "cameras": {"method": "known", "path": "cameras.json"}, "lights": {"method": "known"},
+            "color": {"method": "known", "path": "color.json"} if found.colors else {"method": "none"},
+        },
+        "splits": {
+            "test_cameras": list(held_out.cameras), "test_frames": [int(frame) for frame in held_out.frames],
+            "test_segments": list(held_out.segments), "test_patterns": [int(frame) for frame in held_out.patterns],
+            **chosen,
+        },
+        "imported": {
+            "dataset": dataset, "digest": _digest(out), "given": provenance.given, "computed": provenance.computed,
+            "left_out": provenance.left_out,
+        },
+    }  # fmt: skip
+
+
+def _digest(out: Path) -> str:
+    there = [name for name in TABLES if (out / name).is_file()]
+    return digest_bytes("\n".join(f"{digest_file(out / name)} {name}" for name in there).encode())
+
+
+def write_template(path: Path, mesh: Mesh) -> None:
+    """Write vertices, in their order, and triangles as a glTF binary."""
+    import trimesh  # A third of a second to import; only this function needs it.
+
+    plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, validate=False)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(plain.export(file_type="glb"))

@@ -1,0 +1,119 @@
+"""Write an avatar as files that other programs open.
+
+In: an avatar, the frames it was trained and scored on, cameras and lights. Out, in one folder: splats/{frame}.ply,
+.spz, .sog and .glb, Gaussians in the frame's own light, without what changes with the view; mesh.glb, the posed surface
+with its textures, animated over the frames; stage.glb and stage.usda, cameras and lights; open_in_blender.py, which
+opens these. `docs/export.md` says what each holds, and what it cannot hold.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+import torch
+
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.prepared import PreparedFrame
+from pipeline.avatar.matter import read_matter
+from pipeline.avatar.relighting.film import splats_of
+from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar
+from pipeline.base.command import run_as_command
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_json
+from pipeline.base.progress import progress
+from pipeline.base.spread import spread
+from pipeline.base.whole_files import written_folder
+from pipeline.capture.records import FrameRecord
+from pipeline.capture.shards import read_frame_shards
+from pipeline.config.export_avatar import SPLAT_FORMATS, ExportAvatar
+from pipeline.export.atlas_textures import material_textures
+from pipeline.export.gaussian_gltf import write_gaussian_glb
+from pipeline.export.posed_mesh import write_posed_mesh
+from pipeline.export.sog import write_sog
+from pipeline.export.spz import write_spz
+from pipeline.export.stage_gltf import write_stage_glb
+from pipeline.export.stage_usd import require_usd, write_stage_usd
+from pipeline.geometry.cameras import read_cameras
+from pipeline.lighting.named_lights import read_named_lights
+from pipeline.rendering.splat_ply import Splats, write_splats
+
+log = logging.getLogger("export_avatar")
+
+SPLAT_WRITERS: dict[str, Callable[[Path, Splats], None]] = dict(
+    zip(SPLAT_FORMATS, (write_splats, write_spz, write_sog, write_gaussian_glb), strict=True)
+)
+BLENDER_SCRIPT = "open_in_blender.py"
+
+
+def run(
+    *,
+    atlas: Path,
+    avatar: Path,
+    shards: Path,
+    index: Path,
+    cameras: Path,
+    lights: Path,
+    patterns: Path,
+    out: Path,
+    frames: Path | None = None,
+    settings: ExportAvatar = ExportAvatar(),
+) -> None:
+    """Write the files.
+
+    Args:
+        atlas: atlas.safetensors of unwrap_atlas.
+        avatar: folder of train_avatar.
+        shards: folder with frames/ of pack_shards.
+        index: folder of index_capture, for the frames per second.
+        cameras: calibration/cameras.json.
+        lights: calibration/lights.parquet.
+        patterns: patterns.parquet of book_patterns.
+        out: folder to write.
+        frames: folder of frame shards, if they are not those in SHARDS/frames.
+        settings: see the flags below.
+    """
+    if "usd" in settings.formats:
+        require_usd()
+    loaded, records = load_avatar(avatar, atlas), read_frame_shards([frames or shards / "frames"])
+    if not len(records):
+        raise InputError(f"{shards}/frames: expected at least one frame, found none; run pack_shards again")
+    numbers, fps = sorted(records), float(read_json(index / "capture.json")["fps"])
+    animated = spread(numbers, settings.animation_frames)
+    known, named = read_cameras(cameras), read_named_lights(lights, patterns)
+    with written_folder(out, "export_avatar") as folder:
+        for number in progress(spread(numbers, settings.splat_frames), "frames"):
+            splats = splats_of(prepared(loaded, records[number]), settings.exposure)
+            for name in SPLAT_FORMATS:
+                if name in settings.formats:
+                    SPLAT_WRITERS[name](folder / f"splats/{number:06d}.{name}", splats)
+        if "mesh" in settings.formats:
+            surface = prepared(loaded, records[numbers[0]]).surface
+            axes, normals = (tensor.cpu().numpy() for tensor in (surface.posed.tangent_frames, surface.bent_normals))
+            textures = material_textures(loaded.atlas, read_matter(loaded.avatar), axes, normals)
+            poses = {number: records[number].vertices for number in animated}
+            write_posed_mesh(folder / "mesh.glb", loaded.atlas, textures, poses, fps)
+        if "stage" in settings.formats:
+            write_stage_glb(folder / "stage.glb", known, named)
+        if "usd" in settings.formats:
+            write_stage_usd(folder / "stage.usda", known, named)
+        script = files("pipeline.export").joinpath(BLENDER_SCRIPT).read_text("utf-8")
+        (folder / BLENDER_SCRIPT).write_text(script, "utf-8")
+    log.info("%d Gaussians, %d of %d frames animated", loaded.atlas.texel_count, len(animated), len(numbers))
+
+
+@torch.no_grad()
+def prepared(loaded: LoadedAvatar, record: FrameRecord) -> PreparedFrame:
+    """A frame in its own light."""
+    return loaded.avatar.prepare(FrameInputs(loaded.atlas, record, device=loaded.avatar.albedo.device))
+
+
+def main() -> None:
+    """Command line of this stage."""
+    run_as_command(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""The stage from an avatar to files of other programs: which are written, and that Blender opens them."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pygltflib
+import pytest
+import trimesh
+
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.relighting.film import view_independent_color
+from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.base.errors import InputError
+from pipeline.base.files import write_json
+from pipeline.capture.shards import read_frame_shards, write_frame_shard
+from pipeline.config.export_avatar import ExportAvatar
+from pipeline.geometry.camera_paths import orbit
+from pipeline.geometry.cameras import write_cameras
+from pipeline.rendering.splat_ply import read_splats
+from pipeline.stages import export_avatar
+from tests.support.viewer.ball_avatar import LAMPS, MIDDLE, write_ball
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """The stage's arguments but `out`, of a ball over a floor in two frames."""
+    folder = tmp_path_factory.mktemp("ball")
+    found = write_ball(folder)
+    cameras = orbit(MIDDLE, 8.0, 1.0, 0.3, 40.0, 40, 48, 2)
+    write_cameras(folder / "cameras.json", {f"cam {k}": camera for k, camera in enumerate(cameras)})
+    write_json(folder / "index/capture.json", {"fps": 12.0})
+    return found | {"cameras": folder / "cameras.json", "index": folder / "index"}
+
+
+@pytest.fixture(scope="module")
+def exported(ball, tmp_path_factory):
+    pytest.importorskip("pxr", reason="the Python package usd-core is not installed")
+    folder = tmp_path_factory.mktemp("exported") / "export"
+    export_avatar.run(**ball, out=folder, settings=ExportAvatar(splat_frames=2, exposure=0.5))
+    return folder
+
+
+def test_all_formats_are_written(ball, exported):
+    written = {str(path.relative_to(exported)) for path in exported.rglob("[!.]*") if path.is_file()}
+    splats = {f"splats/{frame:06d}.{name}" for frame in (10, 11) for name in ("ply", "spz", "sog", "glb")}
+    assert written == splats | {"mesh.glb", "stage.glb", "stage.usda", "open_in_blender.py"}
+    # Lit as each frame was, by what all sides share.
+    loaded = load_avatar(ball["avatar"], ball["atlas"])
+    frame = read_frame_shards([ball["shards"] / "frames"])[11]
+    prepared = loaded.avatar.prepare(FrameInputs(loaded.atlas, frame))
+    found = read_splats(exported / "splats/000011.ply")
+    np.testing.assert_allclose(found.means, prepared.gaussians.means.detach(), atol=1e-6)
+    expected = (0.5 * view_independent_color(prepared)).clamp(0, 1).detach()
+    np.testing.assert_allclose(found.rgb_linear, expected, atol=1e-5)
+    (mesh,) = trimesh.load(exported / "mesh.glb", process=False).geometry.values()
+    first = read_frame_shards([ball["shards"] / "frames"])[10].vertices
+    np.testing.assert_allclose(mesh.triangles, first[loaded.atlas.faces], atol=1e-6)
+    lights = pygltflib.GLTF2().load(str(exported / "stage.glb")).extensions["KHR_lights_punctual"]["lights"]
+    assert [light["name"] for light in lights] == list(LAMPS)
+
+
+def test_only_what_is_asked_for_is_written(ball, tmp_path):
+    export_avatar.run(**ball, out=tmp_path / "export", settings=ExportAvatar(formats=("spz", "stage")))
+    written = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("[!.]*") if path.is_file()}
+    names = ("splats/000010.spz", "stage.glb", "open_in_blender.py")
+    assert written == {f"export/{name}" for name in names}
+
+
+def test_capture_without_frames_is_refused(ball, tmp_path):
+    write_frame_shard(tmp_path / "none/0000.arrow", [])
+    with pytest.raises(InputError, match="expected at least one frame, found none"):
+        export_avatar.run(**ball, frames=tmp_path / "none", out=tmp_path / "export")
+    assert not (tmp_path / "export").exists()
+
+
+SEEN_BY_BLENDER = """
+import json, runpy, sys
+runpy.run_path(sys.argv[1], run_name="__main__")
+import bpy
+scene, mesh = bpy.context.scene, next(o for o in bpy.data.objects if o.type == "MESH")
+scene.frame_set(scene.frame_end)
+shown = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+heights = [(shown.matrix_world @ v.co).z for v in shown.data.vertices]
+links = [node.image.name for node in mesh.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE"]
+print("FOUND", json.dumps({
+    "types": sorted(o.type for o in bpy.data.objects), "camera": scene.camera.name, "images": sorted(links),
+    "size": [scene.render.resolution_x, scene.render.resolution_y], "height": max(heights),
+    "keys": len(mesh.data.shape_keys.key_blocks), "shift": scene.camera.data.shift_x}))
+"""
+
+
+def test_blender_opens_mesh_cameras_and_lights(exported):
+    if importlib.util.find_spec("bpy") is None:
+        pytest.skip("the Python package bpy, which is Blender, is not installed")
+    script = [sys.executable, "-c", SEEN_BY_BLENDER, exported / "open_in_blender.py"]
+    printed = subprocess.run(script, check=True, capture_output=True, text=True).stdout
+    found = json.loads(printed.partition("FOUND")[2].splitlines()[0])
+    assert found["types"] == ["CAMERA", "CAMERA", "LIGHT", "LIGHT", "LIGHT", "MESH"]
+    assert (found["camera"], found["size"], found["keys"], found["shift"]) == ("cam 0", [40, 48], 2, 0)
+    assert found["images"] == ["base_color", "metallic_roughness", "normal", "specular"]

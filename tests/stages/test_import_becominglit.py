@@ -1,0 +1,135 @@
+"""A BecomingLit capture in the set's layout, imported and compared with what it was made from."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from pipeline.base.color import corrected
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_arrays
+from pipeline.capture.images import ImageSource
+from pipeline.geometry.cameras import read_cameras
+from pipeline.stages import book_patterns, calibrate_cameras, calibrate_color, calibrate_lights, track_mesh
+from pipeline.stages.import_capture import run
+from pipeline.stages.index_capture import run as index_capture
+from tests.support.datasets.becominglit_layout import (
+    CAMERAS,
+    SEQUENCES,
+    TEST_CAMERA,
+    intensity,
+    light_pattern,
+    pattern_of,
+    true_head,
+    write_becominglit,
+)
+
+FRAMES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 6, 100000: 9, 100001: 10, 100002: 11, 100003: 12}
+"""Imported -> true: the sequences are EXP-2 and FREE, whose last frame lies behind its last mesh."""
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return true_head()
+
+
+@pytest.fixture(scope="module")
+def shipped(truth, tmp_path_factory):
+    return write_becominglit(tmp_path_factory.mktemp("set"), truth)
+
+
+@pytest.fixture(scope="module")
+def imported(shipped, tmp_path_factory):
+    """Folders of the native capture, and of the results of the stages that follow."""
+    folder = tmp_path_factory.mktemp("imported")
+    capture, results = folder / "captures/someone", folder / "results"
+    run(dataset="becominglit", source=shipped, subject="someone", out=capture)
+    index_capture(capture=capture, out=results / "index")
+    given = {"capture": capture, "index": results / "index", "out": results / "calibration"}
+    calibrate_cameras.run(**given)
+    calibrate_color.run(**given)
+    calibrate_lights.run(**given, rig=results / "calibration/rig.json")
+    cameras, lights = results / "calibration/cameras.json", results / "calibration/lights.parquet"
+    book_patterns.run(capture=capture, index=results / "index", lights=lights, cameras=cameras, out=results)
+    track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
+    return capture, results
+
+
+def test_cameras_project_as_the_true_ones(truth, imported):
+    cameras = read_cameras(imported[1] / "calibration/cameras.json")
+    assert sorted(cameras) == sorted(CAMERAS)
+    for name, camera in cameras.items():
+        pixels, _ = camera.project(truth.vertices(4))
+        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(4)) + 0.5, atol=1e-6)
+
+
+def test_lights_and_patterns_are_the_true_ones(truth, imported):
+    lights = pd.read_parquet(imported[1] / "calibration/lights.parquet").sort_values("light")
+    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=1e-6)
+    patterns = pd.read_parquet(imported[1] / "patterns.parquet")
+    assert sorted(patterns.frame.unique()) == sorted(FRAMES)
+    for frame, rows in patterns.groupby("frame"):
+        number = pattern_of(FRAMES[frame])
+        expected = {f"L{light:03d}": intensity(number, duration) for light, duration in light_pattern(number)}
+        assert dict(zip(rows.light, rows.intensity_r, strict=True)) == pytest.approx(expected, abs=1e-12)
+
+
+def test_meshes_are_the_true_ones(truth, imported):
+    arrays = read_arrays(imported[1] / "tracking/0000.safetensors")
+    table = pd.read_parquet(imported[1] / "tracking/0000.parquet")
+    assert arrays["frames"].tolist() == sorted(FRAMES)
+    for frame, status, vertices in zip(arrays["frames"], table.status, arrays["vertices"], strict=True):
+        lit = pattern_of(FRAMES[frame]) == 0
+        assert status == ("given" if lit else "between")
+        # Between meshes the head turns about the middle that was fitted, with an open mouth a millimetre off the true.
+        np.testing.assert_allclose(vertices, truth.vertices(FRAMES[frame]), atol=1e-6 if lit else 1e-3)
+    turn = arrays["root_rotation"]
+    assert np.abs(turn - turn[0]).max() > 0.05, "the motion of the head is no part of its shape"
+
+
+def test_colours_are_those_of_the_sets_own_order(truth, imported):
+    capture, results = imported
+    source = ImageSource.from_index(capture, json.loads((results / "index/capture.json").read_text())["images"])
+    colors = json.loads((results / "calibration/color.json").read_text())["cameras"]
+    images = pd.read_parquet(results / "index/images.parquet").set_index(["camera", "frame"])
+    row = images.loc[CAMERAS[1], 100000]
+    shown = corrected(source.read(row.path), np.array(colors[CAMERAS[1]]))
+    # AVIF is lossy, and its errors grow with the slope of sRGB.
+    np.testing.assert_allclose(shown, truth.image(CAMERAS[1], 9), atol=0.08)
+    dark = shown[:10, :10]
+    np.testing.assert_allclose(dark, 0, atol=0.004)
+    mask = source.read_mask(row.mask_path, shown.shape)
+    assert (mask[-1] == 0).all() and mask[36, 24] == 255, "clothes are no subject"
+
+
+def test_splits_sync_and_provenance_are_the_sets(imported):
+    described = yaml.safe_load((imported[0] / "capture.yaml").read_text())
+    assert described["splits"]["test_cameras"] == [TEST_CAMERA]
+    assert described["splits"]["test_segments"] == ["FREE"]
+    assert described["imported"]["left_out"]["frames that lie between no two meshes"] == "1: 100004"
+    assert json.loads((imported[1] / "sync.json").read_text())["verdict"] == "in_sync"
+
+
+def test_a_capture_that_was_not_preprocessed_is_told_what_makes_its_meshes(shipped, tmp_path):
+    made = shutil.ignore_patterns("alpha_birefnet", "facer_segmentation", "flame_tracking")
+    root = shutil.copytree(shipped, tmp_path / "1001", ignore=made)
+    with pytest.raises(InputError, match=r"meshes_posed: expected meshes, found none; .*flame_tracker\.py"):
+        run(dataset="becominglit", source=root, subject="x", out=tmp_path / "out")
+
+
+def test_the_fake_is_as_the_sets_loader_reads_it(truth, shipped):
+    """Its own steps: K over its downscale without a shift, camera-from-world, meshes in the world."""
+    content = json.loads((shipped / "calibration/camera_calibration.json").read_text())
+    shared, pose = content["cam_data"], np.array(content["world_to_cam"][CAMERAS[2]])
+    lines = (shipped / "sequences/FREE/flame_tracking/meshes_posed/frame_000000.ply").read_bytes()
+    start = lines.index(b"end_header\n") + len(b"end_header\n")
+    vertices = np.frombuffer(lines[start:], "<f4", 3 * len(truth.vertices(9))).reshape(-1, 3)
+    seen = vertices @ pose[:3, :3].T + pose[:3, 3]
+    pixels = seen[:, :2] / seen[:, 2:] * [shared["fx"], shared["fy"]] + [shared["cx"], shared["cy"]]
+    expected = truth.cameras[CAMERAS[2]].project(truth.vertices(SEQUENCES["FREE"][0])) + 0.5
+    np.testing.assert_allclose(pixels, expected, atol=1e-4)

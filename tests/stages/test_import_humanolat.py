@@ -1,0 +1,126 @@
+"""HumanOLAT captures, their cameras written in either direction, compared with what they were made from."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_arrays
+from pipeline.datasets.humanolat import image_of
+from pipeline.geometry.cameras import read_cameras
+from pipeline.stages import calibrate_cameras, calibrate_lights, track_mesh
+from pipeline.stages.import_capture import run
+from pipeline.stages.index_capture import run as index_capture
+from tests.support.datasets.humanolat_layout import (
+    CAMERAS,
+    FULL,
+    LIGHTS,
+    ORDER,
+    TEST_CAMERA,
+    calibration,
+    images_of_lights,
+    true_head,
+    write_humanolat,
+)
+
+DIRECTIONS = ("camera-from-world", "world-from-camera")
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return true_head(image=(32, 48))
+
+
+@pytest.fixture(scope="module")
+def shipped(truth, tmp_path_factory):
+    return write_humanolat(tmp_path_factory.mktemp("set"), truth)
+
+
+def copy_of(shipped, folder):
+    return shutil.copytree(shipped, folder / shipped.name)
+
+
+@pytest.fixture(scope="module", params=DIRECTIONS)
+def imported(request, truth, shipped, tmp_path_factory):
+    """Folders of the native capture and of the results of the stages that follow, and the direction."""
+    folder = tmp_path_factory.mktemp("imported")
+    capture, results = folder / "captures/someone", folder / "results"
+    source = copy_of(shipped, folder)
+    (source / "shared/cameras.calib").write_text(calibration(truth, request.param))
+    run(dataset="humanolat", source=source, subject="someone", out=capture)
+    index_capture(capture=capture, out=results / "index")
+    given = {"capture": capture, "index": results / "index", "out": results / "calibration"}
+    calibrate_cameras.run(**given)
+    calibrate_lights.run(**given, rig=results / "calibration/rig.json")
+    cameras = results / "calibration/cameras.json"
+    track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
+    return capture, results, request.param
+
+
+def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):
+    _, results, _ = imported
+    cameras = read_cameras(results / "calibration/cameras.json")
+    assert sorted(cameras) == CAMERAS
+    for name, camera in cameras.items():
+        pixels, _ = camera.project(truth.vertices(FULL))
+        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(FULL)) + 0.5, atol=1e-6)
+    lights = pd.read_parquet(results / "calibration/lights.parquet").sort_values("light")
+    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=1e-6)
+    arrays = read_arrays(results / "tracking/0000.safetensors")
+    assert arrays["frames"].tolist() == sorted(truth.frames)
+    for vertices in arrays["vertices"]:
+        np.testing.assert_allclose(vertices, truth.vertices(FULL), atol=1e-6)
+
+
+def test_each_image_has_its_light_and_skipped_ones_none(truth, imported):
+    patterns = pd.read_parquet(imported[1] / "index/patterns.parquet")
+    shown = patterns.groupby("frame").light.apply(list).to_dict()
+    assert shown.pop(FULL) == [f"L{light:03d}" for light in range(LIGHTS)]
+    assert shown == {number: [f"L{light:03d}"] for number, light in images_of_lights().items()}
+    # The numbers that the set's page lists.
+    listed = {0: 15, 18: 33, 19: 35, 38: 54, 39: 56, 318: 348, 319: 350, 330: 361}
+    assert {k: image_of(k) for k in listed} == listed
+
+
+def test_the_direction_is_said_with_both_numbers(imported):
+    described = yaml.safe_load((imported[0] / "capture.yaml").read_text())
+    said = described["imported"]["given"]["cameras"]
+    assert f"extrinsics read as {imported[2]}, as the masks decide" in said
+    assert all(f"{direction} 0." in said for direction in DIRECTIONS)
+    splits = described["splits"]
+    assert splits["test_cameras"] == [TEST_CAMERA]
+    numbers = list(images_of_lights())
+    assert (splits["test_patterns"], splits["validation_patterns"]) == (numbers[1::3], numbers[2::3])
+    assert len(ORDER) == len(numbers)
+
+
+def test_masks_that_do_not_decide_are_refused_with_both_numbers(shipped, tmp_path, caplog):
+    root = copy_of(shipped, tmp_path)
+    for path in root.glob("segmentations/masks/000/*.png"):
+        cv2.imwrite(str(path), np.zeros((48, 32), np.uint8))
+    with caplog.at_level(logging.INFO), pytest.raises(InputError) as caught:
+        run(dataset="humanolat", source=root, subject="x", out=tmp_path / "out")
+    assert "expected one convention to overlap the masks" in str(caught.value)
+    assert all(f"{direction}: 0.000" in str(caught.value) for direction in DIRECTIONS)
+    assert all(f"read as {direction}: overlap" in caplog.text for direction in DIRECTIONS)
+
+
+def test_origins_that_contradict_the_masks_are_refused(truth, shipped, tmp_path):
+    root = copy_of(shipped, tmp_path)
+    path = root / "shared/cameras.calib"
+    lines, number = path.read_text().splitlines(), -1
+    for n, line in enumerate(lines):
+        number += line.startswith("camera\t")
+        if line.startswith("origin"):
+            camera = truth.cameras[CAMERAS[number]]
+            lines[n] = "origin\t" + " ".join(str(1000 * value) for value in camera.t)
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match="lines origin that agree with the masks"):
+        run(dataset="humanolat", source=root, subject="x", out=tmp_path / "out")

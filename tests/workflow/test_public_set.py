@@ -1,0 +1,70 @@
+"""A public set named in one line of configuration, from its own layout to the table of metrics."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.support.datasets.goliath_layout import CAMERAS, true_head, write_goliath
+
+TARGET = "results/someone/metrics.csv"
+CHEAP = "unwrap_atlas: {size: 32}\ntrain_avatar: {steps: 4}\nevaluate_avatar: {pictures: false}\n"
+
+STAGES = [
+    "import_capture", "index_capture", "calibrate_cameras", "calibrate_color", "calibrate_lights", "book_patterns",
+    "track_mesh", "unwrap_atlas", "plan_effects", "bake_textures", "pack_shards", "train_avatar",
+    "evaluate_avatar_without_pictures",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(copy_of_project, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("public")
+    workflow = copy_of_project(folder / "project")
+    shipped = write_goliath(folder / "sets", true_head(image=(32, 48)))
+    (workflow.folder / "config/subjects/someone.yaml").write_text(f"source: goliath\npath: {shipped}\n{CHEAP}")
+    return workflow, shipped, workflow.ran(TARGET, "--config", "training_processes=1")
+
+
+def test_one_line_of_configuration_leads_to_metrics(made):
+    workflow, _, ran = made
+    assert sorted(set(ran)) == sorted(STAGES)
+    table = pd.read_csv(workflow.folder / TARGET)
+    scored = table[table.images > 0]
+    assert {"test_cameras", "test_segments"} <= set(scored.split)
+    assert np.isfinite(scored.psnr_db).all()
+    assert workflow.planned(TARGET) == {}
+
+
+def test_images_stay_where_the_set_has_them(made):
+    workflow, shipped, _ = made
+    capture = workflow.folder / "captures/someone"
+    assert (capture / "source").resolve() == shipped.resolve()
+    own = sum(path.stat().st_size for path in capture.iterdir() if path.is_file())
+    images = sum(path.stat().st_size for path in (shipped / "image").iterdir())
+    assert own < images
+    described = json.loads((workflow.folder / "results/someone/index/capture.json").read_text())
+    assert described["imported"]["dataset"] == "goliath"
+
+
+def test_changed_calibration_of_the_set_is_imported_anew_and_smaller_chunks_are_counted(made):
+    workflow, shipped, _ = made
+    path = shipped / "camera_calibration.json"
+    content = json.loads(path.read_text())
+    next(entry for entry in content["KRT"] if entry["cameraId"] == CAMERAS[0])["K"][0][0] *= 1.001
+    path.write_text(json.dumps(content))
+    assert workflow.planned(TARGET)["import_capture"] == 1
+    # What was imported says how many frames there are: eleven are left of fourteen.
+    assert workflow.planned("results/someone/tracking/review", "--config", "chunk_frames=4")["track_mesh"] == 3
+
+
+def test_a_folder_that_is_not_there_is_named(made):
+    workflow, shipped, _ = made
+    config = workflow.folder / "config/subjects/other.yaml"
+    config.write_text(f"source: goliath\npath: {shipped}x\n")
+    printed = workflow.refused("results/other/metrics.csv")
+    config.unlink()
+    assert "config/subjects/other.yaml: path: expected the folder of a goliath capture, found none" in printed
