@@ -54,7 +54,7 @@ def depths_of(
         primitives.options = replace(primitives.options, median_depth=source == "median")
         avatar = loaded.avatar.variant(primitives=primitives)
         prepared = avatar.prepare(inputs)
-        picture = avatar.draw(prepared, avatar.layers(prepared, camera.center), camera)
+        picture = avatar.draw(prepared, avatar.layers(prepared, camera.center).stacked(), camera)
         yield source, depth_of_pixels(source, picture, inputs.mesh, camera), picture.alpha
 
 

@@ -21,20 +21,22 @@ from pipeline.avatar.appearance.models import (
     ShadowModel,
     SpecularModel,
 )
-from pipeline.avatar.appearance.normals import GaussianNormals, MeshNormals, TangentNormals
+from pipeline.avatar.appearance.normals import GaussianNormals, HeadNormals, MeshNormals, TangentNormals
 from pipeline.avatar.appearance.shadows import LearnedShadow, TracedShadow
 from pipeline.avatar.appearance.unturned_harmonics import UnturnedHarmonics
 from pipeline.avatar.appearance.viewed_harmonics import ViewedHarmonics
 from pipeline.avatar.appearance.zonal_transfer import ZonalTransfer
 from pipeline.avatar.frames.light_fields import FarField, LightField, NearField
-from pipeline.avatar.geometry.gaussians_on_texels import GaussiansOnTexels
+from pipeline.avatar.geometry.gaussians_on_texels import GaussiansInHead, GaussiansOnTexels
 from pipeline.avatar.geometry.primitives import Primitives
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_store import TexelStore
 
 START_ALBEDO = 0.4
 
-PRIMITIVES: dict[str, type[Primitives]] = {"gaussians": GaussiansOnTexels}
+PRIMITIVES: dict[str, type[Primitives]] = {
+    "gaussians": GaussiansOnTexels, "gaussians_in_head": GaussiansInHead
+}  # fmt: skip
 
 DIFFUSE: dict[str, type[DiffuseModel]] = {
     "transfer": ZonalTransfer, "harmonics": UnturnedHarmonics, "microfacet": Lambert,
@@ -42,7 +44,7 @@ DIFFUSE: dict[str, type[DiffuseModel]] = {
 }  # fmt: skip
 
 NORMALS: dict[str, type[NormalModel]] = {
-    "mesh": MeshNormals, "gaussian": GaussianNormals, "tangent": TangentNormals
+    "mesh": MeshNormals, "gaussian": GaussianNormals, "tangent": TangentNormals, "head": HeadNormals
 }  # fmt: skip
 
 SPECULAR: dict[str, type[SpecularModel]] = {

@@ -10,11 +10,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.avatar.appearance.glossy import GlossySamples
 from pipeline.avatar.appearance.layers import Layers
 from pipeline.avatar.appearance.lobes import SMALLEST_ALPHA
 from pipeline.avatar.build import build_parts
@@ -41,11 +43,13 @@ class Picture:
         rgb: linear RGB over black.
         alpha: coverage in [0, 1).
         normal: blended shading normals, if a lobe is evaluated per pixel.
+        eye_visibility: specular visibility of eye texels, if it was decoded for this camera.
     """
 
     rgb: Float[Tensor, "h w 3"]
     alpha: Float[Tensor, "h w"]
     normal: Float[Tensor, "h w 3"] | None = None
+    eye_visibility: Float[Tensor, " eye_texels"] | None = None
 
 
 class Avatar(TexelStore):
@@ -55,7 +59,7 @@ class Avatar(TexelStore):
         atlas: the texels the primitives sit on.
         spacing: size of each texel on the rest surface along tangent and bitangent, metres [texels, 2].
         spec: what is built.
-        eyes: of eyes.json, by name, for an avatar with explicit eyes.
+        eyes: of eyes.json, by name, for an avatar with explicit eyes, or whose networks are told where they look.
     """
 
     def __init__(
@@ -64,12 +68,14 @@ class Avatar(TexelStore):
     ) -> None:  # fmt: skip
         super().__init__(atlas, spacing)
         self.spec, self.networks, self.eyes = spec, None, None
-        self.built = build_parts(self, spec)
+        self.built, self.fitted_eyes = build_parts(self, spec), dict(eyes or {})
         if spec.decoded:
-            build = HeadNetworks if spec.head else BodyNetworks
+            build = partial(HeadNetworks, eyes=eyes or {}) if spec.head else BodyNetworks
             self.networks = build(atlas, spec, self.shared(), float(spacing.mean()))
         if spec.eyes:
             self.eyes = Eyes(atlas, eyes or {}, self.log_scale.detach().exp())
+            if spec.eye_parameters == "decoded":
+                self.eyes.add_decoders(spec, self.shared())
             with torch.no_grad():
                 for name, values in self.eyes.start(spec, dict(self.named_parameters())).items():
                     getattr(self, name)[self.eyes.chosen] = values
@@ -134,33 +140,43 @@ class Avatar(TexelStore):
         layers = self.layers(frame, camera.center)
         picture = self.draw(frame, layers.stacked(), camera)
         images = layers.images(picture.features)
-        return Picture(self.shade_pixels(images, picture, frame, camera), picture.alpha, images.normal)
+        rgb, of_eyes = self.shade_pixels(images, picture, frame, camera), None
+        if self.eyes is not None and self.eyes.decoders is not None and layers.mirrors is not None:
+            of_eyes = layers.mirrors[self.eyes.chosen, 0]
+        return Picture(rgb, picture.alpha, images.normal, of_eyes)
 
     def draw(self, frame: PreparedFrame, features: Float[Tensor, "texels channels"], camera: CameraView) -> Splatted:
-        """Blend features of the primitives that face the camera."""
+        """Blend features of the primitives, by default of those that face the camera (RFGCA 2)."""
         gaussians = frame.gaussians
-        # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
-        toward = camera.center - gaussians.means.detach()
-        facing = (frame.surface.posed.normals * toward).sum(-1) > 0
-        shown = replace(gaussians, opacities=gaussians.opacities * facing)
-        return self.built.primitives.draw(shown, features, camera)
+        if self.spec.cull_backs:
+            # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
+            toward = camera.center - gaussians.means.detach()
+            facing = (frame.surface.posed.normals * toward).sum(-1) > 0
+            gaussians = replace(gaussians, opacities=gaussians.opacities * facing)
+        return self.built.primitives.draw(gaussians, features, camera)
 
     def viewed(self, frame: PreparedFrame, center: Float[Tensor, "3"]) -> ViewedParameters:
-        """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9)."""
-        if self.networks is None:
-            return ViewedParameters()
-        return self.networks.viewed(frame.decoded, frame.surface, center)
+        """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9, 10)."""
+        viewed = ViewedParameters()
+        if self.networks is not None:
+            viewed = self.networks.viewed(frame.decoded, frame.surface, center)
+        return viewed if frame.eyes is None else self.eyes.viewed(frame, center, viewed)
+
+    def samples(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples | None:
+        """Texels as samples of the lobe, normals as a camera bends them; None without a lobe."""
+        samples = self.built.specular.samples(frame, viewed)
+        if samples is None or viewed.normal_offset is None:
+            return samples
+        around = (frame.parameters, frame.surface.axes, frame.surface.posed)
+        return replace(samples, normals=self.built.normals.bend(*around, viewed.normal_offset))
 
     def layers(self, frame: PreparedFrame, center: Float[Tensor, " 3"]) -> Layers:
         """Layers that are blended for one camera. Light that the shadow network dims is a layer of its own."""
         specular, color, lobe, mirrors = self.built.specular, frame.shading.diffuse, {}, None
         viewed = self.viewed(frame, center)
-        added, samples = specular.texel_light(frame, viewed, center), specular.samples(frame, viewed)
-        if samples is not None and viewed.normal_offset is not None:
-            around = (frame.parameters, frame.surface.axes, frame.surface.posed)
-            samples = replace(samples, normals=self.built.normals.bend(*around, viewed.normal_offset))
+        added, samples = specular.texel_light(frame, viewed, center), self.samples(frame, viewed)
         if frame.eyes is not None:
-            color = self.eyes.seen_from(frame, center, color)
+            color = self.eyes.seen_from(frame, center, color, viewed.eye_gain)
             mirrors = self.eyes.mirrors(frame.eyes, specular.mirrors(frame, viewed))
             if mirrors is not None:
                 added, samples = self.eyes.without_gloss(added, samples)
@@ -195,5 +211,8 @@ class Avatar(TexelStore):
             light = specular.reflect(mirrors, frame, camera.center)
             color = color.index_put((row, column), light.expand(-1, 3), accumulate=True)
         if images.shadow is not None:
-            color = color * (images.shadow / alpha[..., None].clamp_min(SMALLEST_ALPHA))
+            shadow = images.shadow
+            if self.spec.screen_maps == "normalised":
+                shadow = shadow / alpha[..., None].clamp_min(SMALLEST_ALPHA)
+            color = color * shadow
         return color if images.indirect is None else color + images.indirect

@@ -27,3 +27,8 @@ class EvaluateAvatar(Settings):
         "empty: torch's hub cache. Without it LPIPS stays empty",
     )
     pictures: bool = Field(True, description="Write the worst, median and best image of each avatar side by side")
+    intrinsic_layers: bool = Field(
+        True,
+        description="Beside pictures, write of what each avatar's light is made in its median image: albedo, normal, "
+        "roughness, visibility, diffuse and specular light, shadow",
+    )

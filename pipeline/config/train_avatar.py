@@ -20,6 +20,16 @@ ANALYTIC = ("microfacet", "combined")
 """Shadings by Lambert and GGX, with every light shadowed by itself."""
 
 DepthSource = Literal["expected", "normalised", "median", "traced"]
+Fresnel = Literal["schlick", "none"]
+ScreenMaps = Literal["normalised", "accumulated"]
+ShadowInput = Literal["cosine", "irradiance"]
+CodeStart = Literal["components", "random"]
+TexelFrame = Literal["tangent", "head"]
+Bound = Literal["log", "paper"]
+EyeParameters = Literal["texels", "decoded"]
+Lids = Literal["traced", "learned"]
+LossSpace = Literal["srgb", "linear"]
+LossMean = Literal["subject", "picture"]
 
 
 class TrainAvatar(Settings):
@@ -29,7 +39,10 @@ class TrainAvatar(Settings):
     """
 
     steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
-    cameras_per_step: int = Field(2, ge=1, description="Images of one frame in each step [images]")
+    cameras_per_step: int = Field(2, ge=1, description="Images of each frame in a step [images]")
+    frames_per_step: int = Field(
+        1, ge=1, description="Frames whose gradients are averaged in each step, each with its cameras_per_step [frames]"
+    )
     steps_together: int = Field(
         2,
         ge=1,
@@ -72,6 +85,11 @@ class TrainAvatar(Settings):
         "vector's angle to the normal, of the cosine, or, for heads, SH that the view decoder gives (EyeNeRF); auto: "
         "half for heads, angular for bodies, which environment maps can light through prefiltered panoramas then",
     )
+    fresnel: Fresnel = Field(
+        "schlick",
+        description="How a lobe about the mirror direction, or of eyes, grows towards grazing views: as on glass, or "
+        "not, so that the visibility has to learn it (RFGCA 12, RGCA 8)",
+    )
     specular: Mode = Field("auto", description="The specular lobe (RFGCA 10-14), or GGX")
     shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")
     near_field: Mode = Field("auto", description="Lights at their distance; off: one direction per light and frame")
@@ -81,10 +99,31 @@ class TrainAvatar(Settings):
         "auto",
         description="Eyes as two spheres each that turn with the gaze (RGCA section 3.4), as fit_eyes finds them",
     )
+    eye_parameters: EyeParameters = Field(
+        "texels",
+        description="Parameters of eyes: a value per texel, and an albedo by view; or what decoders add for gaze, pose "
+        "of the head, and view (RGCA 10)",
+    )
+    lids: Lids = Field(
+        "traced", description="What lids hide from eyes: traced past the skin, or left to the eyes' decoders (RGCA 10)"
+    )
+    eye_channels: tuple[int, ...] = Field(
+        (16, 8),
+        min_length=1,
+        description="Channels between the layers of an eye's decoders; n of them decode 8 * 2^n texels a side",
+    )
     depth: DepthSource = Field(
         "traced",
         description="How far a pixel's point is that the lobe is evaluated at: splatted depth as it is, divided by "
         "alpha, the depth that half of the light gets past, or the depth of the posed mesh",
+    )
+    screen_maps: ScreenMaps = Field(
+        "normalised",
+        description="Roughness and shadow of a pixel: divided by its alpha, or as blending accumulates them (RFGCA 11, "
+        "16)",
+    )
+    cull_backs: bool = Field(
+        True, description="Leave out Gaussians whose surface faces away from the camera; the papers blend them, too"
     )
     transfer_degree: int = Field(
         8, ge=1, le=8, description="Highest degree of the transfer (RFGCA 7-9, RGCA 5); above 3 it is monochrome"
@@ -98,6 +137,20 @@ class TrainAvatar(Settings):
         "decoded",
         description="Heads: what the Gaussians sit on: vertices decoded from the code (RGCA 4), those tracked, or the "
         "template at rest, moved rigidly",
+    )
+    texel_frame: TexelFrame = Field(
+        "tangent",
+        description="Heads: the frame that offsets, rotations and normals' offsets are kept in: the surface's, or the "
+        "head's (RGCA 3, 9)",
+    )
+    code_start: CodeStart = Field(
+        "components",
+        description="Heads: where encoder and decoder of the vertices start: at their principal components, or as any "
+        "network (RGCA 3, 4)",
+    )
+    gaze_features: bool = Field(
+        False,
+        description="Heads: features of each eye's gaze at its place in the decoders' maps (RGCA 3, 9, supplement A)",
     )
     visibility: Literal["auto", "learned", "traced"] = Field(
         "auto",
@@ -125,6 +178,17 @@ class TrainAvatar(Settings):
         description="Channels that each layer of a decoder reads; n layers decode 8 * 2^n texels a side",
     )
     shadow_width: int = Field(16, ge=1, description="Hidden channels of the shadow network, where shadow is on")
+    shadow_input: ShadowInput = Field(
+        "cosine",
+        description="What the shadow network reads: the cosine visibility, at which it starts, and the irradiance; or "
+        "the irradiance alone (RFGCA 15-16)",
+    )
+    shadow_levels: int = Field(
+        0,
+        ge=0,
+        description="Times that the shadow network halves its map: it sees 7 texels a side at 0, and about twice as "
+        "far with each",
+    )
     supersample: int = Field(2, ge=1, le=4, description="Splat at this many times the image resolution, then average")
     pixel_filter: Literal["box", "gaussian"] = Field(
         "gaussian", description="How splatted samples are averaged to a pixel"
@@ -148,6 +212,16 @@ class TrainAvatar(Settings):
         "captured",
         description="Pixels just outside the mask: as captured (the background is dark) or ignored (it is not)",
     )
+    loss_space: LossSpace = Field("srgb", description="What pictures are compared as: sRGB, or linear light")
+    loss_mean: LossMean = Field(
+        "subject", description="Errors of a picture are divided by the subject's pixels, or by all of the crop's"
+    )
+    bound: Bound = Field(
+        "log",
+        description="Bounds on scales and roughness: squared logarithms of what is beyond, or as printed (RFGCA B.2 in "
+        "metres; heads RGCA 14 and 16 in millimetres)",
+    )
+    offset_unit: Literal["texel", "metre"] = Field("texel", description="What weight_offset takes offsets in")
     weight_photometric: float = Field(1.0, ge=0, description="Weight of the L1 between pictures (lambda_l1)")
     weight_ssim: float = Field(0.0, ge=0, description="Weight of D-SSIM, (1 - SSIM) / 2, of pictures (lambda_ssim)")
     weight_geometry: float = Field(
@@ -157,8 +231,11 @@ class TrainAvatar(Settings):
         2e-4, ge=0, description="Heads: weight of the latent code's divergence from a standard normal (lambda_kl)"
     )
     weight_mask: float = Field(0.01, ge=0, description="Weight of the L1 between alpha and mask (lambda_mask)")
-    weight_offset: float = Field(0.05, ge=0, description="Weight of the squared offset, in texel sizes (lambda_offset)")
-    weight_scale: float = Field(0.01, ge=0, description="Weight of the bounds on scales and roughness (lambda_bound)")
+    weight_offset: float = Field(0.05, ge=0, description="Weight of squared offsets, see offset_unit (lambda_offset)")
+    weight_scale: float = Field(0.01, ge=0, description="Weight of the bounds on scales (lambda_bound, lambda_s)")
+    weight_roughness: float | None = Field(
+        None, ge=0, description="Weight of the bounds on roughness; null: as weight_scale (RGCA has none)"
+    )
     weight_normal: float = Field(0.05, ge=0, description="Weight of the squared normal offset (lambda_normal)")
     normal_steps: int = Field(
         0, ge=0, description="Steps over which weight_normal falls to zero; 0: it stays as it is [steps]"
@@ -194,6 +271,9 @@ class TrainAvatar(Settings):
         ge=0,
         description="Weight of negative colour and negative albedo, squared (lambda_c-): there is no such light",
     )
+    weight_negative_albedo: float | None = Field(
+        None, ge=0, description="Of these, the weight of negative albedo; null: as weight_negative (RGCA has none)"
+    )
     weight_smooth: float = Field(
         0.6,
         ge=0,
@@ -223,7 +303,7 @@ class TrainAvatar(Settings):
             shading = "harmonics"
         if avatar == "head" and shading not in ANALYTIC:
             planned = set(planned) - {"shadow"}  # RGCA 5: what hides a light is in the transfer
-        modes = {
+        modes: dict[str, object] = {
             name: "on" if name in planned else "off"
             for name in ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
             if getattr(self, name) == "auto"
@@ -238,6 +318,8 @@ class TrainAvatar(Settings):
             # Where nothing is in the way of a light, nothing sends light to another part either.
             shadow = modes.get("shadow", self.shadow)
             modes["indirect"] = "bounce" if shading in ANALYTIC and shadow == "on" else "none"
+        # A capture that declares no eyes has no gaze to tell.
+        modes["gaze_features"] = self.gaze_features and ("eyes" in planned or self.eyes == "on")
         return self.model_copy(update=modes | {"avatar": avatar, "shading": shading})
 
     def reads_irradiance(self, planned: Collection[str], kind: Kind = "body") -> bool:
@@ -250,8 +332,15 @@ class TrainAvatar(Settings):
         return self.decided((), kind).avatar == "head"
 
     def reads_eyes(self, planned: Collection[str]) -> bool:
-        """True if an avatar with these settings has explicit eyes."""
-        return self.decided(planned).eyes == "on"
+        """True if an avatar with these settings has explicit eyes, or is told where they look."""
+        decided = self.decided(planned)
+        return decided.eyes == "on" or decided.gaze_features
+
+    @model_validator(mode="after")
+    def _lids_are_learned_by_decoders(self) -> TrainAvatar:
+        if self.lids == "learned" and self.eye_parameters != "decoded":
+            raise ValueError("lids: learned: expected eye_parameters: decoded, which learn them, found texels")
+        return self
 
     @model_validator(mode="after")
     def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:

@@ -57,6 +57,30 @@ def project_environment(environment: Environment) -> Float64[np.ndarray, "81 3"]
     return sum(spherical_harmonics(torch.from_numpy(row)).numpy().T @ irradiances for row, irradiances in rows)
 
 
+def even_directions(count: int) -> Float64[np.ndarray, "n 3"]:
+    """Unit directions spread evenly over the sphere (Fibonacci lattice)."""
+    place = np.arange(count) + 0.5
+    height, angle = 1 - 2 * place / count, np.pi * (1 + np.sqrt(5)) * place
+    across = np.sqrt(1 - height**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), height], 1)
+
+
+def turned_light(light: Float[Tensor, "81 channels"], turn: Float[Tensor, "3 3"]) -> Float[Tensor, "81 channels"]:
+    """L_lm of light whose directions are turned by `turn`.
+
+    Harmonics of turned directions are sums of harmonics of the same degree: Y(turn w) = D Y(w). D is found at more
+    directions than there are harmonics, in float64, which is exact to rounding.
+    """
+    directions = torch.as_tensor(even_directions(4 * COEFFICIENTS))
+    still, moved = (spherical_harmonics(d) for d in (directions, directions @ turn.detach().double().cpu().T))
+    turned = torch.zeros(light.shape, dtype=torch.float64)
+    for degree in range(DEGREES):
+        own = slice(degree**2, (degree + 1) ** 2)
+        D = torch.linalg.lstsq(still[:, own], moved[:, own]).solution.T
+        turned[own] = D @ light[own].double().cpu()
+    return turned.to(light)
+
+
 def gather_environment(
     axes: Float[Tensor, "points 3 3"], light: Float[Tensor, "coefficients channels"]
 ) -> Float[Tensor, "points 3 degrees channels"]:

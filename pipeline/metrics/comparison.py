@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -18,6 +20,7 @@ ENLARGE = 3
 LABEL_HEIGHT, BAR_WIDTH, GAP = 22, 64, 6
 WHITE = (255, 255, 255)
 PANELS = ("captured", "rendered", "error")
+PANELS_IN_ROW = 4
 
 
 def preview_srgb(rgb_linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
@@ -47,6 +50,28 @@ def side_by_side(
     for i, title in enumerate(PANELS):
         _write(titles, title, (4 + i * step, 2 * LABEL_HEIGHT - 7))
     return np.vstack([titles, row])
+
+
+def labelled_panels(
+    pictures: Mapping[str, Float[np.ndarray, "h w 3"]], label: str
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw pictures in rows of `PANELS_IN_ROW`, each under its title and all under a label.
+
+    sRGB in [0, 1] of one size in, 8-bit sRGB out.
+    """
+    height, width = next(iter(pictures.values())).shape[:2]
+    times = ENLARGE if height < SMALL_SIDE else 1
+    cell_height, cell_width = LABEL_HEIGHT + times * height, times * width + GAP
+    rows, columns = -(-len(pictures) // PANELS_IN_ROW), min(len(pictures), PANELS_IN_ROW)
+    drawn = np.zeros((LABEL_HEIGHT + rows * cell_height, columns * cell_width - GAP, 3), np.uint8)
+    _write(drawn, label, (4, LABEL_HEIGHT - 7))
+    for place, (title, picture) in enumerate(pictures.items()):
+        row, column = divmod(place, PANELS_IN_ROW)
+        top, left = LABEL_HEIGHT + row * cell_height, column * cell_width
+        _write(drawn, title, (left + 4, top + LABEL_HEIGHT - 7))
+        panel = np.round(picture.clip(0, 1) * 255).astype(np.uint8).repeat(times, 0).repeat(times, 1)
+        drawn[top + LABEL_HEIGHT : top + cell_height, left : left + panel.shape[1]] = panel
+    return drawn
 
 
 def split_picture(picture: UInt8[np.ndarray, "height width 3"]) -> dict[str, UInt8[np.ndarray, "h w 3"]]:

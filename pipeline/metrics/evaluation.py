@@ -61,9 +61,11 @@ SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     # What RGCA's tables 1 and 2 tell apart: new expressions, and new light on expressions between those of training.
     "held_out_segments": lambda t: t.test_segment & ~t.test_camera,
     "held_out_lights": lambda t: (t.test_frame | t.test_pattern) & ~(t.test_segment | t.test_camera | t.fully_lit),
+    # What RFGCA's table 1 scores: poses that training did not see, from cameras that it did not have.
+    "novel_view_and_pose": lambda t: t.test_camera & (t.test_frame | t.test_segment),
 }
-TABLES = ("held_out_segments", "held_out_lights")
-"""Splits that have columns of their own in ablations.csv, and tables in the report: the two tables of RGCA."""
+TABLES = ("held_out_segments", "held_out_lights", "novel_view_and_pose")
+"""Splits that have columns of their own in ablations.csv, and tables in the report: those of RGCA and of RFGCA."""
 
 LIT: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "all": lambda t: pd.Series(True, t.index),

@@ -32,6 +32,7 @@ SPLIT_NAMES = {
     "test": "all test images", VALIDATION: "validation images", "test_cameras": "new cameras",
     "test_frames": "new frames", "test_segments": "new segments", "test_patterns": "new patterns",
     "held_out_segments": "new segments, known cameras", "held_out_lights": "new light, known cameras and segments",
+    "novel_view_and_pose": "new poses from new cameras",
 }  # fmt: skip
 LIT_NAMES = {"all": "all light", "full": "fully lit", "partial": "partially lit"}
 SIGNIFICANT = 0.05
@@ -157,7 +158,7 @@ def ablations(results: Results) -> Part:
 
 
 def held_out_tables(metrics: pd.DataFrame, costs: pd.DataFrame) -> str:
-    """Tables of scores, one per split of RGCA's tables that holds images.
+    """Tables of scores, one per split of the papers' tables that holds images.
 
     Each avatar has its scores and the time of a picture.
     """

@@ -4,7 +4,8 @@ In: shards and one folder per avatar (its name is the variant). Each held-out im
 pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
 stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet, ablations.csv (a row per
 variant: its scores on all test images, on validation images, on new segments and on new light, and what it costs) and
-images/VARIANT_{worst,median,best}.png of test images.
+images/VARIANT_{worst,median,best}.png of test images; images/VARIANT_layers.png shows albedo, normal, roughness,
+visibility, diffuse and specular light and shadow of the median one (RGCA Figure 3).
 """
 
 from __future__ import annotations
@@ -12,20 +13,23 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.avatar.intrinsic_layers import IntrinsicLayers, as_pictures
+from pipeline.avatar.training.checkpoint import camera_view, load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, write_table
 from pipeline.base.splits import VALIDATION
 from pipeline.capture.images import write_png
+from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
-from pipeline.metrics.comparison import side_by_side
+from pipeline.metrics.comparison import labelled_panels, side_by_side
 from pipeline.metrics.evaluation import (
     COLOR_SPACE,
     LIT,
@@ -42,6 +46,9 @@ from pipeline.metrics.image_metrics import asked_metrics, metrics_in
 from pipeline.metrics.lpips import open_lpips
 
 log = logging.getLogger("evaluate_avatar")
+
+LAYERS = "layers"
+"""End of the names of pictures of intrinsic layers."""
 
 TIMED_IMAGES = 9
 """Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
@@ -90,8 +97,11 @@ def run(
     protocol = {"color_space": COLOR_SPACE, "region": region(metrics), **network}
 
     means, singles, ablations = [], [], []
-    if not settings.pictures:  # those of an earlier run would stand beside scores that are not theirs
-        remove_pictures(out / "images")
+    # Those of an earlier run would stand beside scores that are not theirs.
+    if not settings.pictures:
+        remove_pictures(out / "images", SHOWN)
+    if not (settings.pictures and settings.intrinsic_layers):
+        remove_pictures(out / "images", (LAYERS,))
     for folder, path in zip(avatars, frames, strict=True):
         avatar = load_avatar(folder, atlas)
         render = avatar.render
@@ -105,6 +115,8 @@ def run(
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", *(metric.name for metric in metrics)]].to_dict())
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
+        if settings.pictures and settings.intrinsic_layers:
+            write_layers(out / "images", folder.name, avatar.intrinsic_layers, per_image, images, lit[path])
     write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
     write_table(out / "ablations.csv", pd.DataFrame(ablations))
@@ -157,9 +169,23 @@ def write_pictures(
         write_png(folder / f"{variant}_{name}.png", side_by_side(captured, rendered, label))
 
 
-def remove_pictures(folder: Path) -> None:
-    """Delete what `write_pictures` wrote, and the folder if that was all."""
-    for path in [path for name in SHOWN for path in folder.glob(f"*_{name}.png")]:
+def write_layers(
+    folder: Path, variant: str, layers_of: Callable[[FrameRecord, ImageRecord], IntrinsicLayers],
+    per_image: pd.DataFrame, images: ImageShards, frames: FrameShards,
+) -> None:  # fmt: skip
+    """Write VARIANT_layers.png, the intrinsic layers of the median image, if there is one."""
+    row = worst_median_best(per_image).get("median")
+    if row is None:
+        return
+    image = images[int(row["index"])]
+    layers = layers_of(frames[image.frame], image)
+    label = f"{variant}: {image.camera}, frame {image.frame}"
+    write_png(folder / f"{variant}_{LAYERS}.png", labelled_panels(as_pictures(layers, camera_view(image)), label))
+
+
+def remove_pictures(folder: Path, names: Sequence[str]) -> None:
+    """Delete pictures of all variants that end in these names, and the folder if that was all."""
+    for path in [path for name in names for path in folder.glob(f"*_{name}.png")]:
         path.unlink()
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()

@@ -27,6 +27,7 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
 from pipeline.avatar.training.local_processes import partners, suggested_processes
+from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.training import BrokenStep, Portion, Position, Training
 from pipeline.avatar.training.training_images import Schedule, chosen_images, require_no_held_out
 from pipeline.avatar.training.training_log import TrainingLog
@@ -93,13 +94,16 @@ def run(
         spec = resolve_spec(settings, planned, "head" if is_head else "body")
         if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in inputs.values()):
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
-        if spec.eyes and fitted_eyes is None:
-            raise InputError("--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off")
-        read = [*(shards / "train").glob("[!.]*.arrow"), *frames.glob("[!.]*.arrow"), *[fitted_eyes] * spec.eyes]
+        if spec.reads_eyes and fitted_eyes is None:
+            raise InputError(
+                "--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off and "
+                "gaze_features: false"
+            )
+        read = [*(shards / "train").glob("[!.]*.arrow"), *frames.glob("[!.]*.arrow"), *[fitted_eyes] * spec.reads_eyes]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
         torch.manual_seed(seed_for(subject, "train_avatar"))
-        fitted = read_eyes(fitted_eyes) if spec.eyes else None
+        fitted = read_eyes(fitted_eyes) if spec.reads_eyes else None
         avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
         lit = {number: frame.record for number, frame in inputs.items()}
         chosen = chosen_images(images.table, lit, settings, subject)
@@ -109,6 +113,9 @@ def run(
         log.info("%s: %s", spec.in_words, reason_of(settings, effects))
         if unread := unread_settings(settings, spec):
             log.warning("set, but read by nothing that is built: %s", ", ".join(unread))
+        dropped = dropped_terms(settings)
+        for name, why in dropped.items():
+            log.info("the loss has no term %s: %s", name, why)
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
         training = Training(avatar, settings, processes, subject, len(chosen))
         done = train(subject, training, images, chosen, inputs, out, fingerprint)
@@ -116,7 +123,7 @@ def run(
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
             facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
-            facts |= {"built": spec.in_words, "why": reason_of(settings, effects)}
+            facts |= {"dropped_terms": dropped, "built": spec.in_words, "why": reason_of(settings, effects)}
             facts |= {"seconds": round(done.seconds, 1), "texels": len(texels.face), "parameters": parameters}
             save_avatar(out, avatar, facts)
             for name in (CHECKPOINT, BROKEN):
@@ -146,14 +153,16 @@ def train(
     if (out / CHECKPOINT).exists():
         log.info("continuing after %d steps", at.step) if at.step else log.info("checkpoint of other work: not used")
     frame_of_image = images.table.frame.iloc[chosen].tolist()
-    schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together)
+    in_step = settings.frames_per_step
+    schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together * in_step)
     left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
     with StopRequests() as stop, open_log(out, images, chosen, frames, training, at) as training_log:
         for first in progress(left, "train_avatar") if processes.is_main else left:
             if first < at.step:
                 continue  # was done in the round of those before it
             steps = range(first, min(first + settings.steps_together, settings.steps))
-            batches = [[chosen[i] for i in schedule[step]] for step in steps]
+            groups = range(steps[0] * in_step, (steps[-1] + 1) * in_step)
+            batches = [[chosen[i] for i in schedule[group]] for group in groups]
             portions = [portion(images, frames, processes, batches, place) for place in range(len(batches))]
             try:
                 values, stopping = training.take_round(first, portions, bool(stop.received))
@@ -161,7 +170,9 @@ def train(
                 write_state(training, out / BROKEN, at, fingerprint)
                 batch = images.table.iloc[batches[error.row]]
                 names = ", ".join(f"{row.camera}/{row.frame}" for row in batch.itertuples())
-                raise InputError(f"step {steps[error.row]}, {names}: {error}; before it: {out / BROKEN}") from error
+                raise InputError(
+                    f"step {steps[error.row // in_step]}, {names}: {error}; before it: {out / BROKEN}"
+                ) from error
             at.step, at.seconds = steps[-1] + 1, before + time.monotonic() - started
             if training_log:
                 for step, terms in zip(steps, values, strict=True):

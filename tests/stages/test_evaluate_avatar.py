@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
+from pipeline.avatar.intrinsic_layers import IntrinsicLayers
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
@@ -37,6 +38,12 @@ class PlantedAvatar:
         return (torch.full((image.height, image.width, 3), LEVEL + self.error * float(frame.irradiance[0]))) * mask[
             ..., None
         ], mask
+
+    def intrinsic_layers(self, frame: FrameRecord, image: ImageRecord) -> IntrinsicLayers:
+        assert frame.frame == image.frame
+        color, one = torch.full((image.height, image.width, 3), LEVEL), torch.ones(image.height, image.width, 1)
+        normal = torch.tensor([0.0, 0.0, -1.0]).expand_as(color)
+        return IntrinsicLayers(color, normal, color, torch.zeros_like(color), one, shadow=one)
 
 
 def record(camera: str, frame: int, **flags) -> ImageRecord:
@@ -124,7 +131,7 @@ def test_the_table_says_what_was_planted(results):
         "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
         "built", "why", "color_space", "region", "lpips_net", "lpips_weights",
     ]  # fmt: skip
-    assert len(table) == 2 * 8 * 3
+    assert len(table) == 2 * 9 * 3
     assert set(table.subject) == {"someone"}
     assert set(table.color_space) == {"sRGB"} and set(table.why) == {"planted"}
     assert (table.built == table.variant).all()
@@ -140,6 +147,7 @@ def test_the_table_says_what_was_planted(results):
         ("test_patterns", "all"): 0, ("test_patterns", "full"): 0, ("test_patterns", "partial"): 0,
         ("held_out_segments", "all"): 1, ("held_out_segments", "full"): 1, ("held_out_segments", "partial"): 0,
         ("held_out_lights", "all"): 1, ("held_out_lights", "full"): 0, ("held_out_lights", "partial"): 1,
+        ("novel_view_and_pose", "all"): 1, ("novel_view_and_pose", "full"): 0, ("novel_view_and_pose", "partial"): 1,
     }  # fmt: skip
     empty = rows.loc[("good", "test_frames", "full")]
     assert empty[["psnr_db", "ssim", "lpips", "flip"]].isna().all()
@@ -161,7 +169,9 @@ def test_lpips_without_weights_is_empty_and_says_why(results):
 def test_pictures(results):
     evaluate(results, "good", "bad")
     names = sorted(path.name for path in (results / "images").iterdir())
-    assert names == [f"{v}_{w}.png" for v in ("bad", "good") for w in ("best", "median", "worst")]
+    assert names == [f"{v}_{w}.png" for v in ("bad", "good") for w in ("best", "layers", "median", "worst")]
+    evaluate(results, "good", intrinsic_layers=False)
+    assert not (results / "images/good_layers.png").exists()
 
 
 def test_without_pictures_none_are_left(results):

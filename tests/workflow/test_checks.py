@@ -90,7 +90,7 @@ def test_preset_is_a_config_file(workflow):
 def test_ablations_are_one_command_for_any_subject(workflow):
     planned = workflow.planned("results/tiny/ablations.csv", "--configfile", "config/presets/ablations.yaml")
     variants = yaml.safe_load((workflow.folder / "config/presets/ablations.yaml").read_text())["variants"]
-    once = {"synthesize_capture": 1, **ALWAYS, "pack_frames_of_variant": 1}
+    once = {"synthesize_capture": 1, **ALWAYS, "pack_frames_of_variant": 2}
     assert planned == {**once, "train_avatar": len(variants)}
 
 

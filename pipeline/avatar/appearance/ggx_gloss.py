@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pipeline.avatar.appearance.glossy import GlossySamples
 from pipeline.avatar.appearance.models import SpecularModel
-from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS, outside
+from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS
 from pipeline.avatar.frames.prepared import PreparedFrame, ViewedParameters
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_parameters import TexelParameters
@@ -53,6 +53,9 @@ class GgxGloss(SpecularModel):
         return GlossySamples(frame.gaussians.means.detach(), frame.surface.bent_normals, sigma, visibility)
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
-        """Widths outside of their bounds, and squared logarithms of the scale."""
-        width = outside(self.store.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS)
-        return {"roughness": width, "gloss": self.store.log_gloss.square().mean()}
+        """Squared logarithms of the scale."""
+        return {"gloss": self.store.log_gloss.square().mean()}
+
+    def bounded(self, parameters: TexelParameters) -> tuple[Float[Tensor, " texels"], float, float]:
+        """Widths and their bounds."""
+        return self.store.log_ggx_width.exp(), *GGX_WIDTH_BOUNDS

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.config.train_avatar import Fresnel
 from pipeline.lighting.lobes import Lobe, angle_between, angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, gather_reflections
 from pipeline.lighting.point_lights import PointLights
@@ -40,16 +41,19 @@ def shade_specular(
     camera_center: Float[Tensor, "3"],
     lights: PointLights,
     lobe: Lobe = angular_gaussian,
+    fresnel: Fresnel = "schlick",
 ) -> Float[Tensor, "n channels"]:
     """Evaluate a lobe about the mirror direction.
 
     RFGCA 11-12 with point lights as Diracs; linear radiance.
 
-    c_s = v F(n . w_o) sum over lights of (I / d^2) G(w_i; q, sigma); F: see `grazing_gain`.
+    c_s = v F(n . w_o) sum over lights of (I / d^2) G(w_i; q, sigma); F: see `grazing_gain`, or 1.
     """
     normals, to_camera = unit(samples.normals), unit(camera_center - samples.points)
     mirrored = mirror_direction(normals, to_camera)
     gathered = gather_specular(samples.points, mirrored, samples.roughness, lights, lobe)
+    if fresnel == "none":
+        return samples.visibility[:, None] * gathered
     return (samples.visibility * grazing_gain(normals, to_camera))[:, None] * gathered
 
 
@@ -72,16 +76,19 @@ def shade_near_mirrors(
     camera_center: Float[Tensor, "3"],
     lights: PointLights,
     lobe: Lobe = angular_gaussian,
+    fresnel: Fresnel = "schlick",
 ) -> Float[Tensor, "n channels"]:
     """Evaluate a lobe at points near each other whose normals change much within a pixel: eyes.
 
-    As `shade_specular`, but F is taken at each light's own half vector, seen from the middle of the points. At the
-    normal of a pixel that covers a sphere's rim it would be that of a grazing mirror for lights that the pixel mirrors
-    elsewhere.
+    As `shade_specular`, but F, if any, is taken at each light's own half vector, seen from the middle of the points.
+    At the normal of a pixel that covers a sphere's rim it would be that of a grazing mirror for lights that the pixel
+    mirrors elsewhere.
     """
     points, intensities = samples.points, lights.intensities
     if not len(points):
         return points.new_zeros(0, intensities.shape[1])
+    if fresnel == "none":
+        return shade_specular(samples, camera_center, lights, lobe, fresnel)
     middle = points.mean(0)
     to_camera, to_light = unit(camera_center - middle), unit(lights.positions_m - middle)
     gain = grazing_gain(unit(to_light + to_camera), to_camera[None])

@@ -11,7 +11,7 @@ from torch import Tensor
 from pipeline.avatar.appearance.glossy import GlossySamples, shade_halfway, shade_specular
 from pipeline.avatar.appearance.layers import Layers
 from pipeline.avatar.appearance.models import SpecularModel
-from pipeline.avatar.appearance.penalties import HALFWAY_BOUNDS, ROUGHNESS_BOUNDS, outside
+from pipeline.avatar.appearance.penalties import HALFWAY_BOUNDS, ROUGHNESS_BOUNDS
 from pipeline.avatar.frames.prepared import PreparedFrame, ViewedParameters
 from pipeline.avatar.geometry.pixel_depth import depth_of_pixels, points_of_pixels
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
@@ -28,6 +28,11 @@ SMALLEST_ALPHA = 1 / 255
 """Pixels with less coverage hold nothing to shade; the rasteriser's own cut-off."""
 
 
+SMALLEST_ROUGHNESS = 1e-3
+"""Least roughness of a pixel that is hardly covered, where that is not divided by alpha, radians: a tenth of the least
+that Gaussians have, and wide enough for the six sigmas of a lobe to be told apart by cosines in float32."""
+
+
 class SpecularLobe(SpecularModel):
     """A lobe with a roughness and a visibility per texel.
 
@@ -37,17 +42,13 @@ class SpecularLobe(SpecularModel):
     """
 
     bounds = ROUGHNESS_BOUNDS
+    works_under_sky = True  # panoramas are prefiltered for lobes about mirror directions
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
-        self.deferred, self.depth = spec.deferred, spec.depth
+        self.deferred, self.depth, self.screen_maps = spec.deferred, spec.depth, spec.screen_maps
         store.add("log_roughness", store.fill(START_ROUGHNESS).log())
         store.add("visibility", store.fill(START_VISIBILITY).logit())
-
-    @property
-    def works_under_sky(self) -> bool:
-        """Panoramas are prefiltered for lobes about mirror directions, and looked up per pixel."""
-        return self.deferred
 
     @abstractmethod
     def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
@@ -72,16 +73,21 @@ class SpecularLobe(SpecularModel):
         normal, roughness, visibility = (
             layer[row, column] for layer in (images.normal, images.roughness, images.visibility)
         )
-        weight = alpha[row, column].clamp_min(SMALLEST_ALPHA)
         mesh = frame.incident.inputs.mesh if self.depth == "traced" else None
         depth = depth_of_pixels(self.depth, picture, mesh, camera)
         points = points_of_pixels(row, column, depth[row, column], camera)
-        pixels = GlossySamples(points, normal, roughness[:, 0] / weight, visibility[:, 0])
+        pixels = GlossySamples(points, normal, self.of_pixels(roughness[:, 0], alpha[row, column]), visibility[:, 0])
         return row, column, self.shade(pixels, frame, camera.center)
 
-    def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
-        """Roughness outside of its bounds."""
-        return {"roughness": outside(parameters.log_roughness.exp(), *self.bounds)}
+    def of_pixels(self, blended: Float[Tensor, " n"], alpha: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """Roughness of pixels, as `screen_maps` says."""
+        if self.screen_maps == "accumulated":
+            return blended.clamp_min(SMALLEST_ROUGHNESS)
+        return blended / alpha.clamp_min(SMALLEST_ALPHA)
+
+    def bounded(self, parameters: TexelParameters) -> tuple[Float[Tensor, " texels"], float, float]:
+        """Roughness and its bounds."""
+        return parameters.log_roughness.exp(), *self.bounds
 
 
 class AngularLobe(SpecularLobe):
@@ -89,7 +95,7 @@ class AngularLobe(SpecularLobe):
 
     def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
         """Lobe about the mirror direction."""
-        return shade_specular(samples, center, frame.incident.lights, self.mirror_lobe)
+        return shade_specular(samples, center, frame.incident.lights, self.mirror_lobe, self.fresnel)
 
 
 class CosineLobe(AngularLobe):

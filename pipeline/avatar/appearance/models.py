@@ -35,6 +35,10 @@ class Part:
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         self.store = store
 
+    def bounded(self, parameters: TexelParameters) -> tuple[Float[Tensor, " texels"], float, float] | None:
+        """Widths of a lobe with their bounds; None for what has none."""
+        return None
+
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:
         """Terms of the training loss, by the name of their weight in the settings, `weight_NAME`."""
         return {}
@@ -76,10 +80,15 @@ class SpecularModel(Part):
 
     Attributes:
         mirror_lobe: G about a mirror direction. Near mirrors, as eyes are, know no other angle.
+        fresnel: how that grows towards grazing views.
     """
 
     works_under_sky = True
     mirror_lobe: Lobe = staticmethod(angular_gaussian)
+
+    def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
+        super().__init__(store, spec)
+        self.fresnel = spec.fresnel
 
     def texel_light(
         self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
@@ -97,7 +106,7 @@ class SpecularModel(Part):
 
     def reflect(self, mirrors: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n channels"]:
         """Linear radiance of mirrors near each other, as eyes are; see `shade_near_mirrors`."""
-        return shade_near_mirrors(mirrors, center, frame.incident.lights, self.mirror_lobe)
+        return shade_near_mirrors(mirrors, center, frame.incident.lights, self.mirror_lobe, self.fresnel)
 
     def under_sky(self) -> SpecularModel:
         """The same parameters under an environment map."""

@@ -63,3 +63,18 @@ class TangentNormals(BentNormals):
     def around(self, axes: Tensor, posed: PosedTexels) -> Float[Tensor, "texels 3 3"]:
         """Tangent frames of the posed mesh."""
         return posed.tangent_frames
+
+
+class HeadNormals(BentNormals):
+    """dn in the head's frame, added to the mesh normal (RGCA 9)."""
+
+    def bend(
+        self, parameters: TexelParameters, axes: Tensor, posed: PosedTexels, added: Tensor | None = None
+    ) -> Float[Tensor, "texels 3"]:
+        """Mesh normals with the offset."""
+        offset = parameters.normal_offset if added is None else parameters.normal_offset + added
+        return unit(posed.normals + offset @ self.around(axes, posed).T)
+
+    def around(self, axes: Tensor, posed: PosedTexels) -> Float[Tensor, "3 3"]:
+        """Axes of the head, alike for all texels."""
+        return posed.world_from_head

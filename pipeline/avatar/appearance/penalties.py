@@ -24,6 +24,10 @@ SMALLEST_VALUE = 1e-30
 """Values are bounded as if they were no smaller: slopes, 2 log(low / v) / v, then fit into float32."""
 
 
+PRINTED_FLOOR = 1e-7
+"""Below this value, in the unit of the bound, the papers' lower branch stays as it is."""
+
+
 def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
     """Mean squared excess over bounds, in units of log: zero inside, finite slope everywhere.
 
@@ -31,6 +35,15 @@ def outside(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
     """
     log = value.clamp_min(SMALLEST_VALUE).log()
     return (torch.relu(math.log(low) - log).square() + torch.relu(log - math.log(high)).square()).mean()
+
+
+def outside_as_printed(value: Tensor, low: float, high: float) -> Float[Tensor, ""]:
+    """Mean of 1 / max(v, 1e-7) below the bounds and (v - high)^2 above (RFGCA B.2, RGCA 14).
+
+    It jumps at the lower bound, and its slopes reach 1e14. Finite for all finite values.
+    """
+    below = torch.where(value < low, 1 / value.clamp_min(PRINTED_FLOOR), torch.zeros_like(value))
+    return (below + torch.relu(value - high).square()).mean()
 
 
 def total_variation(values: Float[Tensor, "texels *channels"], pairs: Int[Tensor, "2 pairs"]) -> Float[Tensor, ""]:

@@ -18,7 +18,7 @@ class LearnedShadow(ShadowModel):
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
-        store.shadow_net = ShadowNet(store.atlas, spec.shadow_width)
+        store.shadow_net = ShadowNet(store.atlas, spec.shadow_width, spec.shadow_input, spec.shadow_levels)
 
     def factor(self, inputs: FrameInputs) -> Float[Tensor, " texels"]:
         """Factors from the traced maps of the frame."""

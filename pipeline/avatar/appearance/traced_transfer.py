@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.transfer import UNTURNED_SCALE
 from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.geometry.texels import Atlas, texel_frames
-from pipeline.lighting.environment_sh import COEFFICIENTS, spherical_harmonics
+from pipeline.lighting.environment_sh import COEFFICIENTS, even_directions, spherical_harmonics
 from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.visibility_bits import trace_bits
 
@@ -25,14 +25,6 @@ DIRECTIONS = 1024
 
 AT_ONCE = 64
 """Directions whose visibility is held in memory."""
-
-
-def even_directions(count: int) -> Float64[np.ndarray, "n 3"]:
-    """Unit directions spread evenly over the sphere (Fibonacci lattice)."""
-    place = np.arange(count) + 0.5
-    height, angle = 1 - 2 * place / count, np.pi * (1 + np.sqrt(5)) * place
-    across = np.sqrt(1 - height**2)
-    return np.stack([across * np.cos(angle), across * np.sin(angle), height], 1)
 
 
 def hidden_harmonics(atlas: Atlas) -> Float[Tensor, "texels 81"]:

@@ -20,7 +20,7 @@ from pipeline.avatar.texels.texel_parameters import TexelParameters
 class UnturnedHarmonics(LearnedTransfer):
     """Diffuse light by coefficients that start at the Lambertian lobe of the normal at rest."""
 
-    reads_harmonics = True
+    reads_harmonics = works_under_sky = True
 
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
         """Lambertian lobe of each normal at rest, less what the template hides if that is traced."""

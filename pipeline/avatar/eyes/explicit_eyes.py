@@ -15,34 +15,34 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
-import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from pipeline.avatar.appearance.glossy import GlossySamples
 from pipeline.avatar.appearance.transfer import TRANSFER, start_harmonics
-from pipeline.avatar.eyes.eye_parts import EyeAlbedo, eye_texels, frame_gaze
+from pipeline.avatar.eyes.eye_decoders import EyeDecoders
+from pipeline.avatar.eyes.eye_parts import EyeAlbedo
+from pipeline.avatar.eyes.eye_spheres import EyeSpheres
 from pipeline.avatar.eyes.lid_occlusion import light_past_lids, trace_lids
+from pipeline.avatar.frames.gaze import frame_gaze
 from pipeline.avatar.frames.inputs import FrameInputs, white_once
-from pipeline.avatar.frames.prepared import Decoded, LidOcclusion, PosedEyes, PreparedFrame
+from pipeline.avatar.frames.prepared import Decoded, LidOcclusion, PosedEyes, PreparedFrame, ViewedParameters
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
-from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
+from pipeline.avatar.texels.posed_texels import PosedTexels
+from pipeline.avatar.texels.texel_parameters import EXPRESSED, TexelParameters
+from pipeline.config.train_avatar import Bound
 from pipeline.eyes.eye_fit import FittedEye
-from pipeline.eyes.eye_shape import EyeSurface, eye_surface, turn_to
-from pipeline.geometry.mesh import unit_or
-from pipeline.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
-from pipeline.geometry.texels import Atlas, any_tangent
+from pipeline.geometry.rotations import multiply_quaternions, quaternion_from_matrix
+from pipeline.geometry.texels import Atlas
 from pipeline.lighting.lobes import unit
 from pipeline.rendering.splat_types import Gaussians
 
 FROZEN = {"offset": (0.0, 0.0, 0.0), "rotation": (1.0, 0.0, 0.0, 0.0), "normal_offset": (0.0, 0.0, 0.0)}
 """Parameters of eye texels that stay as they are."""
 
-MOST_SHIFT_M, MOST_GROWTH, MOST_TURN = 0.002, 0.1, 0.1
-"""How far training may move a centre (metres), change a size (in log) and turn an axis (rad): a few times what fits are
-off by. The optical axis of an eye is 5 degrees, 0.09 rad, off the line of sight that a gaze means. A cornea of 0.65 of
-the eyeball stays smaller than it."""
+EYE_DECODED = tuple(name for name in EXPRESSED if name not in ("offset", "normal_offset"))
+"""Parameters that the eyes' decoders may change: places and normals are those of the spheres (RGCA 10)."""
 
 START_ROUGHNESS = 0.05
 START_VISIBILITY = 0.39
@@ -53,85 +53,25 @@ FILL_MM = 0.1
 """Scales of eye Gaussians that RGCA 16 lets pass, for texels of a sixth of a millimetre."""
 
 
-class Eyes(nn.Module):
-    """All eyes of an avatar; the order of eyes is that of their names.
+class Eyes(EyeSpheres):
+    """All eyes of an avatar; see `EyeSpheres` for what they are made of.
 
     Args:
-        atlas: the texels; an eye's are those whose face has all corners in it.
-        fitted: eyes in the frame of the template at rest.
         scales: start scales of all Gaussians, metres: no eye Gaussian is asked to be smaller.
-
-    Raises:
-        InputError: if an eye names vertices that are not there, or has no texel.
     """
 
     def __init__(self, atlas: Atlas, fitted: Mapping[str, FittedEye], scales: Float[Tensor, "texels 3"]) -> None:
-        super().__init__()
-        names = sorted(fitted)
-        chosen, eye = eye_texels(atlas, {name: fitted[name].vertices for name in names})
-        rest = pose_texels(atlas, atlas.rest_vertices)
-        constants = {
-            "centers": [fitted[name].center for name in names],
-            "axes": [fitted[name].axis for name in names],
-            "sizes": [
-                (s.radius_m, s.cornea_radius_m, s.cornea_offset_m) for s in (fitted[name].shape for name in names)
-            ],
-        }
-        for name, values in constants.items():
-            self.register_buffer(name, torch.tensor(values, dtype=torch.float32), persistent=False)
-        self.register_buffer("chosen", torch.as_tensor(chosen), persistent=False)
-        self.register_buffer("eye", torch.as_tensor(eye), persistent=False)
-        directions = unit_or(rest.points[chosen] - self.centers[self.eye], self.axes[self.eye])
-        self.register_buffer("directions", directions, persistent=False)
-        self.register_buffer("tangents", rest.tangent_frames[chosen, :, 0], persistent=False)
-        self.register_buffer("start_scales", scales[chosen].clone(), persistent=False)
-        self.fitted, self.parts = dict(fitted), [np.asarray(fitted[name].vertices) for name in names]
-        corners = np.isin(atlas.faces, np.concatenate(self.parts))
-        self.skin_faces = atlas.faces[~corners.all(1)].astype(np.int64)
-        self.shift, self.growth, self.turn = (nn.Parameter(torch.zeros(len(names), 3)) for _ in range(3))
-        self.albedo = EyeAlbedo(len(chosen))
-        self.lit_apart = self.shadow_learned = False
+        super().__init__(atlas, fitted)
+        self.register_buffer("start_scales", scales[self.chosen].clone(), persistent=False)
+        self.albedo, self.decoders = EyeAlbedo(len(self.chosen)), None
+        self.lit_apart = self.shadow_learned = self.lids_learned = False
         self._traced: WeakKeyDictionary[FrameInputs, tuple[LidOcclusion, Tensor | None]] = WeakKeyDictionary()
 
-    def refined(self) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
-        """Centres, sizes (r_e, r_c, d) in metres, and turns of the axes, as training has them.
-
-        The turns are the same for all gazes.
-        """
-        half = MOST_TURN / 2 * torch.tanh(self.turn)
-        correction = matrix_from_quaternion(torch.cat([torch.ones_like(half[:, :1]), half], -1))
-        centers = self.centers + MOST_SHIFT_M * torch.tanh(self.shift)
-        return centers, self.sizes * torch.exp(MOST_GROWTH * torch.tanh(self.growth)), correction
-
-    def surface(self, sizes: Float[Tensor, "eyes 3"]) -> EyeSurface:
-        """Texels on eyes at rest, relative to their centres."""
-        return eye_surface(self.directions, self.axes[self.eye], *sizes[self.eye].unbind(-1))
-
-    def placed(
-        self, head: Float[Tensor, "3 4"], gaze: Float[Tensor, "eyes 3"]
-    ) -> tuple[Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3"], Float[Tensor, "eyes 3 3"]]:
-        """Sizes of the eyes, their centres in the world (metres), and their turns from rest.
-
-        Args:
-            head: [R | t], head from world.
-            gaze: directions in the head's frame.
-        """
-        centers, sizes, correction = self.refined()
-        turns = head[:, :3].T @ turn_to(self.axes, gaze) @ correction
-        return sizes, (centers - head[:, 3]) @ head[:, :3], turns
-
-    def pose(
-        self, head: Float[Tensor, "3 4"], gaze: Float[Tensor, "eyes 3"]
-    ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3 3"]]:
-        """Points of the eye texels (metres) and their frames in the world; see `placed`."""
-        sizes, places, turns = self.placed(head, gaze)
-        surface = self.surface(sizes)
-        normal = surface.normals
-        across = self.tangents - (self.tangents * normal).sum(-1, keepdim=True) * normal
-        tangent = unit_or(across, any_tangent(normal.detach()))
-        frames = torch.stack([tangent, torch.linalg.cross(normal, tangent), normal], -1)
-        turn = turns[self.eye]
-        return (turn @ surface.points[..., None])[..., 0] + places[self.eye], turn @ frames
+    def add_decoders(self, spec: AvatarSpec, parameters: TexelParameters) -> None:
+        """Decode what eye texels are, in place of an albedo by view (RGCA 10)."""
+        own = {name: tensor[self.chosen] for name, tensor in parameters.named(EYE_DECODED).items()}
+        self.albedo, self.lids_learned = None, spec.lids == "learned"
+        self.decoders = EyeDecoders(self.directions, self.eye, self.axes, own, spec.eye_channels)
 
     def place(self, decoded: Decoded, inputs: FrameInputs) -> tuple[Decoded, PosedEyes]:
         """Freeze the parameters of eye texels, and put these texels on the spheres of their eyes.
@@ -141,18 +81,41 @@ class Eyes(nn.Module):
         motion = inputs.head_from_world, frame_gaze(inputs, self.parts, self.axes)
         (sizes, places, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
         lids, harmonics = self.traced(inputs)
+        features = None if self.decoders is None else self.decoders.features(motion[1], motion[0], lids.opening)
+        if self.lids_learned:
+            lids = LidOcclusion(torch.ones_like(lids.opening), None)
         quaternions = quaternion_from_matrix(frames.detach().double().cpu().numpy())
         rows = (points, frames, torch.as_tensor(quaternions).to(points))
         old = (decoded.posed.points, decoded.posed.tangent_frames, decoded.posed.quaternions)
         placed = PosedTexels(*(a.index_copy(0, self.chosen, b) for a, b in zip(old, rows, strict=True)))
         corneas = places + sizes[:, 2:] * (turns @ self.axes[..., None])[..., 0]
         balls = torch.cat([places, corneas]), torch.cat([sizes[:, 0], sizes[:, 1]])
+        constants = {name: points.new_tensor(values).repeat(len(points), 1) for name, values in FROZEN.items()}
+        if decoded.posed.world_from_head is not None:  # rotations are kept in that frame, not in the sphere's
+            placed = replace(placed, world_from_head=decoded.posed.world_from_head)
+            constants["rotation"] = in_head(rows[2], decoded.posed.world_from_head)
         frozen = {
-            name: tensor.index_copy(0, self.chosen, points.new_tensor(FROZEN[name]).repeat(len(points), 1))
+            name: tensor.index_copy(0, self.chosen, constants[name])
             for name, tensor in decoded.parameters.named(FROZEN).items()
         }
         parameters = replace(decoded.parameters, **frozen)
-        return replace(decoded, parameters=parameters, posed=placed), PosedEyes(turns, *balls, lids, harmonics)
+        if features is not None:
+            added = self.decoders.decode(features)
+            whole = {name: torch.zeros_like(getattr(parameters, name)) for name in added}
+            parameters = parameters.plus({name: whole[name].index_add(0, self.chosen, added[name]) for name in added})
+        eyes = PosedEyes(turns, *balls, lids, harmonics, features)
+        return replace(decoded, parameters=parameters, posed=placed), eyes
+
+    def viewed(self, frame: PreparedFrame, center: Float[Tensor, " 3"], viewed: ViewedParameters) -> ViewedParameters:
+        """Parameters with what the eyes' decoders add for a camera at `center` (RGCA 10)."""
+        if self.decoders is None:
+            return viewed
+        inputs = frame.incident.inputs
+        toward = unit(center - frame.eyes.centers[: len(self.axes)].detach()) @ inputs.head_from_world[:, :3].T
+        gain, visibility = self.decoders.view(frame.eyes.features, toward)
+        if viewed.visibility is None:
+            return replace(viewed, eye_gain=gain)
+        return replace(viewed, visibility=viewed.visibility.index_add(0, self.chosen, visibility), eye_gain=gain)
 
     @torch.no_grad()
     def traced(self, inputs: FrameInputs) -> tuple[LidOcclusion, Tensor | None]:
@@ -165,7 +128,8 @@ class Eyes(nn.Module):
             (_, _, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
             lids, harmonics = trace_lids(inputs.mesh[0], self.skin_faces, points, frames), None
             if self.lit_apart:
-                skin, lights = None if self.shadow_learned else lids.skin, white_once(inputs.lights)
+                skin = None if self.shadow_learned or self.lids_learned else lids.skin
+                lights = white_once(inputs.lights if inputs.sky is None else inputs.sky.pixels)
                 harmonics = light_past_lids(skin, points, frames[..., 2], turns[self.eye], lights)
             self._traced[inputs] = lids, harmonics
         return self._traced[inputs]
@@ -209,9 +173,12 @@ class Eyes(nn.Module):
         return values.index_copy(0, self.chosen, values[self.chosen] * share)
 
     def seen_from(
-        self, frame: PreparedFrame, center: Float[Tensor, " 3"], color: Float[Tensor, "texels 3"]
-    ) -> Float[Tensor, "texels 3"]:
-        """Diffuse colour with the albedo that the eyes show a camera at `center`."""
+        self, frame: PreparedFrame, center: Float[Tensor, " 3"], color: Float[Tensor, "texels 3"],
+        gain: Float[Tensor, "eye_texels 3"] | None = None,
+    ) -> Float[Tensor, "texels 3"]:  # fmt: skip
+        """Diffuse colour with the albedo that the eyes show a camera; by `gain`, if it was decoded."""
+        if gain is not None:
+            return color.index_copy(0, self.chosen, color[self.chosen] * gain)
         toward = unit(center - frame.gaussians.means.detach()[self.chosen])
         inward = (frame.eyes.turns.detach()[self.eye].mT @ toward[..., None])[..., 0]
         return color.index_copy(0, self.chosen, color[self.chosen] * self.albedo(inward))
@@ -240,15 +207,18 @@ class Eyes(nn.Module):
                     values |= {name: start, f"start_{name}": start}
         return values
 
-    def losses(self, gaussians: Gaussians, visibility: Tensor | None) -> dict[str, Float[Tensor, ""]]:
+    def losses(
+        self, gaussians: Gaussians, visibility: Tensor | None, bound: Bound = "log"
+    ) -> dict[str, Float[Tensor, ""]]:
         """The terms of RGCA 16, unweighted.
 
         Scales (mm) no larger than closes the surface, opacity and visibility 1.
 
         Args:
             visibility: logits of the specular visibility, if there is a lobe.
+            bound: "paper": scales no larger than 0.1 mm, whether that closes the surface or not.
         """
-        most = (1e3 * self.start_scales).clamp_min(FILL_MM)
+        most = (1e3 * self.start_scales * (bound == "log")).clamp_min(FILL_MM)
         terms = {
             "eye_scale": torch.relu(1e3 * gaussians.scales[self.chosen] - most).square().mean(),
             "eye_opacity": (1 - gaussians.opacities[self.chosen]).square().mean(),
@@ -256,3 +226,9 @@ class Eyes(nn.Module):
         if visibility is not None:
             terms["eye_visibility"] = (1 - torch.sigmoid(visibility[self.chosen])).square().mean()
         return terms
+
+
+def in_head(quaternions: Float[Tensor, "n 4"], world_from_head: Float[Tensor, "3 3"]) -> Float[Tensor, "n 4"]:
+    """Rotations in the world as rotations in the head's frame."""
+    back = world_from_head.detach().double().cpu().numpy().T
+    return multiply_quaternions(torch.as_tensor(quaternion_from_matrix(back)).to(quaternions)[None], quaternions)

@@ -1,4 +1,4 @@
-"""Texels of eyes, the gaze of a frame, and the albedo of eyes.
+"""Texels of eyes, and the albedo of eyes.
 
 It depends on the side they are seen from.
 
@@ -7,7 +7,7 @@ The iris lies behind a cornea that refracts (RGCA 10).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -15,17 +15,13 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 from torch.nn.functional import leaky_relu
 
-from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.eyes.eye_decoders import MOST_GAIN
 from pipeline.avatar.networks.pose_encoder import SLOPE, linear
 from pipeline.base.errors import InputError
-from pipeline.geometry.rigid_alignment import align_rigid
 from pipeline.geometry.texels import Atlas
 
 FEATURES, HIDDEN = 8, 16
 """Numbers that a texel tells the network, and the network's width."""
-
-MOST_GAIN = 3.0
-"""Log of how much brighter or darker a texel may become from another side: between pupil (0.01) and iris (0.2)."""
 
 
 def eye_texels(
@@ -55,24 +51,6 @@ def eye_texels(
             f"{empty}: expected texels of the atlas on each eye, found none; make unwrap_atlas.size larger"
         )
     return chosen, eye
-
-
-def frame_gaze(
-    inputs: FrameInputs, parts: Sequence[np.ndarray], axes: Float[Tensor, "eyes 3"]
-) -> Float[Tensor, "eyes 3"]:
-    """Directions in which the eyes look, in the head's frame, as the record says.
-
-    Where it has none: where the axes of the eyes at rest point once the eyes are as their vertices are posed.
-
-    Args:
-        parts: vertices of each eye.
-        axes: unit directions of the eyes at rest.
-    """
-    if inputs.record.gaze is not None:
-        return torch.as_tensor(inputs.record.gaze, device=inputs.device)
-    rest, posed = (array.astype(np.float64) for array in (inputs.atlas.rest_vertices, inputs.record.vertices))
-    turns = torch.as_tensor(np.stack([align_rigid(rest[part], posed[part]).R for part in parts])).to(axes)
-    return (inputs.head_from_world[:, :3] @ turns @ axes[..., None])[..., 0]
 
 
 class EyeAlbedo(nn.Module):

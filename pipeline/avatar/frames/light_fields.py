@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.lighting.distant import LIGHTS_THAT_PAY, gather_distant
-from pipeline.lighting.environment_sh import gather_environment
+from pipeline.lighting.environment_sh import gather_environment, turned_light
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import gather_light
 
@@ -72,7 +72,12 @@ class FarField(LightField):
 
 
 class SkyField(NearField):
-    """Sky of a frame's inputs, for transfer that turns with each Gaussian (RFGCA 7-9)."""
+    """Sky of a frame's inputs, for learned transfer (RFGCA 7-9, RGCA 5)."""
+
+    def harmonics(self, inputs: FrameInputs) -> Float[Tensor, "texels 81 channels"]:
+        """Harmonics of the map in the frame of the body or head, alike at all texels."""
+        light = turned_light(inputs.sky.harmonics, inputs.root_from_world @ inputs.sky.world_from_map)
+        return light.expand(len(inputs.posed.points), -1, -1)
 
     def along_axes(
         self, inputs: FrameInputs, lights: PointLights, points: Tensor, axes: Tensor, degrees: int

@@ -40,12 +40,14 @@ class HeadState:
         latent: the distribution it was drawn from; None where the code was given.
         decoded_vertices: V' = D_v(z), metres in the head's frame (RGCA 4).
         head_from_world: [R | t], metres.
+        gaze: features of where the eyes look; None if no network is told.
     """
 
     code: Float[Tensor, " code"]
     latent: Latent | None
     decoded_vertices: Float[Tensor, "vertices 3"]
     head_from_world: Float[Tensor, "3 4"]
+    gaze: Float[Tensor, "16 8 8"] | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ class PosedEyes:
         turns: world from rest.
         centers, radii: of the spheres in the world, metres: all eyeballs, then all corneas.
         lids: what they hide.
+        features: maps that the eyes' decoders read (RGCA 10); None without such.
         harmonics: light that comes to each eye texel past the lids, in the frame of its eye; None where it is lit with
             the rest.
     """
@@ -92,6 +95,7 @@ class PosedEyes:
     radii: Float[Tensor, " spheres"]
     lids: LidOcclusion
     harmonics: Float[Tensor, "eye_texels 81 channels"] | None = None
+    features: Float[Tensor, "eyes 23 4 4"] | None = None
 
 
 @dataclass(frozen=True)
@@ -119,11 +123,13 @@ class ViewedParameters:
         visibility: added to the logit of the specular visibility.
         normal_offset: added to that of the normal.
         specular_harmonics: harmonics of what is specular (row "EyeNeRF" of RGCA).
+        eye_gain: factors on the albedo of eye texels (RGCA 10).
     """
 
     visibility: Float[Tensor, " texels"] | None = None
     normal_offset: Float[Tensor, "texels 3"] | None = None
     specular_harmonics: Float[Tensor, "texels 81"] | None = None
+    eye_gain: Float[Tensor, "eye_texels 3"] | None = None
 
 
 @dataclass(frozen=True)

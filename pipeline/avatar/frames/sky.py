@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.lighting.environment_lobes import LobeLadder
+from pipeline.lighting.point_lights import PointLights
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,10 @@ class PreparedSky:
         harmonics: L_lm of `pipeline.lighting.environment_sh`, linear RGB.
         ladder: prefiltered panoramas; None for an avatar without specular lobe.
         world_from_map: rotation of the map.
+        pixels: its light as far lamps, for what has to know which of them something hides; None if nothing has.
     """
 
     harmonics: Float[Tensor, "81 3"]
     ladder: LobeLadder | None
     world_from_map: Float[Tensor, "3 3"]
+    pixels: PointLights | None = None

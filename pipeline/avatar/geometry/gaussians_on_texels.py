@@ -1,4 +1,4 @@
-"""One Gaussian per texel, splatted (RFGCA 5-6)."""
+"""One Gaussian per texel, splatted (RFGCA 5-6, RGCA 3)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from torch import Tensor
 
 from pipeline.avatar.geometry.primitives import Primitives
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
-from pipeline.avatar.texels.posed_texels import PosedTexels
+from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
-from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions
+from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions, quaternion_from_matrix
 from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, Supersampling
 from pipeline.rendering.supersample import splat_supersampled
@@ -50,3 +50,25 @@ class GaussiansOnTexels(Primitives):
     def draw(self, gaussians: Gaussians, features: Float[Tensor, "texels d"], camera: CameraView) -> Splatted:
         """Splat, supersampled."""
         return splat_supersampled(gaussians, features, camera, self.options, self.sampling)
+
+
+class GaussiansInHead(GaussiansOnTexels):
+    """Discs whose offsets and rotations are kept in the head's frame (RGCA 3)."""
+
+    def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
+        super().__init__(store, spec)
+        with torch.no_grad():  # Discs lie on the surface at rest.
+            store.rotation.copy_(pose_texels(store.atlas, store.atlas.rest_vertices).quaternions)
+
+    def place(self, parameters: TexelParameters, posed: PosedTexels) -> tuple[Gaussians, Float[Tensor, "texels 3 3"]]:
+        """t_k = v_k + dt_k and R_k (RGCA 3), turned to the world."""
+        turn = posed.world_from_head
+        axes = turn @ matrix_from_quaternion(parameters.rotation)
+        quaternions = multiply_quaternions(head_quaternion(turn).expand(len(axes), -1), parameters.rotation)
+        means = posed.points + parameters.offset @ turn.T
+        return Gaussians(means, quaternions, parameters.log_scale.exp(), torch.sigmoid(parameters.opacity)), axes
+
+
+def head_quaternion(turn: Float[Tensor, "3 3"]) -> Float[Tensor, "4"]:
+    """A rotation that is no parameter, as a quaternion."""
+    return torch.as_tensor(quaternion_from_matrix(turn.detach().double().cpu().numpy())).to(turn)

@@ -60,7 +60,14 @@ def bilinear(atlas: Atlas, side: int) -> tuple[Int64[np.ndarray, "texels 4"], Fl
 
     The map is of `side` squared, its texels row by row.
     """
-    place = ((atlas.texel + 0.5) * (side / atlas.size) - 0.5).clip(0, side - 1)
+    return bilinear_at((atlas.texel + 0.5) / atlas.size, side)
+
+
+def bilinear_at(
+    places: Float[np.ndarray, "n 2"], side: int
+) -> tuple[Int64[np.ndarray, "n 4"], Float32[np.ndarray, "n 4"]]:
+    """The four texels of a map around each place (down, across, both in 0..1), and their shares."""
+    place = (places * side - 0.5).clip(0, side - 1)
     low = np.floor(place).astype(np.int64)
     high, share = np.minimum(low + 1, side - 1), (place - low).astype(np.float32)
     rows, columns = (np.stack([low[:, axis], high[:, axis]], 1) for axis in (0, 1))
@@ -116,6 +123,31 @@ def draw(
     return embedding_bag(nearest, rows, per_sample_weights=weights, mode="sum")
 
 
+class Additions:
+    """Decoded values of texels as additions to their parameters.
+
+    Args:
+        parameters: the texels' own, by name, [texels, ...].
+        units: what a value of 1 adds, where that is not 1.
+        bounds: most that is added to a parameter, approached smoothly, where there is such a bound.
+    """
+
+    def __init__(
+        self, parameters: Mapping[str, Tensor], units: Mapping[str, float], bounds: Mapping[str, float]
+    ) -> None:
+        self.units, self.bounds = dict(units), dict(bounds)
+        self.shapes = {name: tensor.shape[1:] for name, tensor in parameters.items()}
+        self.widths = [math.prod(shape) for shape in self.shapes.values()]
+
+    def split(self, values: Float[Tensor, "texels outputs"]) -> dict[str, Float[Tensor, "texels *_"]]:
+        """Additions to each parameter."""
+        added = {
+            name: self.units.get(name, 1.0) * part.reshape(-1, *shape)
+            for (name, shape), part in zip(self.shapes.items(), values.split(self.widths, -1), strict=True)
+        }
+        return added | {name: bound * torch.tanh(added[name] / bound) for name, bound in self.bounds.items()}
+
+
 class PoseDecoder(nn.Module):
     """D_ci of RFGCA 4 and RGCA 3, 9: additions of a pose or an expression to all parameters.
 
@@ -123,30 +155,24 @@ class PoseDecoder(nn.Module):
         atlas: the texels.
         code: numbers of the code.
         channels: see `AtlasDecoder`.
-        parameters: the texels' own, by name, [texels, ...].
-        units: what a value of 1 adds, where that is not 1.
-        bounds: most that is added to a parameter, approached smoothly, where there is such a bound.
+        parameters, units, bounds: see `Additions`.
+        beside: channels of maps that come beside the code's.
     """
 
     def __init__(
         self, atlas: Atlas, code: int, channels: Sequence[int], parameters: Mapping[str, Tensor],
-        units: Mapping[str, float], bounds: Mapping[str, float] = MappingProxyType({}),
+        units: Mapping[str, float], bounds: Mapping[str, float] = MappingProxyType({}), beside: int = 0,
     ) -> None:  # fmt: skip
         super().__init__()
-        self.bounds = dict(bounds)
-        self.shapes = {name: tensor.shape for name, tensor in parameters.items()}
-        self.units = dict(units)
-        self.widths = [math.prod(shape[1:]) for shape in self.shapes.values()]
-        self.decoder = AtlasDecoder(atlas, code, channels, sum(self.widths), starts_at_zero=True)
+        self.additions = Additions(parameters, units, bounds)
+        outputs = sum(self.additions.widths)
+        self.decoder = AtlasDecoder(atlas, code, channels, outputs, starts_at_zero=True, beside=beside)
 
-    def forward(self, code: Float[Tensor, " code"]) -> dict[str, Float[Tensor, "texels *_"]]:
+    def forward(
+        self, code: Float[Tensor, " code"], beside: Float[Tensor, "beside 8 8"] | None = None
+    ) -> dict[str, Float[Tensor, "texels *_"]]:
         """Additions to each parameter."""
-        parts = self.decoder(code).split(self.widths, -1)
-        added = {
-            name: self.units.get(name, 1.0) * part.reshape(shape)
-            for (name, shape), part in zip(self.shapes.items(), parts, strict=True)
-        }
-        return added | {name: bound * torch.tanh(added[name] / bound) for name, bound in self.bounds.items()}
+        return self.additions.split(self.decoder(code, beside))
 
 
 class ViewDecoder(nn.Module):

@@ -4,9 +4,9 @@ A head's vertices and mean texture to a latent code, and back.
 
     mu, sigma = E(V, T)        z = mu + sigma e        V' = D_v(z)
 
-V is in the head's frame. Both ends start at the principal components of the vertices that training sees: a code's first
-numbers are their coordinates, and networks learn what is beyond. A dozen filmed expressions do not teach a network what
-their plain averages say.
+V is in the head's frame. By default both ends start at the principal components of the vertices that training sees: a
+code's first numbers are their coordinates, and networks learn what is beyond. A dozen filmed expressions do not teach a
+network what their plain averages say. With `code_start: random` they start as networks do.
 """
 
 from __future__ import annotations
@@ -67,7 +67,10 @@ class Expression(nn.Module):
         self.texture = TextureEncoder(atlas, spec.decoder_channels[::-1], code)
         self.mean, self.log_variance = linear(2 * code, code), linear(2 * code, code)
         self.hidden, self.last = linear(code, 2 * code), linear(2 * code, 3 * vertices)
-        for layer in (self.mean, self.log_variance, self.last):
+        self.start = spec.code_start
+        # A mean and vertices that are zero at once would teach each other nothing.
+        zero = (self.mean, self.log_variance, self.last) if self.start == "components" else (self.log_variance,)
+        for layer in zero:
             nn.init.zeros_(layer.parametrizations.weight.original0)
         nn.init.constant_(self.log_variance.bias, START_LOG_VARIANCE)
 
@@ -87,9 +90,10 @@ class Expression(nn.Module):
         self.middle.copy_(shapes.mean(0))
         away = (shapes - shapes.mean(0)).flatten(1)
         self.scale.copy_((away.square().sum(1).mean() / away.shape[1]).sqrt().clamp_min(SMALLEST_SCALE_M))
-        spread, directions = torch.linalg.svd(away, full_matrices=False)[1:]
-        used = min(len(self.components), int((spread > SMALLEST_SPREAD * spread[0]).sum()))
-        self.components[:used] = directions[:used] * away.shape[1] ** 0.5
+        if self.start == "components":
+            spread, directions = torch.linalg.svd(away, full_matrices=False)[1:]
+            used = min(len(self.components), int((spread > SMALLEST_SPREAD * spread[0]).sum()))
+            self.components[:used] = directions[:used] * away.shape[1] ** 0.5
         if textures:
             colors = torch.as_tensor(np.stack(list(textures)))
             self.texture_middle.copy_(colors.mean(0))

@@ -4,8 +4,10 @@ In the place of those of RFGCA in `body_networks`.
 
     z ~ E(V, T)                                 an expression, see `pipeline.avatar.networks.expression_vae`
     V' = D_v(z)                                 what the Gaussians sit on
-    dt, dR, s, o, d_c, d_m, sigma = D_ci(z)     does not know the camera
-    dn, v = D_cv(z, w_o)                        w_o as seen from the middle of the head, in its frame
+    dt, dR, s, o, d_c, d_m, sigma = D_ci(z, e)  does not know the camera
+    dn, v = D_cv(z, e, w_o)                     w_o as seen from the middle of the head, in its frame
+
+e, where the eyes look, is told with `gaze_features`.
 
 All that D_ci and D_cv add starts at zero.
 """
@@ -13,6 +15,9 @@ All that D_ci and D_cv add starts at zero.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
 
 import torch
 from jaxtyping import Float
@@ -22,11 +27,13 @@ from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.prepared import Decoded, HeadState, Latent, Surface, ViewedParameters
 from pipeline.avatar.networks.decoders import FIRST_SIDE, AtlasDecoder, PoseDecoder
 from pipeline.avatar.networks.expression_vae import Expression
+from pipeline.avatar.networks.gaze_features import GAZE_CHANNELS, GazeFeatures
 from pipeline.avatar.networks.light_linear import LightLinearDecoder
 from pipeline.avatar.networks.pose_encoder import linear
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
 from pipeline.avatar.texels.texel_parameters import EXPRESSED, TexelParameters
+from pipeline.eyes.eye_fit import FittedEye
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment_sh import COEFFICIENTS
 from pipeline.lighting.lobes import unit
@@ -46,22 +53,29 @@ class HeadNetworks(nn.Module):
         atlas: the texels.
         parameters: their own, by name, that a code may change.
         spacing_m: a texel's size, see `pipeline.avatar.networks.body_networks`.
+        eyes: of eyes.json, by name, for `gaze_features`.
     """
 
-    def __init__(self, atlas: Atlas, spec: AvatarSpec, parameters: TexelParameters, spacing_m: float) -> None:
+    def __init__(
+        self, atlas: Atlas, spec: AvatarSpec, parameters: TexelParameters, spacing_m: float,
+        eyes: Mapping[str, FittedEye] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
         super().__init__()
-        self.atlas, self.anchors = atlas, spec.anchors
+        self.atlas, self.anchors, self.texel_frame = atlas, spec.anchors, spec.texel_frame
+        self.gaze = GazeFeatures(atlas, eyes) if spec.gaze_features else None
+        looks = GAZE_CHANNELS if spec.gaze_features else 0
         self.expression = Expression(atlas, spec)
         sizes, expressed = (atlas, spec.code_size, spec.decoder_channels), parameters.named(EXPRESSED)
         bounds = {name: math.log(LARGEST_FACTOR) for name in ("log_scale", "log_roughness") if name in expressed}
-        self.decoder = PoseDecoder(*sizes, expressed, {"offset": spacing_m}, bounds)
+        self.decoder = PoseDecoder(*sizes, expressed, {"offset": spacing_m}, bounds, looks)
         self.outputs = view_outputs(spec)
         if self.outputs:
             self.direction = linear(3, VIEW_FEATURES)
-            self.view = AtlasDecoder(*sizes, sum(self.outputs.values()), starts_at_zero=True, beside=VIEW_FEATURES)
+            sees = looks + VIEW_FEATURES
+            self.view = AtlasDecoder(*sizes, sum(self.outputs.values()), starts_at_zero=True, beside=sees)
         if spec.shading == "linear":
             self.direction = linear(3, VIEW_FEATURES)
-            self.light = LightLinearDecoder(*sizes, beside=VIEW_FEATURES)
+            self.light = LightLinearDecoder(*sizes, beside=looks + VIEW_FEATURES)
         self.register_buffer("corners", torch.as_tensor(atlas.corners).long(), persistent=False)
         self.register_buffer("shares", torch.as_tensor(atlas.barycentric)[..., None], persistent=False)
         self.register_buffer("rest", torch.as_tensor(atlas.rest_vertices), persistent=False)
@@ -82,8 +96,9 @@ class HeadNetworks(nn.Module):
         if code is None:
             latent = self.encode(inputs)
             code = latent.mean if noise is None else latent.sample(noise)
-        head = HeadState(code, latent, self.expression.vertices(code), inputs.head_from_world)
-        parameters = parameters.plus(self.decoder(code))
+        gaze = None if self.gaze is None else self.gaze.of_frame(inputs)
+        head = HeadState(code, latent, self.expression.vertices(code), inputs.head_from_world, gaze)
+        parameters = parameters.plus(self.decoder(code, gaze))
         return Decoded(parameters, self.place(head, inputs), head=head)
 
     def encode(self, inputs: FrameInputs) -> Latent:
@@ -96,13 +111,15 @@ class HeadNetworks(nn.Module):
 
     def place(self, head: HeadState, inputs: FrameInputs) -> PosedTexels:
         """Anchor the texels. Decoded anchors learn from pictures where they are; how they lie is taken as it is."""
-        if self.anchors == "tracked":
-            return inputs.posed
-        local = self.rest if self.anchors == "rigid" else head.decoded_vertices
         motion = inputs.head_from_world
+        turn = motion[:, :3].T if self.texel_frame == "head" else None
+        if self.anchors == "tracked":
+            return replace(inputs.posed, world_from_head=turn)
+        local = self.rest if self.anchors == "rigid" else head.decoded_vertices
         world = (local - motion[:, 3]) @ motion[:, :3]
         posed = pose_texels(self.atlas, world.detach().cpu().numpy(), world.device)
-        return PosedTexels((world[self.corners] * self.shares).sum(1), posed.tangent_frames, posed.quaternions)
+        points = (world[self.corners] * self.shares).sum(1)
+        return PosedTexels(points, posed.tangent_frames, posed.quaternions, turn)
 
     def viewed(self, decoded: Decoded, surface: Surface, center: Float[Tensor, " 3"]) -> ViewedParameters:
         """Decode what a camera at `center` adds; see `view_outputs`."""
@@ -124,10 +141,14 @@ class HeadNetworks(nn.Module):
         return self.light(head.code, self.beside(head, center), light)
 
     def beside(self, head: HeadState, center: Float[Tensor, " 3"]) -> Float[Tensor, "features 8 8"]:
-        """Features of the direction from the middle of the head to a camera, the same at all texels."""
+        """Features of the gaze, if it is told, and of the direction from the head to a camera.
+
+        The direction is that from the middle of the head; its features are the same at all texels.
+        """
         motion = head.head_from_world
         toward = unit(motion[:, :3] @ center + motion[:, 3] - self.expression.middle.mean(0))
-        return self.direction(toward)[:, None, None].expand(-1, FIRST_SIDE, FIRST_SIDE)
+        view = self.direction(toward)[:, None, None].expand(-1, FIRST_SIDE, FIRST_SIDE)
+        return view if head.gaze is None else torch.cat([head.gaze, view])
 
 
 def view_outputs(spec: AvatarSpec) -> dict[str, int]:

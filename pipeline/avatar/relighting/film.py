@@ -39,7 +39,12 @@ from pipeline.lighting.environment_sh import project_environment
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
 from pipeline.lighting.irradiance import LUMINANCE
+from pipeline.lighting.point_lights import PointLights
 from pipeline.rendering.splat_ply import Splats
+
+EXPRESSED_SPREAD = 1.5
+"""How much rougher and smoother than at rest an expression may make a head before its panoramas run out; beyond, the
+last is taken, scaled."""
 
 
 class Relighter:
@@ -60,8 +65,7 @@ class Relighter:
     def prefilters(self) -> bool:
         """Maps can go in by harmonics and panoramas.
 
-        The transfer is learned and turns with each Gaussian, the lobe is deferred and of the mirror direction alone,
-        and nothing is asked of lights one by one.
+        The transfer is learned, the lobe is of the mirror direction alone, and nothing is asked of lights one by one.
         """
         return works_under_sky(self.avatar)
 
@@ -93,14 +97,19 @@ class Relighter:
         """Prepare a frame as `under_pixels` does, shaded by the harmonics and panoramas in `sky`.
 
         Args:
-            environment: only casts shadows.
+            environment: only casts shadows, those of lids on eyes, too.
         """
         directions, irradiances = environment.directions().reshape(-1, 3) @ turn.T, environment.irradiances()
         signal = as_signal(pose)
         maps = self._irradiance(signal.vertices, directions, irradiances, distant=True)
-        turned = replace(sky, world_from_map=self._tensor(turn))
+        pixels = None
+        if self.avatar.eyes is not None:
+            lit = irradiances.any(1)
+            pixels = PointLights(self._tensor(FAR_M * directions[lit]), self._tensor(FAR_M**2 * irradiances[lit]))
+        turned = replace(sky, world_from_map=self._tensor(turn), pixels=pixels)
         record = self._record(signal, NO_LIGHTS, maps)
-        return self._under_sky.prepare(FrameInputs(self.atlas, record, turned, device=self.device))
+        inputs = FrameInputs(self.atlas, record, turned, device=self.device)
+        return self._under_sky.prepare(inputs, **self._code(signal))
 
     @torch.no_grad()
     def prepare_sky(self, environment: Environment) -> PreparedSky:
@@ -108,7 +117,9 @@ class Relighter:
         ladder = None
         if self.avatar.spec.lobe:
             roughness = self.avatar.log_roughness.exp()
-            ladder = prefilter(environment, float(roughness.min()), float(roughness.max())).to(self.device)
+            spread = EXPRESSED_SPREAD if self.avatar.spec.head else 1.0
+            least, most = float(roughness.min()) / spread, float(roughness.max()) * spread
+            ladder = prefilter(environment, least, most).to(self.device)
         harmonics = self._tensor(project_environment(environment))
         return PreparedSky(harmonics, ladder, torch.eye(3, device=self.device))
 
@@ -157,8 +168,10 @@ class Relighter:
         """A frame under `lights`; shadow rays go to `sources`: the same, or directions and irradiances."""
         maps = self._irradiance(signal.vertices, sources.positions, sources.intensities, distant)
         inputs = FrameInputs(self.atlas, self._record(signal, lights, maps), device=self.device)
-        code = {} if signal.code is None else {"code": self._tensor(signal.code)}
-        return self.avatar.prepare(inputs, **code)
+        return self.avatar.prepare(inputs, **self._code(signal))
+
+    def _code(self, signal: DrivingSignal) -> dict[str, Tensor]:
+        return {} if signal.code is None else {"code": self._tensor(signal.code)}
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.tensor(array, dtype=torch.float32, device=self.device)

@@ -65,7 +65,7 @@ class TurningSky:
         self.reduced = reduced_to(sky, settings.environment_height)
         if settings.environment_light == "lobes" and not relighter.prefilters:
             raise InputError(
-                "--environment-light lobes: expected an avatar with learned transfer, a deferred lobe about the mirror "
+                "--environment-light lobes: expected an avatar with learned transfer, a lobe about the mirror "
                 f"direction and no traced light, found {relighter.avatar.spec}; ask for pixels"
             )
         by_lobes = settings.environment_light != "pixels" and relighter.prefilters

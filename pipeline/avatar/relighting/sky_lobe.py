@@ -1,4 +1,4 @@
-"""Specular lobe under an environment map: a look-up per pixel (RFGCA 11-12)."""
+"""Specular lobe under an environment map: a look-up per pixel (RFGCA 11-12) or Gaussian."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ class SkyLobe(SpecularLobe):
 
     def __init__(self, lobe: SpecularLobe) -> None:
         self.store, self.deferred, self.depth = lobe.store, lobe.deferred, lobe.depth
+        self.screen_maps, self.fresnel = lobe.screen_maps, lobe.fresnel
 
     def shade(self, samples: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n 3"]:
         """Look the sky up in mirror directions."""
         normals, to_camera = unit(samples.normals), unit(center - samples.points)
-        gained = samples.visibility[:, None] * grazing_gain(normals, to_camera)[:, None]
-        return gained * _mirrored_sky(frame, normals, to_camera, samples.roughness)
+        gained = samples.visibility
+        if self.fresnel == "schlick":
+            gained = gained * grazing_gain(normals, to_camera)
+        return gained[:, None] * _mirrored_sky(frame, normals, to_camera, samples.roughness)
 
     def shade_pixels(
         self, images: Layers, picture: Splatted, frame: PreparedFrame, camera: CameraView
@@ -40,13 +43,16 @@ class SkyLobe(SpecularLobe):
         )
         # All of a sky is as far away as its horizon: only the direction of a pixel's ray matters, not its depth.
         points = points_of_pixels(row, column, camera.R.new_ones(len(row)), camera)
-        pixels = GlossySamples(points, normal, roughness[:, 0] / picture.alpha[row, column], visibility[:, 0])
+        width = self.of_pixels(roughness[:, 0], picture.alpha[row, column])
+        pixels = GlossySamples(points, normal, width, visibility[:, 0])
         return row, column, self.shade(pixels, frame, camera.center)
 
     def reflect(self, mirrors: GlossySamples, frame: PreparedFrame, center: Tensor) -> Float[Tensor, "n 3"]:
         """Of the sky: a pixel on an eye's rim mirrors much of it."""
         to_camera = unit(center - mirrors.points)
-        gained = mirrors.visibility * mean_grazing_gain(mirrors.normals, to_camera, mirrors.roughness)
+        gained = mirrors.visibility
+        if self.fresnel == "schlick":
+            gained = gained * mean_grazing_gain(mirrors.normals, to_camera, mirrors.roughness)
         return gained[:, None] * _mirrored_sky(frame, mirrors.normals, to_camera, mirrors.roughness)
 
 

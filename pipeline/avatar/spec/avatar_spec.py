@@ -5,7 +5,21 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from pipeline.config.train_avatar import ANALYTIC, Anchors, DepthSource, Highlight, Kind, TransferStart
+from pipeline.config.train_avatar import (
+    ANALYTIC,
+    Anchors,
+    CodeStart,
+    DepthSource,
+    EyeParameters,
+    Fresnel,
+    Highlight,
+    Kind,
+    Lids,
+    ScreenMaps,
+    ShadowInput,
+    TexelFrame,
+    TransferStart,
+)
 
 DIFFUSE_WORDS = {
     "transfer": "zonal transfer", "harmonics": "harmonic transfer", "microfacet": "Lambert",
@@ -41,6 +55,17 @@ class AvatarSpec:
         indirect: light from other surfaces: "none"; "ambient": a learned share of all light sent to the texel;
             "bounce": traced to the texels it comes from.
         transfer_degree: highest degree of the transfer, zonal or not; above 3 it is monochrome.
+        fresnel: how a lobe about the mirror direction, or of eyes, grows towards grazing views.
+        screen_maps: roughness and shadow of a pixel, divided by alpha or "accumulated" (RFGCA 11, 16).
+        cull_backs: Gaussians whose surface faces away from the camera are left out.
+        texel_frame: what a head keeps offsets, rotations and normals' offsets in: the "tangent" frame, or the "head"'s.
+        code_start: where a head's encoder and vertex decoder start: "components" of the vertices, or "random".
+        gaze_features: a head's decoders see where the eyes look (RGCA 3, 9).
+        eye_parameters: of eyes: one value per "texels", or "decoded" for gaze, head and view (RGCA 10).
+        lids: what they hide from eyes: "traced", or "learned" by the eyes' decoders.
+        eye_channels: of the map between each two layers of those; n of them end at 8 * 2^n texels a side.
+        shadow_input: what the shadow network reads: the "cosine" visibility, too, or the "irradiance" alone.
+        shadow_levels: times that the shadow network halves its map.
         near_field: lights at their distance; if not, one direction and strength each for all texels of a frame.
         deferred: the lobe is evaluated per pixel (RFGCA 11-12), not per Gaussian.
         depth: how far away a pixel's point is; see `pipeline.avatar.geometry.pixel_depth`.
@@ -84,6 +109,17 @@ class AvatarSpec:
     decoder_channels: tuple[int, ...] = (16, 8)
     near_field: bool = True
     transfer_degree: int = 8
+    fresnel: Fresnel = "schlick"
+    screen_maps: ScreenMaps = "normalised"
+    cull_backs: bool = True
+    texel_frame: TexelFrame = "tangent"
+    code_start: CodeStart = "components"
+    gaze_features: bool = False
+    eye_parameters: EyeParameters = "texels"
+    lids: Lids = "traced"
+    eye_channels: tuple[int, ...] = (16, 8)
+    shadow_input: ShadowInput = "cosine"
+    shadow_levels: int = 0
 
     @property
     def degrees(self) -> int:
@@ -106,7 +142,7 @@ class AvatarSpec:
     @property
     def primitives(self) -> str:
         """Name of the primitives that stand on texels."""
-        return "gaussians"
+        return "gaussians_in_head" if self.texel_frame == "head" else "gaussians"
 
     @property
     def lobe(self) -> bool:
@@ -132,7 +168,7 @@ class AvatarSpec:
         """Name of the model of normals: learned only where something is shaded with them."""
         if self.normals == "mesh" or not (self.lobe or self.analytic):
             return "mesh"
-        return "tangent" if self.head else "gaussian"
+        return self.texel_frame if self.head else "gaussian"
 
     @property
     def shadow_net(self) -> bool:
@@ -170,6 +206,11 @@ class AvatarSpec:
         return self.parameters == "decoded" and self.lobe
 
     @property
+    def reads_eyes(self) -> bool:
+        """Something of it asks for fitted eyes."""
+        return self.eyes or self.gaze_features
+
+    @property
     def decoded(self) -> bool:
         """Any network of pose, expression or view is built."""
         return self.head or self.pose_decoder or self.view_decoder
@@ -189,6 +230,8 @@ class AvatarSpec:
             parts.append("distant lights")
         if self.eyes:
             parts.append("explicit eyes")
+        if self.gaze_features:
+            parts.append("gaze features")
         return f"{self.avatar} with {', '.join(parts)}"
 
     def as_json(self) -> dict:

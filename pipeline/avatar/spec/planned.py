@@ -65,6 +65,8 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "weight_gloss": spec.specular_model == "ggx",
         "highlight": spec.lobe or spec.viewed_harmonics,
         "deferred": spec.lobe,
+        "fresnel": spec.lobe,
+        "screen_maps": spec.pixel_depth is not None or spec.shadow_net,
         "depth": spec.pixel_depth is not None,
         "normals": spec.lobe or (spec.analytic and spec.normals != "viewed"),
         "visibility": spec.shadow,
@@ -75,7 +77,13 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "weight_normal_orient": spec.pixel_depth is not None,
     }
     readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels"), spec.decoded)
-    readers |= dict.fromkeys(("anchors", "weight_geometry", "weight_kl"), spec.head)
+    readers |= dict.fromkeys(("shadow_input", "shadow_levels"), spec.shadow_net)
+    readers |= dict.fromkeys(("anchors", "code_start", "weight_geometry", "weight_kl"), spec.head)
+    readers["eye_parameters"] = spec.eyes
+    readers |= dict.fromkeys(("lids", "eye_channels"), spec.eyes and spec.eye_parameters == "decoded")
+    readers["texel_frame"] = spec.head
+    readers["gaze_features"] = spec.gaze_features
+    readers["weight_roughness"] = spec.specular_model in ("angular", "cosine", "half", "ggx")
     readers |= dict.fromkeys(("weight_normal", "normal_steps"), spec.normal_model != "mesh")
     readers |= dict.fromkeys(("weight_eye_scale", "weight_eye_opacity", "weight_eye_visibility"), spec.eyes)
     own = {name for name, value in TrainAvatar() if getattr(settings, name) != value}
@@ -88,6 +96,7 @@ def require_parts(decided: TrainAvatar) -> None:
         "shading: linear": decided.shading == "linear",
         "highlight: harmonics": decided.highlight == "harmonics",
         "normals: viewed": decided.normals == "viewed",
+        "texel_frame: head": decided.texel_frame == "head",
     }
     if decided.avatar == "body" and any(asked.values()):
         found = ", ".join(name for name, is_asked in asked.items() if is_asked)

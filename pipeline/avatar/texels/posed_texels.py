@@ -21,11 +21,13 @@ class PosedTexels:
         points: v_k, metres.
         tangent_frames: TBN_k as rotation matrices, columns tangent, bitangent, normal.
         quaternions: the same rotations.
+        world_from_head: rotation of a head that keeps its texels' parameters in its own frame (RGCA 3, 9).
     """
 
     points: Float[Tensor, "texels 3"]
     tangent_frames: Float[Tensor, "texels 3 3"]
     quaternions: Float[Tensor, "texels 4"]
+    world_from_head: Float[Tensor, "3 3"] | None = None
 
     @property
     def normals(self) -> Float[Tensor, "texels 3"]:

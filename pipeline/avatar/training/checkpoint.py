@@ -13,6 +13,7 @@ from torch import Tensor
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.prepared import PreparedFrame
+from pipeline.avatar.intrinsic_layers import IntrinsicLayers, intrinsic_layers
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import texel_spacing
@@ -29,7 +30,7 @@ def save_avatar(folder: Path, avatar: Avatar, config: Mapping) -> None:
     """Write avatar.safetensors, then config.json with what was built and how it was trained."""
     with written_whole(folder / "avatar.safetensors") as temporary:
         temporary.write_bytes(safetensors.torch.save(avatar.state_dict()))
-    eyes = {name: eye.as_json() for name, eye in avatar.eyes.fitted.items()} if avatar.eyes is not None else {}
+    eyes = {name: eye.as_json() for name, eye in avatar.fitted_eyes.items()}
     write_json(folder / "config.json", {"spec": avatar.spec.as_json(), "eyes": eyes, **config})
 
 
@@ -47,11 +48,19 @@ class LoadedAvatar:
     @torch.no_grad()
     def render(self, frame: FrameRecord | FrameInputs, image: ImageRecord) -> tuple[Tensor, Tensor]:
         """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
+        picture = self.avatar.view(self._prepared(frame), camera_view(image, self.avatar.albedo.device))
+        return picture.rgb, picture.alpha
+
+    @torch.no_grad()
+    def intrinsic_layers(self, frame: FrameRecord | FrameInputs, image: ImageRecord) -> IntrinsicLayers:
+        """Layers that the light of that crop is made of."""
+        return intrinsic_layers(self.avatar, self._prepared(frame), camera_view(image, self.avatar.albedo.device))
+
+    def _prepared(self, frame: FrameRecord | FrameInputs) -> PreparedFrame:
         if self._frame is None or self._frame[0] is not frame:
             inputs = frame if isinstance(frame, FrameInputs) else self._inputs(frame)
             self._frame = (frame, self.avatar.prepare(inputs))
-        picture = self.avatar.view(self._frame[1], camera_view(image, self.avatar.albedo.device))
-        return picture.rgb, picture.alpha
+        return self._frame[1]
 
     def _inputs(self, frame: FrameRecord) -> FrameInputs:
         return FrameInputs(self.atlas, frame, device=self.avatar.albedo.device)

@@ -11,7 +11,7 @@ from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.networks.expression_vae import standard_divergence
 from pipeline.base.color import srgb_from_linear
-from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.train_avatar import LossMean, LossSpace, TrainAvatar
 from pipeline.metrics.images import SSIM_SIGMA, SSIM_WINDOW
 
 STABLE_MEAN, STABLE_VARIANCE = 0.01**2, 0.03**2
@@ -19,22 +19,27 @@ STABLE_MEAN, STABLE_VARIANCE = 0.01**2, 0.03**2
 
 
 def structural_dissimilarity(
-    rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"]
-) -> Float[Tensor, ""]:
-    """(1 - SSIM) / 2 in sRGB between picture and capture over black, mean over the subject.
+    rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"],
+    space: LossSpace = "srgb", mean: LossMean = "subject",
+) -> Float[Tensor, ""]:  # fmt: skip
+    """(1 - SSIM) / 2 between picture and capture over black.
+
+    By default in sRGB and as a mean over the subject.
 
     The index of Wang et al. 2004 as `pipeline.metrics.images.ssim` scores it, differentiable; windows reach over the
     picture's border as if it went on black, which it is.
     """
-    pictures = [srgb_from_linear(linear.clamp(0, 1)).permute(2, 0, 1) for linear in (rgb, captured * mask[..., None])]
-    x, y = torch.stack(pictures)
+    pair = [linear.clamp(0, 1) for linear in (rgb, captured * mask[..., None])]
+    shown = [srgb_from_linear(linear) for linear in pair] if space == "srgb" else pair
+    x, y = torch.stack([picture.permute(2, 0, 1) for picture in shown])
     mean_x, mean_y, xx, yy, xy = blurred(torch.cat([x, y, x * x, y * y, x * y])).split(len(x))
 
     variance = xx - mean_x**2 + yy - mean_y**2
     covariance = xy - mean_x * mean_y
     index = (2 * mean_x * mean_y + STABLE_MEAN) * (2 * covariance + STABLE_VARIANCE)
     index = index / ((mean_x**2 + mean_y**2 + STABLE_MEAN) * (variance + STABLE_VARIANCE))
-    return ((1 - index.mean(0)) / 2 * mask).sum() / mask.sum().clamp_min(1)
+    dissimilar = (1 - index.mean(0)) / 2
+    return dissimilar.mean() if mean == "picture" else (dissimilar * mask).sum() / mask.sum().clamp_min(1)
 
 
 def blurred(image: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:

@@ -10,13 +10,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.lobes import SMALLEST_ALPHA
-from pipeline.avatar.appearance.penalties import negative, outside, total_variation
+from pipeline.avatar.appearance.penalties import negative, outside, outside_as_printed, total_variation
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar, Picture
 from pipeline.avatar.training.head_losses import structural_dissimilarity
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
-from pipeline.config.train_avatar import Edges, TrainAvatar
+from pipeline.config.train_avatar import Bound, Edges, LossMean, LossSpace, TrainAvatar
 from pipeline.lighting.lobes import unit
 from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
 from pipeline.metrics.lpips import Lpips, open_lpips
@@ -29,22 +29,34 @@ SCALE_BOUNDS_M = (1e-4, 1e-2)
 """Bounds of Gaussian scales (RFGCA Appendix B)."""
 
 
-def photometric(
-    rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], edges: Edges
-) -> Float[Tensor, ""]:
-    """L1 in sRGB, where the result is scored, against the capture over black.
+def per_pixel(summed: Float[Tensor, ""], mask: Float[Tensor, "h w"], mean: LossMean) -> Float[Tensor, ""]:
+    """A sum over a picture, by its subject's pixels or by all of the crop's.
 
-    Summed over the picture, per subject pixel, so that the width of the crop's margin does not change the balance with
-    the other terms.
+    By the subject's, the width of the crop's margin does not change the balance with other terms.
+    """
+    return summed / (mask.numel() if mean == "picture" else mask.sum().clamp_min(1))
+
+
+def photometric(
+    rgb: Float[Tensor, "h w 3"], captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], edges: Edges,
+    space: LossSpace = "srgb", mean: LossMean = "subject",
+) -> Float[Tensor, ""]:  # fmt: skip
+    """L1 against the capture over black (RFGCA 17, RGCA 12).
+
+    By default in sRGB, where the result is scored.
 
     A mask of zeros and ones cuts through pixels that the subject covers in part. Compared with black, those beyond its
     edge would teach the avatar to end half a pixel inside its outline, so `edges` says what to do with them.
     """
     beside = widest(mask) - mask
     wanted = captured * (mask if edges == "ignored" else mask + beside)[..., None]
-    difference = (srgb_from_linear(rgb) - srgb_from_linear(wanted)).abs()
+    if space == "srgb":
+        rgb, wanted = srgb_from_linear(rgb), srgb_from_linear(wanted)
+    difference = (rgb - wanted).abs()
     if edges == "ignored":
         difference = difference * (1 - beside)[..., None]
+    if mean == "picture":
+        return difference.mean()
     return difference.sum() / (3 * mask.sum()).clamp_min(1)
 
 
@@ -54,21 +66,25 @@ def widest(mask: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
     return torch.nn.functional.max_pool2d(padded, 3, 1)[0, 0]
 
 
-def silhouette(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> Float[Tensor, ""]:
-    """L1 between alpha and mask per subject pixel. Pixels that touch the mask's edge are left out (Appendix B)."""
+def silhouette(
+    alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"], mean: LossMean = "subject"
+) -> Float[Tensor, ""]:
+    """L1 between alpha and mask per pixel. Pixels that touch the mask's edge are left out (Appendix B)."""
     high, low = widest(mask), -widest(-mask)
     inside = (high == low).to(mask.dtype)
-    return ((alpha - mask).abs() * inside).sum() / mask.sum().clamp_min(1)
+    return per_pixel(((alpha - mask).abs() * inside).sum(), mask, mean)
 
 
-def alpha_sparsity(alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"]) -> Float[Tensor, ""]:
-    """L1 between alpha and the nearer of 0 and 1, per subject pixel (Appendix B).
+def alpha_sparsity(
+    alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"], mean: LossMean = "subject"
+) -> Float[Tensor, ""]:
+    """L1 between alpha and the nearer of 0 and 1, per pixel (Appendix B).
 
     Pixels that touch the mask's edge are left out: the subject covers them in part. So do hairs, of which a capture
     does not say where they are: for a subject with loose hair the weight is 0.
     """
     inside = (widest(mask) == -widest(-mask)).to(mask.dtype)
-    return (torch.minimum(alpha, 1 - alpha).abs() * inside).sum() / mask.sum().clamp_min(1)
+    return per_pixel((torch.minimum(alpha, 1 - alpha).abs() * inside).sum(), mask, mean)
 
 
 def normal_orient(normal: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], camera: CameraView) -> Float[Tensor, ""]:
@@ -113,26 +129,48 @@ def open_lpips_loss(net: str, backbone: str) -> Lpips:
     return lpips
 
 
+def dropped_terms(weights: TrainAvatar) -> dict[str, str]:
+    """Terms of the loss that have a weight and are left out all the same, with the reason."""
+    if weights.weight_lpips and not weights.lpips_backbone:
+        return {"lpips": f"weight_lpips is {weights.weight_lpips:g}, but lpips_backbone names no file"}
+    return {}
+
+
 def reconstruction(
     picture: Picture, captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], camera: CameraView,
     weights: TrainAvatar,
 ) -> dict[str, Tensor]:  # fmt: skip
     """All terms that look at one picture of `Avatar.view`, weighted. Those of weight 0 are not computed."""
-    rgb, alpha = picture.rgb, picture.alpha
+    rgb, alpha, mean = picture.rgb, picture.alpha, weights.loss_mean
+    l1 = photometric(rgb, captured, mask, weights.edges, weights.loss_space, mean)
     terms = {
-        "photometric": weights.weight_photometric * photometric(rgb, captured, mask, weights.edges),
-        "silhouette": weights.weight_mask * silhouette(alpha, mask),
+        "photometric": weights.weight_photometric * l1,
+        "silhouette": weights.weight_mask * silhouette(alpha, mask, mean),
     }
     if weights.weight_ssim:
-        terms["ssim"] = weights.weight_ssim * structural_dissimilarity(rgb, captured, mask)
+        terms["ssim"] = weights.weight_ssim * structural_dissimilarity(rgb, captured, mask, weights.loss_space, mean)
     if weights.weight_alpha_sparsity:
-        terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask)
+        terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask, mean)
     if weights.weight_normal_orient and picture.normal is not None:
         terms["normal_orient"] = weights.weight_normal_orient * normal_orient(picture.normal, alpha, camera)
+    if picture.eye_visibility is not None:
+        terms["eye_visibility"] = weights.weight_eye_visibility * (1 - picture.eye_visibility).square().mean()
     if weights.weight_lpips and weights.lpips_backbone:
         lpips = open_lpips_loss(weights.lpips_net, weights.lpips_backbone)
         terms["lpips"] = weights.weight_lpips * lpips_loss(lpips, rgb, captured, mask)
     return terms
+
+
+def scales_outside(avatar: Avatar, scales_m: Float[Tensor, "texels 3"], bound: Bound) -> Float[Tensor, ""]:
+    """Scales outside of their bounds.
+
+    As printed in metres for bodies (RFGCA B.2), in millimetres for heads (RGCA 14).
+    """
+    low, high = SCALE_BOUNDS_M
+    if bound == "log":
+        return outside(scales_m, low, high)
+    unit_m = 1e-3 if avatar.spec.head else 1.0
+    return outside_as_printed(scales_m / unit_m, low / unit_m, high / unit_m)
 
 
 def normal_weight(weights: TrainAvatar, step: int) -> float:
@@ -150,22 +188,34 @@ def regularization(
     `images`: number of those that the avatar is trained on. Reconstruction is a mean over them, so a prior on
     parameters that all share (the smoothness) is divided by their number.
     """
-    size, gaussians = avatar.spacing.mean(-1, keepdim=True), frame.gaussians
+    size = avatar.spacing.mean(-1, keepdim=True) if weights.offset_unit == "texel" else 1.0
+    gaussians, of_albedo = frame.gaussians, weights.weight_negative_albedo
+    dark = negative(frame.shading.diffuse)
+    if of_albedo is None:
+        dark_terms = weights.weight_negative * (dark + negative(avatar.albedo))
+    else:
+        dark_terms = weights.weight_negative * dark + of_albedo * negative(avatar.albedo)
     terms = {
         "offset": weights.weight_offset * (frame.parameters.offset / size).square().mean(),
-        "scale": weights.weight_scale * outside(gaussians.scales, *SCALE_BOUNDS_M),
+        "scale": weights.weight_scale * scales_outside(avatar, gaussians.scales, weights.bound),
         "size": weights.weight_size * gaussians.scales.mean(),
         "albedo": weights.weight_albedo * avatar.albedo.abs().mean(),
-        "negative": weights.weight_negative * (negative(frame.shading.diffuse) + negative(avatar.albedo)),
+        "negative": dark_terms,
     }
     if weights.weight_smooth:
         smooth = [total_variation(getattr(avatar, name), avatar.pairs) for name in SMOOTH if hasattr(avatar, name)]
         terms["smooth"] = weights.weight_smooth / images * torch.stack(smooth).sum()
-    weight_of = {"normal": normal_weight(weights, step), "roughness": weights.weight_scale}
+    of_roughness = weights.weight_scale if weights.weight_roughness is None else weights.weight_roughness
     for part in (avatar.built.diffuse, avatar.built.normals, avatar.built.specular):
+        if (bounded := part.bounded(frame.parameters)) is not None:
+            beyond = outside if weights.bound == "log" else outside_as_printed
+            terms["roughness"] = of_roughness * beyond(*bounded)
         for name, term in part.penalties(frame.parameters).items():
-            terms[name] = (weight_of[name] if name in weight_of else getattr(weights, f"weight_{name}")) * term
+            weight = normal_weight(weights, step) if name == "normal" else getattr(weights, f"weight_{name}")
+            terms[name] = weight * term
     if avatar.eyes is not None:
-        found = avatar.eyes.losses(gaussians, getattr(avatar, "visibility", None))
+        # What is decoded for each camera is a term of its picture.
+        shared = getattr(avatar, "visibility", None) if avatar.eyes.decoders is None else None
+        found = avatar.eyes.losses(gaussians, shared, weights.bound)
         terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}
     return terms

@@ -57,8 +57,9 @@ class Portion:
 
 
 def compute_loss(
-    avatar: Avatar, portion: Portion, settings: TrainAvatar, step: int = 0, subject: str = "", images: int = 1
-) -> dict[str, Tensor]:
+    avatar: Avatar, portion: Portion, settings: TrainAvatar, step: int = 0, subject: str = "", images: int = 1,
+    drawn: int | None = None,
+) -> dict[str, Tensor]:  # fmt: skip
     """This process's part of the weighted terms of one step.
 
     The sum of all parts and terms is what is minimised.
@@ -70,9 +71,10 @@ def compute_loss(
         step: number of the step, which decides some weights.
         subject: seeds, with the step, what is drawn.
         images: number of those that the avatar is trained on.
+        drawn: number of the draw, where that is not the step's.
     """
     inputs, device = portion.inputs, avatar.albedo.device
-    frame = avatar.prepare(inputs, **drawn_expression(avatar, subject, step))
+    frame = avatar.prepare(inputs, **drawn_expression(avatar, subject, step if drawn is None else drawn))
     shared = regularization(avatar, frame, settings, step, images)
     shared |= expression_terms(avatar, frame, inputs, settings)
     terms = {name: term / portion.sharers for name, term in shared.items()}
@@ -86,7 +88,10 @@ def compute_loss(
 
 
 def drawn_expression(avatar: Avatar, subject: str, step: int) -> dict[str, Tensor]:
-    """The noise that a step draws a head's code with. The same in all processes, and after a stop."""
+    """The noise that a step, or a frame of one, draws a head's code with.
+
+    The same in all processes, and after a stop.
+    """
     if not avatar.spec.head:
         return {}
     noise = generator_for(subject, "train_avatar", "code", step).standard_normal(avatar.spec.code_size)
@@ -152,7 +157,8 @@ class Training:
         self.images = images
         self.avatar, self.settings, self.processes, self.subject = avatar, settings, processes, subject
         self.optimizer = make_optimizer(avatar, settings)
-        self.gradients = FlatGradients(avatar, settings.steps_together)
+        self.frames_per_step = settings.frames_per_step
+        self.gradients = FlatGradients(avatar, settings.steps_together * self.frames_per_step)
 
     def take_step(self, step: int, inputs: FrameInputs, images: Sequence[ImageRecord]) -> dict[str, float]:
         """A round of one step in one process. Returns its weighted terms."""
@@ -165,7 +171,7 @@ class Training:
 
         Args:
             first: number of the first step, which decides the rates.
-            portions: of the steps, in order, as far as this process does them.
+            portions: of the frames of the steps, in order, as far as this process does them.
             stopping: whether this process was asked to stop.
 
         Returns:
@@ -176,22 +182,30 @@ class Training:
                 were.
         """
         self.gradients.clear()
-        done = [self._add_gradients(row, first + row, portion) for row, portion in enumerate(portions)]
+        done = [self._add_gradients(row, first, portion) for row, portion in enumerate(portions)]
         self.processes.sum_in_place(self.gradients.flat[: len(portions)])
         part = Part([values for values, _ in done], [refused for _, refused in done], stopping)
         parts = [Part(**one) for one in self.processes.gather(asdict(part))]
         rows = [self._summed(row, parts) for row in range(len(portions))]
-        for row in range(len(portions)):
-            self._apply(row, first + row)
-        return rows, any(part.stopping for part in parts)
+        starts = range(0, len(portions), self.frames_per_step)
+        for step, row in enumerate(starts, first):
+            self._apply(row, step)
+        return [self._mean(rows[row : row + self.frames_per_step]) for row in starts], any(
+            part.stopping for part in parts
+        )
 
-    def _add_gradients(self, row: int, step: int, portion: Portion) -> tuple[dict[str, float], str]:
-        """Terms of this process' part of a step, and what the splatting found that was not finite."""
+    def _mean(self, rows: Sequence[dict[str, float]]) -> dict[str, float]:
+        """Terms of a step from those of its frames."""
+        return rows[0] if len(rows) == 1 else {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
+
+    def _add_gradients(self, row: int, first: int, portion: Portion) -> tuple[dict[str, float], str]:
+        """Terms of this process' part of a frame, and what the splatting found that was not finite."""
         if not portion.mine:
             return {}, ""
         self.gradients.point_to(row)
         try:
-            terms = compute_loss(self.avatar, portion, self.settings, step, self.subject, self.images)
+            step, drawn = first + row // self.frames_per_step, first * self.frames_per_step + row
+            terms = compute_loss(self.avatar, portion, self.settings, step, self.subject, self.images, drawn)
         except NotFinite as error:  # Told to all processes: they wait for this one's gradients.
             return {}, str(error)
         sum(terms.values()).backward()
@@ -213,6 +227,9 @@ class Training:
         return dict(values)
 
     def _apply(self, row: int, step: int) -> None:
+        """Move the parameters by the mean gradient of the frames of a step, which begin at `row`."""
+        if self.frames_per_step > 1:
+            self.gradients.flat[row] = self.gradients.flat[row : row + self.frames_per_step].mean(0)
         decay = self.settings.final_rate ** (step / self.settings.steps)
         for group in self.optimizer.param_groups:
             group["lr"] = group["start_rate"] * decay

@@ -60,6 +60,7 @@ def test_only_held_out_images_are_scored_and_groups_are_complete():
         ("test_frames", "all"): 0, ("test_frames", "full"): 0, ("test_frames", "partial"): 0,
         ("test_segments", "all"): 1, ("test_segments", "full"): 0, ("test_segments", "partial"): 1,
         ("test_patterns", "all"): 2, ("test_patterns", "full"): 1, ("test_patterns", "partial"): 1,
+        ("novel_view_and_pose", "all"): 1, ("novel_view_and_pose", "full"): 0, ("novel_view_and_pose", "partial"): 1,
         **dict.fromkeys(product(("validation", "held_out_segments", "held_out_lights"), ("all", "full", "partial")), 0),
     }  # fmt: skip
     assert rows.loc[("test_frames", "all"), ["psnr_db", "ssim", "lpips", "flip"]].isna().all()
@@ -93,6 +94,7 @@ def test_new_light_and_new_expressions_are_told_apart():
     table = evaluate(add_to(0.05), images, dict.fromkeys(range(6)))
     lights, segments = (table[SPLITS[name](table)].frame.tolist() for name in ("held_out_lights", "held_out_segments"))
     assert lights == [0, 1] and segments == [3, 4]
+    assert table[SPLITS["novel_view_and_pose"](table)].frame.tolist() == [5]  # of a test camera, and a new pose
 
 
 def test_psnr_is_in_srgb_over_the_subject():
@@ -191,7 +193,7 @@ def test_a_broken_rendering_is_an_error_that_names_the_image():
 
 def test_no_test_images_give_empty_rows():
     rows = summarize(evaluate(add_to(0.1), [subject_image(test_camera=False)], {0: None}))
-    assert len(rows) == 24
+    assert len(rows) == 27
     assert (rows.images == 0).all()
     assert rows.psnr_db.isna().all()
 

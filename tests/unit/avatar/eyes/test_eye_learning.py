@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.avatar.eyes.explicit_eyes import MOST_GROWTH, MOST_SHIFT_M, Eyes
+from pipeline.avatar.eyes.explicit_eyes import Eyes
+from pipeline.avatar.eyes.eye_spheres import MOST_GROWTH, MOST_SHIFT_M
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.avatar.training.losses import regularization

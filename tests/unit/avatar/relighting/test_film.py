@@ -10,6 +10,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.model import Avatar
+from pipeline.avatar.relighting.driving_signal import DrivingSignal
 from pipeline.avatar.relighting.film import Relighter, view_independent_color
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import texel_spacing
@@ -21,6 +22,7 @@ from pipeline.lighting.frame_lights import FrameLights
 from pipeline.rendering.splat_ply import Splats, read_splats, write_splats
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, Supersampling
 from pipeline.rendering.supersample import splat_supersampled
+from tests.support.avatars import eyeballs
 from tests.support.avatars.sheet import make_sheet
 
 SHEET = make_sheet(12)
@@ -79,6 +81,13 @@ def render(it: Relighter, lights: FrameLights) -> torch.Tensor:
 
 def sky(height: int = 16, seed: int = 0) -> Environment:
     return Environment((np.random.default_rng(seed).random((height, 2 * height, 3)) ** 4).astype(np.float32))
+
+
+def stars(height: int = 32) -> Environment:
+    """A map of fifty bright pixels; the others are black and cost nothing."""
+    generator, radiance = np.random.default_rng(0), np.zeros((2 * height * height, 3), np.float32)
+    radiance[generator.choice(len(radiance), 50, replace=False)] = 20 * generator.random((50, 3))
+    return Environment(radiance.reshape(height, 2 * height, 3))
 
 
 def render_sky(it: Relighter, light: Environment, by: str, turn: np.ndarray = TURN) -> torch.Tensor:
@@ -151,18 +160,48 @@ def test_no_light_at_all_is_black(by) -> None:
     assert float(render_sky(relighter(shadow=True), black, by).abs().max()) == 0
 
 
-@pytest.mark.parametrize("shadow", [False, True])
-def test_lobes_show_what_all_pixels_show(shadow) -> None:
+@pytest.mark.parametrize(
+    ("shadow", "other"),
+    [(False, {}), (True, {}), (False, {"deferred": False}), (False, {"shading": "harmonics", "fresnel": "none"})],
+)
+def test_lobes_show_what_all_pixels_show(shadow, other) -> None:
     """Roughness is above the map's pixel, so the sum over its pixels is what look-ups stand for."""
-    it = relighter(shadow=shadow)
+    it = relighter(shadow=shadow, **other)
     with torch.no_grad():
         it.avatar.log_roughness.fill_(np.log(0.2)).add_(0.2 * torch.rand(144))
-    light = sky(32)
+    light = stars() if other else sky(32)
     pixels, lobes = (render_sky(it, light, by) for by in ("pixels", "lobes"))
     assert float((pixels - lobes).abs().max() / pixels.max()) < 0.01
-    matte = relighter(specular=False, shadow=shadow)  # without the look-up's error: harmonics against Legendre sums
+    matte = relighter(
+        specular=False, shadow=shadow, **other
+    )  # without the look-up's error: harmonics against Legendre sums
     pixels, lobes = (render_sky(matte, light, by) for by in ("pixels", "lobes"))
     torch.testing.assert_close(lobes, pixels, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("lids", ["traced", "learned"])
+def test_lobes_show_what_all_pixels_show_of_a_head_with_eyes(lids) -> None:
+    """One look-up per Gaussian, and one per pixel of an eye (RGCA section 3.3)."""
+    atlas = eyeballs.eye_atlas()
+    decoded = {"eye_parameters": "decoded", "lids": lids} if lids == "learned" else {}
+    avatar = eyeballs.make_avatar(
+        atlas, eyeballs.EYES, avatar="head", shading="harmonics", deferred=False, fresnel="none", anchors="tracked",
+        pose_points=4, code_size=4, decoder_channels=(8, 4), **decoded,
+    )  # fmt: skip
+    with torch.no_grad():
+        avatar.log_roughness.fill_(np.log(0.2)).add_(0.2 * torch.rand(atlas.texel_count))
+        avatar.albedo.copy_(torch.rand(atlas.texel_count, 3))
+    it = Relighter(LoadedAvatar(avatar, atlas), TraceIrradiance())
+    record = eyeballs.make_frame(atlas, eyeballs.gaze(15, -10), eyeballs.LIGHTS, eyeballs.moved_head())
+    signal = DrivingSignal(record.vertices, record.head_from_world, gaze=record.gaze)
+    # So near that a pixel adds little to the width of the lobe of an eye.
+    camera = look_at(eyeballs.CAMERA, eyeballs.CENTERS["eye_l"], 3.0, 40, 30)
+    light = stars()
+    assert it.prefilters
+    frames = [it.under_pixels(signal, light, TURN), it.under_sky(signal, it.prepare_sky(light), light, TURN)]
+    pixels, lobes = (it.view(frame, camera)[0] for frame in frames)
+    assert float((pixels - lobes).abs().max() / pixels.max()) < 0.01 and float(pixels.max()) > 0.1
+    torch.testing.assert_close(frames[0].shading.diffuse, frames[1].shading.diffuse, rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.parametrize("by", ["pixels", "lobes"])
@@ -182,9 +221,9 @@ def test_only_learned_transfer_without_traced_light_goes_by_lobes() -> None:
     assert relighter(shadow=True).prefilters
     assert not relighter(shadow=True, visibility="traced").prefilters
     assert not relighter(indirect="ambient").prefilters
-    assert not relighter(deferred=False).prefilters
     assert not relighter(highlight="half").prefilters
-    assert not relighter(shading="harmonics").prefilters
+    assert not relighter(shading="microfacet").prefilters
+    assert relighter(deferred=False).prefilters and relighter(shading="harmonics").prefilters
 
 
 def splat(splats: Splats, spec: AvatarSpec) -> torch.Tensor:

@@ -105,6 +105,25 @@ def test_steps_of_a_round_are_those_of_delayed_gradients(scene):
         assert torch.equal(found, expected), name
 
 
+def test_frames_of_a_step_are_averaged(scene):
+    """Adam by hand on the mean of both gradients; the terms are their means, too."""
+    avatar, inputs, images = scene
+    twin, settings = copy.deepcopy(avatar), SETTINGS.model_copy(update={"frames_per_step": 2, "steps_together": 1})
+    portions = [Portion(inputs, batch, len(batch)) for batch in (images[:2], images[2:])]
+    rows, _ = Training(avatar, settings).take_round(3, portions)
+    losses = [compute_loss(twin, portion, settings, 3) for portion in portions]
+    (sum(sum(terms.values()) for terms in losses) / 2).backward()
+    optimizer = make_optimizer(twin, settings)
+    for group in optimizer.param_groups:
+        group["lr"] *= settings.final_rate ** (3 / settings.steps)
+    optimizer.step()
+    assert len(rows) == 1
+    for name, value in rows[0].items():
+        assert value == pytest.approx(sum(terms[name].item() for terms in losses) / 2, rel=1e-6), name
+    for (name, found), expected in zip(avatar.named_parameters(), twin.parameters(), strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-6, msg=name)
+
+
 def test_a_parameter_that_is_not_used_stays_and_has_a_state(scene):
     avatar, inputs, images = scene
     avatar.unused = torch.nn.Parameter(torch.ones(3))
