@@ -59,12 +59,3 @@ def test_changed_calibration_of_the_set_is_imported_anew_and_smaller_chunks_are_
     assert workflow.planned(TARGET)["import_capture"] == 1
     # What was imported says how many frames there are: eleven are left of fourteen.
     assert workflow.planned("results/someone/tracking/review", "--config", "chunk_frames=4")["track_mesh"] == 3
-
-
-def test_a_folder_that_is_not_there_is_named(made):
-    workflow, shipped, _ = made
-    config = workflow.folder / "config/subjects/other.yaml"
-    config.write_text(f"source: goliath\npath: {shipped}x\n")
-    printed = workflow.refused("results/other/metrics.csv")
-    config.unlink()
-    assert "config/subjects/other.yaml: path: expected the folder of a goliath capture, found none" in printed

@@ -7,7 +7,7 @@ import yaml
 
 from pipeline.base.errors import InputError
 from pipeline.config.loading import load_project
-from pipeline.config.subjects import chunk_ids, require_subject, subject_names, watched_files
+from pipeline.config.subjects import chunk_ids, dataset_files, require_subject, subject_names, watched_files
 
 DESCRIPTION = {
     "format": "lightstage-capture/1",
@@ -131,3 +131,19 @@ def test_tables_outside_the_capture_are_never_opened(folders, table, limit):
     assert chunk_ids(project, "real") == ["0000"]
     root = str(folders / "captures/real")
     assert all(path.startswith(root) and ".." not in path for path in watched_files(project, "real"))
+
+
+def test_a_large_public_set_is_watched_by_its_calibrations_and_archives(folders):
+    place = folders / "set"
+    for name in ("K.json", "image/cam1.zip", "sequences/a/lights.json", "sequences/a/images/cam/0.avif"):
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_text("")
+    (folders / "subjects/shipped.yaml").write_text(f"source: goliath\npath: {place}\n")
+    (folders / "subjects/gone.yaml").write_text(f"source: goliath\npath: {place}x\n")
+    project = project_of(folders)
+    assert subject_names(project) == ["gone", "made", "real", "shipped"]
+    assert len(dataset_files(project, "shipped")) == 4
+    few = dataset_files(project_of(folders, track_capture_files=3), "shipped")
+    assert [path.removeprefix(f"{place}/") for path in few] == ["K.json", "image/cam1.zip", "sequences/a/lights.json"]
+    with pytest.raises(InputError, match=r"gone\.yaml: path: expected the folder of a goliath capture, found none"):
+        dataset_files(project, "gone")
