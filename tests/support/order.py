@@ -16,6 +16,7 @@ LONGEST_FIRST = (
     "stages/test_train_processes.py",
     "workflow/test_reruns.py",
     "workflow/test_head_without_eyes.py",
+    "workflow/test_public_set.py",
     "stages/test_track_mesh.py",
     "stages/test_trained_glints.py",
     "workflow/test_checks.py",

@@ -149,11 +149,14 @@ def test_commands_name_files_that_the_rules_declare(copy_of_project, tmp_path):
         path.write_text(re.sub(r"^    message:\n        .*\n", "", path.read_text(), flags=re.MULTILINE))
     (workflow.folder / "config/lights").mkdir(exist_ok=True)
     (workflow.folder / "config/lights/sky.exr").touch()
+    (tmp_path / "set").mkdir()
+    workflow.append("config/subjects/someone.yaml", f"source: goliath\npath: {tmp_path / 'set'}\n")
     wanted = ("calibration/review", "tracking/review", "accuracy_cost.csv", "report/index.html", "eyes.json",
               "irradiance/0000.parquet", "textures/0000.safetensors", "relit/full/sky", "budget.csv",
               "error_budget", "viewer/index.html", "export")  # fmt: skip
     options = ("--dry-run", "--printshellcmds", "--config", "budget_minutes=60", "--")
-    done = workflow.snakemake(*options, "results/comparison.csv", *(f"results/tiny/{name}" for name in wanted))
+    targets = ["results/comparison.csv", "results/someone/metrics.csv", *(f"results/tiny/{name}" for name in wanted)]
+    done = workflow.snakemake(*options, *targets)
     pattern = r"^(rule|checkpoint) (\w+):\n(.*?)^Shell command: ([^\n]*)$"
     jobs = re.findall(pattern, done.stdout, re.MULTILINE | re.DOTALL)
     assert {rule for _, rule, _, _ in jobs} == set(STAGES), done.stdout
@@ -165,7 +168,7 @@ def test_commands_name_files_that_the_rules_declare(copy_of_project, tmp_path):
         folders = {str(parent) for file in files for parent in Path(file).parents}
         folders |= {str(Path(file).with_suffix("")) for file in files}  # A folder beside a table of the same name.
         words = set(re.findall(r"\s(results/\S+)", command.partition(" > ")[0]))
-        assert words <= files | folders | {f"results/{name}/visibility" for name in ("tiny", "subjectA")}, rule
+        assert words <= files | folders | {f"results/{name}/visibility" for name in ("tiny", "subjectA", "someone")}, rule
 
 
 def declared(details):

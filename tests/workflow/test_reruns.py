@@ -10,7 +10,7 @@ import pytest
 from pipeline.config.project import SECTIONS
 
 TARGET = "results/subjectA/metrics.csv"
-INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "eyes", "gaze")
+INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "eyes", "gaze", "meshes")
 INDEX_JSON = ("capture", "calibration_cameras", "calibration_lights", "calibration_color")
 OUTPUTS = {
     "synthesize_capture": ["capture.yaml"],
@@ -30,6 +30,7 @@ OUTPUTS = {
     "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
 }
 ON_REQUEST = {
+    "import_capture",
     "check_budget",
     "review_calibration",
     "review_tracking",
@@ -41,7 +42,7 @@ ON_REQUEST = {
     "write_report",
     "compare_subjects",
 }
-"""Stages that nothing else waits for."""
+"""Stages that nothing else of this subject waits for."""
 
 HEADS_ONLY = {"bake_textures"}
 """Stages that captures of bodies do without."""
