@@ -168,7 +168,8 @@ def test_commands_name_files_that_the_rules_declare(copy_of_project, tmp_path):
         folders = {str(parent) for file in files for parent in Path(file).parents}
         folders |= {str(Path(file).with_suffix("")) for file in files}  # A folder beside a table of the same name.
         words = set(re.findall(r"\s(results/\S+)", command.partition(" > ")[0]))
-        assert words <= files | folders | {f"results/{name}/visibility" for name in ("tiny", "subjectA", "someone")}, rule
+        bits = {f"results/{name}/visibility" for name in ("tiny", "subjectA", "someone")}
+        assert words <= files | folders | bits, rule
 
 
 def declared(details):
