@@ -154,9 +154,9 @@ def test_a_lamp_that_is_hidden_is_told_from_one_that_is_not(used_page):
 
 
 def pixels(page):
-    """The canvas as a screenshot shows it once drawing is done, the measured time of a picture masked."""
+    """The canvas as a screenshot shows it once drawing is done, without the measured time, whose width varies."""
     page.evaluate(SETTLED)
-    shot = page.locator("#canvas").screenshot(mask=[page.locator("#rate")])
+    shot = page.locator("#canvas").screenshot(style="#rate { display: none }")
     return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(np.float64)
 
 
