@@ -31,12 +31,16 @@ class IntrinsicLayers:
         albedo, roughness, visibility, shadow: averages over what each pixel shows, 0 beside the subject.
         normal: unit normals for shading, in the world; 0 beside the subject.
         diffuse, specular, indirect: linear RGB over black.
+        alpha: coverage.
+        depth: of what is seen, metres, not divided by less than SMALLEST_ALPHA.
     """
 
     albedo: Float[Tensor, "h w 3"]
     normal: Float[Tensor, "h w 3"]
     diffuse: Float[Tensor, "h w 3"]
     specular: Float[Tensor, "h w 3"]
+    alpha: Float[Tensor, "h w 1"]
+    depth: Float[Tensor, "h w 1"]
     roughness: Float[Tensor, "h w 1"] | None = None
     visibility: Float[Tensor, "h w 1"] | None = None
     shadow: Float[Tensor, "h w 1"] | None = None
@@ -66,7 +70,8 @@ def intrinsic_layers(avatar: Avatar, frame: PreparedFrame, camera: CameraView) -
         if name in blended:
             blended[name] = blended[name] / weight
     blended["normal"] = torch.nn.functional.normalize(blended["normal"], dim=-1)
-    return IntrinsicLayers(specular=specular, **blended)
+    depth = picture.depth[..., None] / weight
+    return IntrinsicLayers(specular=specular, alpha=picture.alpha[..., None], depth=depth, **blended)
 
 
 def unshadowed(images: Layers) -> Layers:
@@ -113,7 +118,8 @@ def traced_shadow(avatar: Avatar, frame: PreparedFrame) -> Float[Tensor, " texel
 ROUGHNESS_AT_TOP = 0.5
 """Roughness that pictures show as white, radians."""
 
-TITLES = {"roughness": f"roughness, 0 to {ROUGHNESS_AT_TOP:g}", "normal": "normal, as the camera sees it"}
+SHOWN = ("albedo", "normal", "diffuse", "specular", "roughness", "visibility", "shadow", "indirect")
+"""Layers that are pictures, in this order."""
 
 
 def as_pictures(layers: IntrinsicLayers, camera: CameraView) -> dict[str, Float[np.ndarray, "h w 3"]]:
@@ -121,15 +127,19 @@ def as_pictures(layers: IntrinsicLayers, camera: CameraView) -> dict[str, Float[
 
     Normals have the camera's axes as colours: red to the right, green up, blue towards it.
     """
-    pictures = {}
-    for name, layer in layers.named().items():
-        values = layer.cpu().numpy()
+    pictures, there = {}, layers.named()
+    for name in (name for name in SHOWN if name in there):
+        values, title = there[name].cpu().numpy(), name
         if name == "normal":
+            title = "normal, as the camera sees it"
             covered = (values != 0).any(-1, keepdims=True)
             values = covered * (0.5 + 0.5 * values @ camera.R.cpu().numpy().T * (1, -1, -1))
         elif name in ("roughness", "visibility", "shadow"):
-            values = (values / (ROUGHNESS_AT_TOP if name == "roughness" else 1)).clip(0, 1).repeat(3, -1)
+            # A lobe of GGX has a height of a twentieth, learned ones of up to 1: its largest is white.
+            top = {"roughness": ROUGHNESS_AT_TOP, "visibility": float(values.max()) or 1.0, "shadow": 1.0}[name]
+            title = name if name == "shadow" else f"{name}, 0 to {top:.2g}"
+            values = (values / top).clip(0, 1).repeat(3, -1)
         else:
             values = preview_srgb(values)
-        pictures[TITLES.get(name, name)] = values
+        pictures[title] = values
     return pictures

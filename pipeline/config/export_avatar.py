@@ -8,9 +8,6 @@ from pydantic import Field
 
 from pipeline.config.settings import Settings
 
-SPLAT_FORMATS = ("ply", "spz", "sog", "glb")
-"""Formats of Gaussians: a file for each frame."""
-
 
 class ExportAvatar(Settings):
     """Formats and frames of an avatar as files that other programs open."""

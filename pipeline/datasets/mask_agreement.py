@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
 from pipeline.base.errors import InputError
+from pipeline.base.spread import evenly
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.images import decode_mask
 from pipeline.datasets.imported_capture import ImageStore, TrackedMeshes
@@ -133,11 +134,6 @@ def posed_vertices(root: Path, meshes: TrackedMeshes, frame: int) -> Float64[np.
         return vertices
     motion = np.array(row.world_from_mesh, np.float64).reshape(3, 4)
     return vertices @ motion[:, :3].T + motion[:, 3]
-
-
-def evenly(values: list, most: int) -> list:
-    """At most so many of the values, evenly spread."""
-    return [values[i] for i in np.unique(np.linspace(0, len(values) - 1, min(most, len(values))).round().astype(int))]
 
 
 def decide(found: Mapping[str, Agreement], what: str) -> str:

@@ -21,6 +21,7 @@ import rerun.blueprint as rrb
 
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.conventions import PIXEL_CENTER
+from pipeline.base.spread import evenly
 from pipeline.capture.reduced_images import reduction
 from pipeline.capture.undistortion import Box, distorted_positions
 from pipeline.config.review_tracking import ReviewTracking
@@ -28,7 +29,6 @@ from pipeline.figures.tracked_capture import TrackedCapture
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.mesh import vertex_normals, weld_vertices
 from pipeline.lighting.frame_lights import CHANNELS
-from pipeline.tracking.color_views import evenly
 
 DETECTED, TRACKED, SKIN = (86, 180, 233), (240, 228, 66), (190, 180, 172)
 

@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.files import read_json
+from pipeline.base.spread import evenly
 from pipeline.base.verdicts import Verdict
 from pipeline.figures.calibration import PARTS, read_verdicts
 from pipeline.figures.page import verdict_list, verdict_tiles
 from pipeline.report.part import Part
 from pipeline.report.results import Results, missing_files
 from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
-from pipeline.tracking.color_views import evenly
 
 CALIBRATION_PICTURES = {
     "rig.png": "Do cameras and lights stand where they stand in the room?",

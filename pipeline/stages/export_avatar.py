@@ -28,7 +28,7 @@ from pipeline.base.spread import spread
 from pipeline.base.whole_files import written_folder
 from pipeline.capture.records import FrameRecord
 from pipeline.capture.shards import read_frame_shards
-from pipeline.config.export_avatar import SPLAT_FORMATS, ExportAvatar
+from pipeline.config.export_avatar import ExportAvatar
 from pipeline.export.atlas_textures import material_textures
 from pipeline.export.gaussian_gltf import write_gaussian_glb
 from pipeline.export.posed_mesh import write_posed_mesh
@@ -42,9 +42,9 @@ from pipeline.rendering.splat_ply import Splats, write_splats
 
 log = logging.getLogger("export_avatar")
 
-SPLAT_WRITERS: dict[str, Callable[[Path, Splats], None]] = dict(
-    zip(SPLAT_FORMATS, (write_splats, write_spz, write_sog, write_gaussian_glb), strict=True)
-)
+SPLAT_WRITERS: dict[str, Callable[[Path, Splats], None]] = {
+    "ply": write_splats, "spz": write_spz, "sog": write_sog, "glb": write_gaussian_glb,
+}  # fmt: skip
 BLENDER_SCRIPT = "open_in_blender.py"
 
 
@@ -86,9 +86,9 @@ def run(
     with written_folder(out, "export_avatar") as folder:
         for number in progress(spread(numbers, settings.splat_frames), "frames"):
             splats = splats_of(prepared(loaded, records[number]), settings.exposure)
-            for name in SPLAT_FORMATS:
+            for name, write in SPLAT_WRITERS.items():
                 if name in settings.formats:
-                    SPLAT_WRITERS[name](folder / f"splats/{number:06d}.{name}", splats)
+                    write(folder / f"splats/{number:06d}.{name}", splats)
         if "mesh" in settings.formats:
             surface = prepared(loaded, records[numbers[0]]).surface
             axes, normals = (tensor.cpu().numpy() for tensor in (surface.posed.tangent_frames, surface.bent_normals))

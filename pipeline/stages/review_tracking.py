@@ -17,6 +17,7 @@ import numpy as np
 
 from pipeline.base.command import run_as_command
 from pipeline.base.files import write_table
+from pipeline.base.spread import evenly
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.base.whole_files import written_folder
 from pipeline.config.review_tracking import ReviewTracking
@@ -28,7 +29,6 @@ from pipeline.figures.tracking_plot import draw_errors
 from pipeline.figures.tracking_sheet import draw_sheet, read_panel
 from pipeline.figures.tracking_verdicts import camera_verdicts, frame_verdicts
 from pipeline.geometry.surface_points import SurfacePoints
-from pipeline.tracking.color_views import evenly
 
 log = logging.getLogger("review_tracking")
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -12,11 +10,10 @@ import pandas as pd
 from jaxtyping import Bool, Float32, Int64
 
 from pipeline.base.progress import progress
+from pipeline.base.spread import evenly
 from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means, reduction
 from pipeline.geometry.cameras import Camera
-
-Thing = TypeVar("Thing")
 
 LEAST_SHARE = 1e-3
 """Share of a blurred pixel that shows the subject below which it has no colour; rounding stays far below."""
@@ -97,10 +94,3 @@ def read_color_views(
             stack[row[f]] = light / np.maximum(masks[row[f]], LEAST_SHARE)[..., None]
         views.append(ColorView(camera, stack, masks, row))
     return views
-
-
-def evenly(things: Sequence[Thing], most: int) -> list[Thing]:
-    """At most `most` of the things, evenly spaced."""
-    if len(things) <= most:
-        return list(things)
-    return [things[i] for i in np.linspace(0, len(things) - 1, most).round().astype(int)]

@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Int64
 
 from pipeline.base.files import read_table
+from pipeline.base.spread import evenly
 from pipeline.geometry.mesh import weld_vertices
 from pipeline.geometry.skin import Template
 from pipeline.geometry.surface_points import spread_points
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
-from pipeline.tracking.color_views import ColorView, evenly
+from pipeline.tracking.color_views import ColorView
 from pipeline.tracking.cues import Cue, Rounds
 from pipeline.tracking.image_cue import ImageCue
 from pipeline.tracking.keyframe_refinement import KeyframeRefinement

@@ -10,11 +10,11 @@ import pandas as pd
 
 from pipeline.base.errors import InputError
 from pipeline.base.progress import progress
+from pipeline.base.spread import evenly
 from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means, reduction
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.signed_distance import View, view_from_masks
-from pipeline.tracking.color_views import evenly
 from pipeline.tracking.keypoint_targets import KeypointTargets
 from pipeline.tracking.mesh_tracker import Observations
 

@@ -15,9 +15,8 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
 from pipeline.capture.images import ImageSource
 from pipeline.geometry.cameras import read_cameras
-from pipeline.stages import book_patterns, calibrate_cameras, calibrate_color, calibrate_lights, track_mesh
+from pipeline.stages import book_patterns
 from pipeline.stages.import_capture import run
-from pipeline.stages.index_capture import run as index_capture
 from tests.support.datasets.becominglit_layout import (
     CAMERAS,
     SEQUENCES,
@@ -28,6 +27,7 @@ from tests.support.datasets.becominglit_layout import (
     true_head,
     write_becominglit,
 )
+from tests.support.datasets.imported import import_set
 
 FRAMES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 6, 100000: 9, 100001: 10, 100002: 11, 100003: 12}
 """Imported -> true: the sequences are EXP-2 and FREE, whose last frame lies behind its last mesh."""
@@ -46,17 +46,9 @@ def shipped(truth, tmp_path_factory):
 @pytest.fixture(scope="module")
 def imported(shipped, tmp_path_factory):
     """Folders of the native capture, and of the results of the stages that follow."""
-    folder = tmp_path_factory.mktemp("imported")
-    capture, results = folder / "captures/someone", folder / "results"
-    run(dataset="becominglit", source=shipped, subject="someone", out=capture)
-    index_capture(capture=capture, out=results / "index")
-    given = {"capture": capture, "index": results / "index", "out": results / "calibration"}
-    calibrate_cameras.run(**given)
-    calibrate_color.run(**given)
-    calibrate_lights.run(**given, rig=results / "calibration/rig.json")
+    capture, results = import_set("becominglit", shipped, tmp_path_factory.mktemp("imported"))
     cameras, lights = results / "calibration/cameras.json", results / "calibration/lights.parquet"
     book_patterns.run(capture=capture, index=results / "index", lights=lights, cameras=cameras, out=results)
-    track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
     return capture, results
 
 

@@ -18,9 +18,7 @@ from pipeline.base.files import read_arrays
 from pipeline.capture.images import ImageSource
 from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
-from pipeline.stages import calibrate_cameras, calibrate_color, calibrate_lights, track_mesh
 from pipeline.stages.import_capture import run
-from pipeline.stages.index_capture import run as index_capture
 from tests.support.datasets.goliath_layout import (
     BLACK,
     BLIND_CAMERA,
@@ -34,6 +32,7 @@ from tests.support.datasets.goliath_layout import (
     true_head,
     write_goliath,
 )
+from tests.support.datasets.imported import import_set
 
 KEPT = [*range(7), 9, 10, 11, 12]
 """Frames with a mesh or between two of their segment: the second begins, and ends, beside one only."""
@@ -54,18 +53,8 @@ def shipped(truth, tmp_path_factory):
 @pytest.fixture(scope="module")
 def imported(shipped, tmp_path_factory):
     """Folders of the native capture, and of the results of the stages that follow."""
-    folder, before = tmp_path_factory.mktemp("imported"), sizes(shipped)
-    capture, results = folder / "captures/someone", folder / "results"
-    run(dataset="goliath", source=shipped, subject="someone", out=capture)
-    index_capture(capture=capture, out=results / "index")
-    given = {"capture": capture, "index": results / "index", "out": results / "calibration"}
-    calibrate_cameras.run(**given)
-    calibrate_color.run(**given)
-    calibrate_lights.run(**given, rig=results / "calibration/rig.json")
-    track_mesh.run(
-        capture=capture, index=results / "index", cameras=results / "calibration/cameras.json", chunk=0,
-        out=results / "tracking",
-    )  # fmt: skip
+    before = sizes(shipped)
+    capture, results = import_set("goliath", shipped, tmp_path_factory.mktemp("imported"))
     assert sizes(shipped) == before, "something was written into the set"
     return capture, results
 

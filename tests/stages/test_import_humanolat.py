@@ -15,9 +15,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
 from pipeline.datasets.humanolat import image_of
 from pipeline.geometry.cameras import read_cameras
-from pipeline.stages import calibrate_cameras, calibrate_lights, track_mesh
 from pipeline.stages.import_capture import run
-from pipeline.stages.index_capture import run as index_capture
 from tests.support.datasets.humanolat_layout import (
     CAMERAS,
     FULL,
@@ -29,6 +27,7 @@ from tests.support.datasets.humanolat_layout import (
     true_head,
     write_humanolat,
 )
+from tests.support.datasets.imported import import_set
 
 DIRECTIONS = ("camera-from-world", "world-from-camera")
 
@@ -51,17 +50,9 @@ def copy_of(shipped, folder):
 def imported(request, truth, shipped, tmp_path_factory):
     """Folders of the native capture and of the results of the stages that follow, and the direction."""
     folder = tmp_path_factory.mktemp("imported")
-    capture, results = folder / "captures/someone", folder / "results"
     source = copy_of(shipped, folder)
     (source / "shared/cameras.calib").write_text(calibration(truth, request.param))
-    run(dataset="humanolat", source=source, subject="someone", out=capture)
-    index_capture(capture=capture, out=results / "index")
-    given = {"capture": capture, "index": results / "index", "out": results / "calibration"}
-    calibrate_cameras.run(**given)
-    calibrate_lights.run(**given, rig=results / "calibration/rig.json")
-    cameras = results / "calibration/cameras.json"
-    track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
-    return capture, results, request.param
+    return *import_set("humanolat", source, folder), request.param
 
 
 def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):

@@ -20,11 +20,11 @@ import torch
 from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
-from pipeline.avatar.appearance.lobes import SMALLEST_ALPHA
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_fields import NearField
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.frames.sky import PreparedSky
+from pipeline.avatar.intrinsic_layers import intrinsic_layers
 from pipeline.avatar.relighting.driving_signal import DrivingSignal, as_signal
 from pipeline.avatar.relighting.sky_lobe import under_sky, works_under_sky
 from pipeline.avatar.training.checkpoint import LoadedAvatar, camera_view
@@ -134,26 +134,22 @@ class Relighter:
     def render_layers(self, frame: PreparedFrame, camera: Camera) -> dict[str, Float[Tensor, "h w"]]:
         """The picture's parts over black, by channels that programs for compositing know.
 
-        diffuse, indirect and specular add up to the picture: the last is what the others leave over, and so has all
-        that changes with the view. Normals are in the world, unit length where the avatar is opaque; Z is the depth of
-        what is seen, metres, not divided by less than SMALLEST_ALPHA.
+        They are the `IntrinsicLayers`, with shadows in them and premultiplied by alpha: diffuse, indirect and specular
+        add up to the picture. Normals are in the world; Z is the depth of what is seen, metres.
         """
-        shading = frame.shading
-        indirect = torch.zeros_like(shading.diffuse) if shading.indirect is None else shading.indirect
-        features = {
-            "albedo": self.avatar.albedo, "normal": frame.surface.bent_normals,
-            "diffuse": view_independent_color(frame) - indirect, "indirect": indirect,
+        layers = intrinsic_layers(self.avatar, frame, camera_view(camera, self.device))
+        shadow = 1.0 if frame.shading.shadow is None else layers.shadow
+        images = {
+            "albedo": layers.alpha * layers.albedo, "normal": layers.alpha * layers.normal,
+            "diffuse": shadow * layers.diffuse, "specular": shadow * layers.specular,
+            "indirect": torch.zeros_like(layers.diffuse) if layers.indirect is None else layers.indirect,
         }  # fmt: skip
-        drawn = self.avatar.draw(frame, torch.cat(list(features.values()), 1), camera_view(camera, self.device))
-        images = dict(zip(features, drawn.features.split(3, 2), strict=True))
-        rgb, _ = self.view(frame, camera)
-        images["specular"] = rgb - images["diffuse"] - images["indirect"]
         named = {
             f"{name}.{channel}": image[..., place]
             for name, image in images.items()
             for place, channel in enumerate("XYZ" if name == "normal" else "RGB")
         }
-        return named | {"Z": drawn.depth / drawn.alpha.clamp_min(SMALLEST_ALPHA)}
+        return named | {"Z": layers.depth[..., 0]}
 
     @torch.no_grad()
     def code_of(self, signal: DrivingSignal) -> Float32[np.ndarray, " code"]:

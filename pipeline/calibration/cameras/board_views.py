@@ -16,6 +16,7 @@ from jaxtyping import Float64, Int64, UInt8
 
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.progress import progress
+from pipeline.base.spread import evenly
 from pipeline.calibration.cameras.board_identity import identify_board
 from pipeline.calibration.cameras.board_motion import with_motion
 from pipeline.calibration.cameras.boards import Board, BoardPhoto, Detection, detect_boards
@@ -74,6 +75,10 @@ def choose_shots(views: Sequence[dict], most: int | None) -> list[dict]:
     return [view for view in views if view["view"] in shots]
 
 
+Searched = tuple[list[Detection], tuple[int, int]]
+"""Each board's corners in an image, and its width and height."""
+
+
 @dataclass(frozen=True)
 class FoundBoards:
     """Boards as they are printed, and where they are.
@@ -102,25 +107,29 @@ def find_boards(
         InputError: if an image has not the sensor's size, or if there is no board in any of them.
     """
 
-    def search(view: dict, boards: Sequence[Board]) -> tuple[list[Detection], tuple[int, int]]:
-        gray = read_view_gray(capture, view)
+    def search(place: int, boards: Sequence[Board]) -> Searched:
+        gray = read_view_gray(capture, views[place])
         return detect_boards(gray, boards), (gray.shape[1], gray.shape[0])
 
-    def search_all(views: Sequence[dict], boards: Sequence[Board]) -> list[tuple[list[Detection], tuple[int, int]]]:
+    def search_all(places: Sequence[int], boards: Sequence[Board]) -> dict[int, Searched]:
         with ThreadPoolExecutor(threads) as pool:
-            return list(progress(pool.map(lambda view: search(view, boards), views), "board images", len(views)))
+            made = pool.map(lambda place: search(place, boards), places)
+            return dict(zip(places, progress(made, "board images", len(places)), strict=True))
 
-    printed = list(boards)
-    first = search_all(_spread(views, TRIED_IMAGES), boards)
+    sample, printed = evenly(range(len(views)), TRIED_IMAGES), list(boards)
+    searched = search_all(sample, boards)
     for b, board in enumerate(boards):
-        if not any(_is_seen(detections[b]) for detections, _ in first):
+        if not any(_is_seen(detections[b]) for detections, _ in searched.values()):
             variants = board.variants()
-            tried = [each for each, _ in search_all(_spread(views, TRIED_IMAGES), variants)]
+            tried = [each for each, _ in search_all(sample, variants).values()]
             seen = [sum(len(each[k].ids) for each in tried if _is_seen(each[k])) for k in range(len(variants))]
             printed[b] = variants[int(np.argmax(seen))]
             if printed[b] != board:
                 log.info("board %d: declared %s; found: %s", b, board.describe(), printed[b].describe())
-    found = first if len(first) == len(views) and printed == list(boards) else search_all(views, printed)
+    if printed != list(boards):
+        searched = {}
+    searched |= search_all([place for place in range(len(views)) if place not in searched], printed)
+    found = [searched[place] for place in range(len(views))]
     complaints = Complaints(capture)
     for view, (_, size) in zip(views, found, strict=True):
         if size != sizes[view["camera"]]:
@@ -138,11 +147,6 @@ def _is_seen(detection: Detection) -> bool:
     return len(detection.ids) >= LEAST_CORNERS
 
 
-def _spread(views: Sequence[dict], most: int) -> list[dict]:
-    """At most so many of the images, evenly spread."""
-    return list(views[:: max(1, -(-len(views) // most))])
-
-
 def explain_nothing(
     capture: Path, views: Sequence[dict], boards: Sequence[Board], detections: Sequence[Sequence[Detection]]
 ) -> str:
@@ -152,7 +156,7 @@ def explain_nothing(
     """
     names = list(dict.fromkeys(board.markers_of for board in boards if board.markers_of))
     wanted = " or ".join(names or dict.fromkeys(board.describe() for board in boards))
-    grays = [read_view_gray(capture, view) for view in _spread(views, EXPLAINING_IMAGES)]
+    grays = [read_view_gray(capture, view) for view in evenly(views, EXPLAINING_IMAGES)]
     expected = f"{'dictionary: ' * bool(names)}expected a board of {wanted}, found none in {len(views)} images"
     mirrored = sum(mirrored_markers(gray, boards) for gray in grays)
     match = identify_board(grays, boards)

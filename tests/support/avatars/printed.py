@@ -40,6 +40,18 @@ def shaken(avatar, strength=0.3):
     return avatar
 
 
+def numbers(tensor):
+    """A tensor's values in float64."""
+    return tensor.detach().double().numpy()
+
+
+def assert_near(found, expected, rounding=ROUNDING):
+    """Assert that a tensor has the expected values, which are not all zero, but for roundings of float32."""
+    expected = np.asarray(expected)
+    assert np.abs(numbers(found) - expected).max() <= rounding * max(1.0, np.abs(expected).max())
+    assert np.abs(expected).max() > 0
+
+
 def leaky(x):
     return torch.where(x > 0, x, SLOPE * x)
 

@@ -19,7 +19,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from tests.support.avatars import printed
-from tests.support.avatars.printed import ROUNDING, dense, leaky
+from tests.support.avatars.printed import ROUNDING, assert_near, dense, leaky, numbers
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
 SETTINGS = printed.preset(
@@ -45,16 +45,6 @@ def scene():
         return avatar, inputs, avatar.prepare(inputs), camera
 
 
-def numbers(tensor):
-    return tensor.detach().double().numpy()
-
-
-def near(found, expected, rounding=ROUNDING):
-    expected = np.asarray(expected)
-    assert np.abs(numbers(found) - expected).max() <= rounding * max(1.0, np.abs(expected).max())
-    assert np.abs(expected).max() > 0
-
-
 def code_and_parameters():
     avatar, inputs, frame, _ = scene()
     rest, posed = (
@@ -71,7 +61,7 @@ def code_and_parameters():
 
 def test_3_points_moved_back_by_the_root_are_encoded():
     avatar, inputs, _, _ = scene()
-    near(avatar.networks.code(inputs.record.vertices), numbers(code_and_parameters()[0]))
+    assert_near(avatar.networks.code(inputs.record.vertices), numbers(code_and_parameters()[0]))
 
 
 def test_4_geometry_and_transfer_are_decoded_from_the_code():
@@ -84,7 +74,7 @@ def test_4_geometry_and_transfer_are_decoded_from_the_code():
     parts = printed.decoded(decoder, ATLAS, first).split(additions.widths, -1)
     for (name, start), part in zip(own.items(), parts, strict=True):
         unit = float(avatar.spacing.mean()) if name == "offset" else 1.0
-        near(getattr(parameters, name), numbers(start) + unit * numbers(part).reshape(start.shape))
+        assert_near(getattr(parameters, name), numbers(start) + unit * numbers(part).reshape(start.shape))
     assert set(own) == {
         "offset", "rotation", "log_scale", "opacity", "transfer_color", "transfer_mono", "normal_offset"
     }  # fmt: skip
@@ -98,9 +88,9 @@ def test_5_and_6_places_and_rotations():
     frame = scene()[2]
     posed, tangent_frames = frame.surface.posed, numbers(frame.surface.posed.tangent_frames)
     offsets = np.einsum("kij,kj->ki", tangent_frames, numbers(frame.parameters.offset))
-    near(frame.gaussians.means, numbers(posed.points) + offsets)
-    near(frame.surface.axes, axes_of(frame))
-    near(torch.as_tensor(printed.rotations(numbers(frame.gaussians.quaternions))), axes_of(frame))
+    assert_near(frame.gaussians.means, numbers(posed.points) + offsets)
+    assert_near(frame.surface.axes, axes_of(frame))
+    assert_near(torch.as_tensor(printed.rotations(numbers(frame.gaussians.quaternions))), axes_of(frame))
 
 
 def test_7_to_9_diffuse_colour_is_light_times_three_zonal_lobes():
@@ -116,14 +106,14 @@ def test_7_to_9_diffuse_colour_is_light_times_three_zonal_lobes():
         away = position - means
         distance2 = (away**2).sum(-1)
         light = light + printed.harmonics(printed.unit(away))[..., None] * (intensity / distance2[:, None])[:, None]
-    near(frame.shading.diffuse, albedo * (light * d).sum(1), 5 * ROUNDING)
+    assert_near(frame.shading.diffuse, albedo * (light * d).sum(1), 5 * ROUNDING)
 
 
 def test_10_normals_bend_from_the_last_column():
     frame = scene()[2]
     axes = axes_of(frame)
     bent = axes[..., 2] + np.einsum("kij,kj->ki", axes, numbers(frame.parameters.normal_offset))
-    near(frame.surface.bent_normals, printed.unit(bent))
+    assert_near(frame.surface.bent_normals, printed.unit(bent))
 
 
 def visibility():
@@ -142,7 +132,7 @@ def visibility():
 
 def test_14_visibility_is_decoded_for_each_view():
     avatar, _, frame, camera = scene()
-    near(avatar.built.specular.visibility(avatar.viewed(frame, camera.center)), visibility())
+    assert_near(avatar.built.specular.visibility(avatar.viewed(frame, camera.center)), visibility())
 
 
 def shaded_sheet():
@@ -174,7 +164,7 @@ def traced(**changes):
 
 def test_15_irradiance_is_the_share_of_the_light_that_arrives():
     came, sent = arriving()
-    near(torch.as_tensor(traced()), came.sum(0) / sent.sum(0))
+    assert_near(torch.as_tensor(traced()), came.sum(0) / sent.sum(0))
     assert 0.1 < (came < sent).mean() < 0.9
 
 
@@ -207,7 +197,7 @@ def test_16_shadow_is_a_network_of_the_irradiance_alone():
     coarse = layer(torch.nn.functional.avg_pool2d(x, 2), reference.coarser[0])
     x = x + torch.nn.functional.interpolate(coarse, (8, 8), mode="bilinear", align_corners=False)
     x = conv(layer(x, reference.hidden[1]), reference.last.weight, reference.last.bias, padding=1)
-    near(shadow, numbers(torch.sigmoid(x)).ravel())
+    assert_near(shadow, numbers(torch.sigmoid(x)).ravel())
     other = net(inputs.irradiance[0], torch.zeros(ATLAS.texel_count))
     assert torch.equal(shadow, other)  # the cosine visibility is not read
 
@@ -230,8 +220,8 @@ def test_2_and_11_to_13_and_16_a_pixel():
         LIGHTS,
         INTENSITIES,
     )
-    near(found.rgb[row, column], (pixels[:, :3] + shine) * pixels[:, 8:], 2e-4)
-    near(found.alpha, alpha)
+    assert_near(found.rgb[row, column], (pixels[:, :3] + shine) * pixels[:, 8:], 2e-4)
+    assert_near(found.alpha, alpha)
     assert shine.max() > 0.01 and pixels[:, 8].min() < 0.3  # a highlight, and pixels that are covered in part
 
 
@@ -240,9 +230,9 @@ def test_17_reconstruction_is_the_mean_absolute_error_and_a_dropped_term_is_told
     rgb, captured = (torch.rand(6, 5, 3, generator=generator) for _ in range(2))
     alpha, mask = torch.rand(6, 5, generator=generator), torch.ones(6, 5)
     terms = reconstruction(Picture(rgb, alpha), captured, mask, scene()[3], SETTINGS)
-    near(terms["photometric"], np.abs(numbers(rgb) - numbers(captured)).mean())
-    near(terms["silhouette"], 0.1 * np.abs(numbers(alpha) - 1).mean())
-    near(terms["alpha_sparsity"], 0.1 * np.minimum(numbers(alpha), 1 - numbers(alpha)).mean())
+    assert_near(terms["photometric"], np.abs(numbers(rgb) - numbers(captured)).mean())
+    assert_near(terms["silhouette"], 0.1 * np.abs(numbers(alpha) - 1).mean())
+    assert_near(terms["alpha_sparsity"], 0.1 * np.minimum(numbers(alpha), 1 - numbers(alpha)).mean())
     assert "lpips" not in terms and "weight_lpips is 0.1" in dropped_terms(SETTINGS)["lpips"]
     assert not dropped_terms(SETTINGS.model_copy(update={"weight_lpips": 0.0}))
 

@@ -23,7 +23,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import any_tangent, write_atlas
 from tests.support.avatars import eyeballs, printed
-from tests.support.avatars.printed import ROUNDING, dense, leaky
+from tests.support.avatars.printed import ROUNDING, assert_near, dense, leaky, numbers
 
 SETTINGS = printed.preset("papers_head", code_size=4, decoder_channels=(8, 4), pose_points=4, eye_channels=(4,))
 SKIN = np.array([[-0.08, -0.06, 0.05], [0.08, -0.06, 0.05], [0.08, 0.08, 0.05], [-0.08, 0.08, 0.05]])
@@ -57,16 +57,6 @@ def scene():
         return avatar, inputs, avatar.prepare(inputs), camera
 
 
-def numbers(tensor):
-    return tensor.detach().double().numpy()
-
-
-def near(found, expected, rounding=ROUNDING):
-    expected = np.asarray(expected)
-    assert np.abs(numbers(found) - expected).max() <= rounding * max(1.0, np.abs(expected).max())
-    assert np.abs(expected).max() > 0
-
-
 def skin_alone(values):
     """Rows of texels that are no eye's."""
     chosen = numbers(scene()[0].eyes.chosen).astype(int)
@@ -74,7 +64,7 @@ def skin_alone(values):
 
 
 def on_skin(found, expected, rounding=ROUNDING):
-    near(torch.as_tensor(skin_alone(found)), skin_alone(expected), rounding)
+    assert_near(torch.as_tensor(skin_alone(found)), skin_alone(expected), rounding)
 
 
 def head():
@@ -95,8 +85,8 @@ def test_3_expression_is_encoded_from_vertices_and_mean_texture():
     colors = (inputs.texture - encoder.texture_middle) / encoder.texture_scale
     features = leaky(torch.cat([points, encoder.texture(colors).double()]))
     found = avatar.networks.encode(inputs)
-    near(found.mean, numbers(dense(encoder.mean, features)))
-    near(found.log_variance, numbers(dense(encoder.log_variance, features)))
+    assert_near(found.mean, numbers(dense(encoder.mean, features)))
+    assert_near(found.log_variance, numbers(dense(encoder.log_variance, features)))
 
 
 def gaze_map():
@@ -153,7 +143,7 @@ def test_4_gaussians_sit_on_decoded_vertices_moved_and_turned_in_the_heads_frame
     vertices = numbers(expression.middle) + numbers(expression.scale) * numbers(dense(expression.last, hidden)).reshape(
         -1, 3
     )
-    near(frame.decoded.head.decoded_vertices, vertices)
+    assert_near(frame.decoded.head.decoded_vertices, vertices)
     anchors = (vertices[atlas.corners] * atlas.barycentric[..., None]).sum(1)
     world = (anchors + numbers(frame.parameters.offset) - t) @ R
     on_skin(frame.gaussians.means, world)
@@ -230,8 +220,8 @@ def test_2_a_pixel_blends_the_colours():
     table = np.concatenate([numbers(layers.color), numbers(layers.mirrors)[:, :1]], 1)
     picture, alpha, _ = printed.blended(frame.gaussians, axes, table, camera, SETTINGS.dilation_px2)
     found, skin = avatar.view(frame, camera), picture[..., 3] < 1e-6
-    near(found.alpha, alpha)
-    near(found.rgb[torch.as_tensor(skin)], picture[skin][:, :3])
+    assert_near(found.alpha, alpha)
+    assert_near(found.rgb[torch.as_tensor(skin)], picture[skin][:, :3])
     assert 50 < skin.sum() < skin.size
 
 
@@ -284,14 +274,14 @@ def test_10_eyes_are_decoded_from_gaze_and_pose_of_the_head_and_view():
         texels = eyes.chosen[rows]
         values = eye_values(eyes.decoders.fixed[number], eye_map(number), number)
         start = np.cumsum([0, *eyes.decoders.additions.widths])[list(eyes.decoders.additions.shapes).index("opacity")]
-        near(frame.parameters.opacity[texels], numbers(base.opacity[texels]) + values[:, start], 1e-4)
+        assert_near(frame.parameters.opacity[texels], numbers(base.opacity[texels]) + values[:, start], 1e-4)
         centre = numbers(frame.eyes.centers[number])
         toward = R @ printed.unit(numbers(camera.center) - centre)
         view = leaky(dense(eyes.decoders.direction[number], torch.as_tensor(toward)))
         first = torch.cat([eye_map(number), view[:, None, None].expand(-1, 4, 4)])
         values = eye_values(eyes.decoders.viewed[number], first, number)
-        near(seen.eye_gain[rows], np.exp(MOST_GAIN * np.tanh(values[:, :3] / MOST_GAIN)), 1e-4)
-        near(seen.visibility[texels], viewed()[0][numbers(texels).astype(int)] + values[:, 3], 1e-4)
+        assert_near(seen.eye_gain[rows], np.exp(MOST_GAIN * np.tanh(values[:, :3] / MOST_GAIN)), 1e-4)
+        assert_near(seen.visibility[texels], viewed()[0][numbers(texels).astype(int)] + values[:, 3], 1e-4)
     assert set(eyes.decoders.additions.shapes) == {
         "rotation", "log_scale", "opacity", "transfer_color", "transfer_mono", "log_roughness"
     }  # fmt: skip
@@ -304,12 +294,12 @@ def test_11_and_12_reconstruction_and_divergence():
     rgb, captured = (torch.rand(13, 15, 3, generator=generator) for _ in range(2))
     terms = reconstruction(Picture(rgb, torch.ones(13, 15)), captured, torch.ones(13, 15), camera, SETTINGS)
     terms |= expression_terms(avatar, frame, inputs, SETTINGS)
-    near(terms["photometric"], 10 * np.abs(numbers(rgb) - numbers(captured)).mean())
+    assert_near(terms["photometric"], 10 * np.abs(numbers(rgb) - numbers(captured)).mean())
     latent = frame.decoded.head.latent
     mean, log_variance = numbers(latent.mean), numbers(latent.log_variance)
-    near(terms["kl"], 0.002 * 0.5 * (mean**2 + np.exp(log_variance) - log_variance - 1).mean())
+    assert_near(terms["kl"], 0.002 * 0.5 * (mean**2 + np.exp(log_variance) - log_variance - 1).mean())
     errors = numbers(frame.decoded.head.decoded_vertices) - numbers(inputs.local_vertices)
-    near(terms["geometry"], 10 * ((errors / numbers(avatar.networks.expression.scale)) ** 2).mean(), 1e-4)
+    assert_near(terms["geometry"], 10 * ((errors / numbers(avatar.networks.expression.scale)) ** 2).mean(), 1e-4)
     assert 0 < terms["ssim"] < 0.2 and terms.get("silhouette", torch.zeros(())) == 0
 
 
@@ -332,7 +322,7 @@ def test_13_to_16_regularisation():
     picture, empty = avatar.view(frame, camera), torch.zeros(24, 24)
     seen = avatar.samples(frame, avatar.viewed(frame, camera.center)).visibility[avatar.eyes.chosen]
     terms = reconstruction(picture, torch.zeros(24, 24, 3), empty, camera, SETTINGS)
-    near(terms["eye_visibility"], 1e-4 * ((1 - numbers(seen)) ** 2).mean())
+    assert_near(terms["eye_visibility"], 1e-4 * ((1 - numbers(seen)) ** 2).mean())
 
 
 def test_every_part_learns_from_one_picture_and_every_slope_is_finite():
