@@ -14,6 +14,7 @@ import tyro
 
 from pipeline.base.errors import InputError
 from pipeline.base.output_lock import output_locked
+from pipeline.base.start_up import resume_collection
 from pipeline.base.stopping import Stopped
 from pipeline.base.watchdog import watched
 
@@ -33,6 +34,7 @@ def run_as_command(
         renamed: flags that were renamed, old -> new, as in `--promise` -> `--estimate`: both are understood.
         program: its name in the help; by default that of the file that Python was started with.
     """
+    resume_collection()
     words = []
     for word in sys.argv[1:]:
         flag, sign, value = word.partition("=")

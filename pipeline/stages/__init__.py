@@ -1,11 +1,13 @@
 """Stages: file-to-file programs that the rules of the workflow run, one per module.
 
-Nothing else runs them; `pipeline.STAGES` lists them. `python -m pipeline.stages.STAGE --help` ends here, before the
-stage imports what it works with.
+Nothing else runs them; `pipeline.STAGES` lists them. `python -m pipeline.stages.STAGE` comes here first, before the
+stage imports what it works with: with `--help` it ends here.
 """
 
 from pathlib import Path
 
 from pipeline.base.stage_help import answer_help
+from pipeline.base.start_up import pause_collection
 
+pause_collection()
 answer_help(Path(__file__).parent)

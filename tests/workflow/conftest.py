@@ -6,11 +6,18 @@ import pytest
 
 from tests.support.workflow.project_copy import ProjectCopy
 from tests.support.workflow.snakemake_server import SnakemakeServer
+from tests.support.workflow.stage_server import StageServer
 
 
 @pytest.fixture(scope="session")
 def snakemake_server():
     with SnakemakeServer() as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
+def stage_server():
+    with StageServer() as server:
         yield server
 
 

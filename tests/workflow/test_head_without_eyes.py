@@ -42,8 +42,8 @@ def declare_less(folder):
 
 
 @pytest.fixture(scope="module")
-def made(copy_of_project, tmp_path_factory):
-    workflow = copy_of_project(tmp_path_factory.mktemp("head") / "project")
+def made(copy_of_project, stage_server, tmp_path_factory):
+    workflow = copy_of_project(tmp_path_factory.mktemp("head") / "project").with_stages_of(stage_server)
     run(subject="someone", out=workflow.folder / "captures/someone", workers=1, settings=SETTINGS)
     declare_less(workflow.folder / "captures/someone")
     (workflow.folder / "config/subjects/someone.yaml").write_text(SUBJECT)

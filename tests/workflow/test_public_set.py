@@ -21,9 +21,9 @@ STAGES = [
 
 
 @pytest.fixture(scope="module")
-def made(copy_of_project, tmp_path_factory):
+def made(copy_of_project, stage_server, tmp_path_factory):
     folder = tmp_path_factory.mktemp("public")
-    workflow = copy_of_project(folder / "project")
+    workflow = copy_of_project(folder / "project").with_stages_of(stage_server)
     shipped = write_goliath(folder / "sets", true_head(image=(32, 48)))
     (workflow.folder / "config/subjects/someone.yaml").write_text(f"source: goliath\npath: {shipped}\n{CHEAP}")
     return workflow, shipped, workflow.ran(TARGET, "--config", "training_processes=1")

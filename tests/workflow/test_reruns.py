@@ -251,7 +251,7 @@ def test_pictures_of_scores_are_expected_only_where_they_are_made(workflow, said
     """The stand-in makes none, as the stage does when they are turned off; the report asks for none either."""
     workflow.edit("pipeline/stages/evaluate_avatar.py", "'images/worst.png'", "")
     shutil.rmtree(workflow.folder / "results/subjectA/images")
-    done = workflow.snakemake("--", TARGET)
+    done = workflow.snakemake("--latency-wait", "0", "--", TARGET)
     assert done.returncode != 0 and "results/subjectA/images" in done.stdout
     options = ["--config", "evaluate_avatar={pictures: false}"] if said == "command line" else []
     if said == "subject":

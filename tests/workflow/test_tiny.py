@@ -173,8 +173,9 @@ def test_flowchart_is_the_rule_graph(workflow):
     assert shown == reduced
 
 
-def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
-    copy, target = workflow.copied(tmp_path / "project"), "results/tiny/report/index.html"
+def test_report_and_snakemakes_own_of_a_finished_run(workflow, stage_server, tmp_path):
+    copy = workflow.copied(tmp_path / "project").with_stages_of(stage_server)
+    target = "results/tiny/report/index.html"
     assert copy.ran(target) == ["write_report"]
     page = (copy.folder / target).read_text()
     missing = re.findall(r'<p class="missing"><b>Missing:</b> (.*?)\. To make it: <code>make (.*?)</code>', page)
@@ -196,12 +197,13 @@ def test_report_and_snakemakes_own_of_a_finished_run(workflow, tmp_path):
     assert (copy.folder / "snakemake.html").stat().st_size > 1e6
 
 
-def test_viewer_of_an_analytic_variant_is_the_pipelines_picture(workflow, tmp_path):
+def test_viewer_of_an_analytic_variant_is_the_pipelines_picture(workflow, stage_server, tmp_path):
     """The workflow trains the variant and writes its page; a browser shows what the evaluation would render."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
     if CHROMIUM is None:
         pytest.skip("no Chromium: apt-get install chromium")
-    copy, target = workflow.copied(tmp_path / "project"), "results/tiny/viewer/index.html"
+    copy = workflow.copied(tmp_path / "project").with_stages_of(stage_server)
+    target = "results/tiny/viewer/index.html"
     short = "steps: 10, steps_together: 1"  # the two pictures have to be one of any avatar
     copy.append("config/subjects/tiny.yaml", f"variants: {{analytic: {{shading: microfacet, {short}}}}}\n")
     assert {"train_avatar", "export_viewer"} <= set(copy.ran(target))

@@ -1,1 +1,1 @@
-"""A copy of the project to run and edit (`project_copy`), and Snakemake without its start (`snakemake_server`)."""
+"""A copy of the project to run and edit, Snakemake without its start, and stages without theirs."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tests.support.workflow.snakemake_server import SnakemakeServer
+from tests.support.workflow.stage_server import StageServer
 
 COPIED = ("workflow", "profiles", "config", "envs")
 CODE = "pipeline"
@@ -21,6 +22,8 @@ class ProjectCopy:
 
     folder: Path
     server: SnakemakeServer
+    python: Path | None = None
+    """What jobs are started with instead of Python, if anything: that of a `StageServer`."""
 
     @classmethod
     def made(cls, root: Path, folder: Path, server: SnakemakeServer) -> ProjectCopy:
@@ -35,7 +38,11 @@ class ProjectCopy:
     def copied(self, folder: Path) -> ProjectCopy:
         """The project as it is, elsewhere; times are kept."""
         shutil.copytree(self.folder, folder, symlinks=True)
-        return ProjectCopy(folder, self.server)
+        return replace(self, folder=folder)
+
+    def with_stages_of(self, server: StageServer) -> ProjectCopy:
+        """The same with jobs that do not import the libraries each for itself."""
+        return replace(self, python=server.python)
 
     def with_own_code(self) -> ProjectCopy:
         """The same with code that may be edited."""
@@ -50,7 +57,7 @@ class ProjectCopy:
 
     def snakemake(self, *words):
         """The finished process; its stdout has everything that was printed."""
-        return self.server.run([*CORES, *words], self.folder)
+        return self.server.run([*CORES, *words], self.folder, self.python)
 
     def planned(self, target, *options):
         """What a dry run would run: rule -> number of jobs."""

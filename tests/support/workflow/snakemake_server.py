@@ -6,12 +6,15 @@ times. A child has its own folder, modules and output, and nothing of `pipeline`
 
 from __future__ import annotations
 
+import gc
 import importlib
 import json
 import os
 import subprocess
 import sys
 import tempfile
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 LATE = ("pandas", "smart_open", "yte")
@@ -32,10 +35,14 @@ class SnakemakeServer:
     def __exit__(self, *_: object) -> None:
         self._process.communicate()
 
-    def run(self, words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-        """The finished `python -m snakemake WORDS` in a folder; its stdout has everything that was printed."""
+    def run(self, words: list[str], folder: Path, python: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """The finished `PYTHON -m snakemake WORDS` in a folder; its stdout has everything that was printed.
+
+        Its jobs are started with that Python too, as the Snakefile says.
+        """
         with tempfile.NamedTemporaryFile("r") as printed:
-            self._process.stdin.write(json.dumps([words, str(folder), printed.name]) + "\n")
+            call = [words, str(folder), str(python or sys.executable), printed.name]
+            self._process.stdin.write(json.dumps(call) + "\n")
             self._process.stdin.flush()
             code = int(self._process.stdout.readline())
             return subprocess.CompletedProcess(words, code, stdout=printed.read())
@@ -48,13 +55,14 @@ def serve() -> None:
     for late in LATE:
         importlib.import_module(late)
     snakemake.cli.get_argument_parser()  # It imports the plugins.
+    gc.freeze()  # A child that collected what it shares with this process would copy it all.
     for line in sys.stdin:
-        words, folder, printed = json.loads(line)
+        words, folder, python, printed = json.loads(line)
         child = os.fork()
         if not child:
+            sys.executable = python
             _enter(folder, printed)
-            snakemake.cli.main(words)
-            return
+            os._exit(_exit_code(snakemake.cli.main, words))
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 
 
@@ -65,6 +73,20 @@ def _enter(folder: str, printed: str) -> None:
     nothing, output = os.open(os.devnull, os.O_RDONLY), os.open(printed, os.O_WRONLY)
     for number, target in enumerate((nothing, output, output)):
         os.dup2(target, number)
+
+
+def _exit_code(main: Callable[[list[str]], None], words: list[str]) -> int:
+    """What a call exits with; the half second in which Python tidies up what is imported is left out."""
+    code = 1
+    try:
+        main(words)
+    except SystemExit as stopped:
+        code = int(stopped.code or 0)
+    except BaseException:
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    return code
 
 
 if __name__ == "__main__":
