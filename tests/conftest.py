@@ -9,6 +9,7 @@ import matplotlib
 import pytest
 from hypothesis import settings
 
+from tests.support import first_calls
 from tests.support.order import longest_first
 
 matplotlib.use("Agg")
@@ -25,6 +26,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """In a process of pytest-xdist, put the files first that take longest; alone, the quick ones stay in front."""
     if hasattr(config, "workerinput"):
         items[:] = longest_first(items)
+
+
+def pytest_runtest_setup() -> None:
+    """Each test has its own first calls."""
+    first_calls.next_test()
 
 
 @pytest.fixture(scope="session")

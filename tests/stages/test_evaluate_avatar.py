@@ -43,7 +43,7 @@ class PlantedAvatar:
         assert frame.frame == image.frame
         color, one = torch.full((image.height, image.width, 3), LEVEL), torch.ones(image.height, image.width, 1)
         normal = torch.tensor([0.0, 0.0, -1.0]).expand_as(color)
-        return IntrinsicLayers(color, normal, color, torch.zeros_like(color), one, shadow=one)
+        return IntrinsicLayers(color, normal, color, torch.zeros_like(color), one, one, one, shadow=one)
 
 
 def record(camera: str, frame: int, **flags) -> ImageRecord:
