@@ -8,6 +8,7 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.base.code_digest import KEPT
 from tests.support.workflow.snakemake_server import SnakemakeServer
 from tests.support.workflow.stage_server import StageServer
 
@@ -27,8 +28,12 @@ class ProjectCopy:
 
     @classmethod
     def made(cls, root: Path, folder: Path, server: SnakemakeServer) -> ProjectCopy:
-        """Copy what the workflow needs; the code is a link, so that all copies share compiled kernels."""
+        """Copy what the workflow needs; the code is a link, so that all copies share what is kept beside it.
+
+        That is compiled kernels, and the parsed code that plans digest, where there is a folder for it.
+        """
         folder.mkdir(parents=True, exist_ok=True)
+        (root / KEPT).parent.mkdir(exist_ok=True)
         shutil.copy(root / "Snakefile", folder)
         for name in COPIED:
             shutil.copytree(root / name, folder / name)
