@@ -65,8 +65,8 @@ def mean_over_images(value: Float64[np.ndarray, " images"], frame: Int[np.ndarra
     if len(value) == 0:
         return NOTHING
     mean = float(value.mean())
-    _, block = np.unique(frame_blocks(frame), return_inverse=True)
-    count = int(block.max()) + 1
+    block = frame_blocks(frame)
+    count = np.count_nonzero(np.bincount(block))
     if count < 2:
         return Estimate(mean, math.nan, math.nan)
     excess = np.bincount(block, value - mean)

@@ -44,7 +44,7 @@ CAPTURE = SynthesizeCapture(
     survey_error_m=0.0, cameras=5, lights=8, frames=6, frames_b=2, fps=4.0, fully_lit_every=3, partial_lights_min=1,
     partial_lights_max=2, width=64, height=76, downsample_from_sensor=4, test_cameras=0, test_frames=0,
     vertex_spacing_m=0.009, texture_size=128, spp=4, spp_fully_lit=8, spp_eyes=32, light_choice="all", supersampling=1,
-    board_squares_x=4, board_squares_y=3, board_square_m=0.04, board_marker_m=0.03, board_poses=14, ball_positions=1,
+    board_squares_x=4, board_squares_y=3, board_square_m=0.04, board_marker_m=0.03, board_poses=3, ball_positions=1,
     ball_cameras=2, ball_radius_m=0.04, color_spread=0.0,
 )  # fmt: skip
 

@@ -9,29 +9,31 @@ import pytest
 TESTS = Path(__file__).parents[1]
 
 LONGEST_FIRST = (
-    "workflow/test_tiny.py",
     "unit/avatar/training/test_training.py",
-    "stages/test_viewer_in_browser.py",
     "stages/test_calibrate_photographs.py",
+    "stages/test_viewer_in_browser.py",
+    "workflow/test_tiny.py",
     "stages/test_train_processes.py",
     "workflow/test_reruns.py",
-    "workflow/test_head_without_eyes.py",
-    "workflow/test_public_set.py",
-    "stages/test_track_mesh.py",
-    "stages/test_trained_glints.py",
-    "workflow/test_checks.py",
-    "stages/test_effect_scenes.py",
-    "unit/calibration/cameras/test_knock_rates.py",
-    "hard_cases/test_tracking.py",
-    "unit/calibration/lights/test_mirror_lights.py",
-    "unit/lighting/test_stored_kernels.py",
-    "unit/calibration/cameras/test_fisheye_rig.py",
     "hard_cases/test_camera_calibration.py",
+    "unit/lighting/test_stored_kernels.py",
+    "unit/calibration/cameras/test_board_identity.py",
+    "stages/test_trained_glints.py",
+    "stages/test_track_mesh.py",
+    "workflow/test_head_without_eyes.py",
+    "unit/calibration/cameras/test_knock_rates.py",
+    "unit/calibration/lights/test_mirror_lights.py",
+    "stages/test_train_avatar.py",
+    "stages/test_book_patterns.py",
+    "stages/test_report_in_browser.py",
+    "workflow/test_public_set.py",
     "stages/test_track_surface.py",
+    "stages/test_measure_cost.py",
+    "stages/test_effect_scenes.py",
 )
 """Files that take more than 15 s of a processor, longest first: what comes last is short, so that all processes end
-nearly together. A file that is missing here costs balance, nothing else. test_training comes early: in a fresh clone
-it compiles the kernels of training, half a minute, while test_tiny has not come to them yet."""
+nearly together. A file that is missing here costs balance, nothing else. test_training comes first: in a fresh clone it
+compiles the kernels of training, a minute, and what stands before test_tiny needs none of them."""
 
 
 def longest_first(items: list[pytest.Item]) -> list[pytest.Item]:

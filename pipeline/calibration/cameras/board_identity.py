@@ -36,6 +36,10 @@ half the assumed size is off by 0.18, a marker of another place by 1."""
 FITTING = 0.8
 """Share of the markers that have to fit a layout: noise that is read as markers does not count."""
 
+SAMPLES = 300
+"""Homographies of four corners that are tried for a layout: of a layout that fits, FITTING ** 4 of them, a hundred and
+more, are of markers in their places; of the others, each takes as long and finds nothing."""
+
 SMALLEST_BOARD = (3, 3)
 """Inner corners of the smallest checkerboard that is looked for."""
 
@@ -151,7 +155,8 @@ def _fitting(board: Board, seen: _Seen) -> int:
         return 0
     on_board, pixels = places[seen.ids[own] - first], seen.corners[own]
     # From pixels to the board, where the tolerance is known.
-    homography, _ = cv2.findHomography(pixels.reshape(-1, 2), on_board.reshape(-1, 2), cv2.RANSAC, TOLERANCE)
+    points = (pixels.reshape(-1, 2), on_board.reshape(-1, 2))
+    homography, _ = cv2.findHomography(*points, cv2.RANSAC, TOLERANCE, maxIters=SAMPLES)
     if homography is None:
         return 0
     back = cv2.perspectiveTransform(pixels.reshape(1, -1, 2), homography).reshape(-1, 4, 2)
