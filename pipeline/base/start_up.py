@@ -12,7 +12,7 @@ import sys
 
 
 def pause_collection() -> None:
-    """Collect nothing from here on, if Python was started to run a module that it has not found yet.
+    """Stop collecting, if Python was started to run a module that it has not found yet.
 
     `python -m` says so by an `argv[0]` of -m (https://docs.python.org/3/using/cmdline.html#cmdoption-m).
     """
@@ -21,7 +21,10 @@ def pause_collection() -> None:
 
 
 def resume_collection() -> None:
-    """If it was paused, collect what comes from here on, and nothing when the process ends, which gives all back."""
+    """Collect again what comes from here on, if collection was paused.
+
+    When the process ends nothing is collected: it gives all back anyway.
+    """
     if not gc.isenabled():
         gc.freeze()
         gc.enable()

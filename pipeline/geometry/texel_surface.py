@@ -1,7 +1,4 @@
-"""Points and smooth normals of all texels of a posed mesh in a few passes.
-
-What light falls on, without tangents.
-"""
+"""Points, smooth normals and tangent frames of all texels of a posed mesh in a few passes."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ import numba
 import numpy as np
 from jaxtyping import Float, Float64
 
-from pipeline.geometry.texels import Atlas
+from pipeline.geometry.texels import MIN_TANGENT_SINE, Atlas
 
 kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
 
@@ -33,6 +30,22 @@ def texel_surface(
     arrays = np.empty((3, atlas.texel_count, 3))
     _interpolate(atlas.face, faces, atlas.barycentric, atlas.weld, vertices, sums, flat, *arrays)
     return arrays[0], arrays[1], arrays[2]
+
+
+def surface_frames(
+    atlas: Atlas, vertices: Float[np.ndarray, "v 3"]
+) -> tuple[Float64[np.ndarray, "t 3"], Float64[np.ndarray, "t 3 3"]]:
+    """Point and tangent frame of each texel, as `texel_frames` has them, some ten times as fast.
+
+    Args:
+        atlas: NumPy.
+        vertices: posed, in the template's vertex order; the points are in their unit.
+    """
+    points, normals, _ = texel_surface(atlas, vertices)
+    frames = np.empty((atlas.texel_count, 3, 3))
+    corners = np.ascontiguousarray(vertices, np.float64)
+    _turn_tangents(atlas.face, atlas.faces, atlas.tangent_weights, corners, normals, MIN_TANGENT_SINE**2, frames)
+    return points, frames
 
 
 @kernel
@@ -90,3 +103,38 @@ def _interpolate(face, faces, barycentric, weld, vertices, smooth, flat, points,
         points[i, 0], points[i, 1], points[i, 2] = x, y, z
         normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
         face_normals[i, 0], face_normals[i, 1], face_normals[i, 2] = fx, fy, fz
+
+
+@kernel
+@no_type_check
+def _across(x, y, z, nx, ny, nz):
+    """The part of a vector that is orthogonal to n."""
+    along = x * nx + y * ny + z * nz
+    return x - along * nx, y - along * ny, z - along * nz
+
+
+@kernel
+@no_type_check
+def _turn_tangents(face, faces, tangent_weights, vertices, normals, least_sine2, frames):
+    """Frames with columns t, b, n; `texel_frames` says how each is found."""
+    for i in range(face.shape[0]):
+        a = faces[face[i], 0]
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(1, 3):
+            v, weight = faces[face[i], k], np.float64(tangent_weights[i, k])
+            x += weight * (vertices[v, 0] - vertices[a, 0])
+            y += weight * (vertices[v, 1] - vertices[a, 1])
+            z += weight * (vertices[v, 2] - vertices[a, 2])
+        x, y, z = _unit(x, y, z)
+        x, y, z = _across(x, y, z, nx, ny, nz)
+        if not x * x + y * y + z * z > least_sine2:
+            sign = -1.0 if nz < 0 else 1.0
+            part = -1 / (sign + nz)
+            x, y, z = 1 + sign * nx * nx * part, sign * nx * ny * part, -sign * nx
+        x, y, z = _unit(x, y, z)
+        x, y, z = _across(x, y, z, nx, ny, nz)
+        x, y, z = _unit(x, y, z)
+        frames[i, 0, 0], frames[i, 1, 0], frames[i, 2, 0] = x, y, z
+        frames[i, 0, 1], frames[i, 1, 1], frames[i, 2, 1] = ny * z - nz * y, nz * x - nx * z, nx * y - ny * x
+        frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2] = nx, ny, nz

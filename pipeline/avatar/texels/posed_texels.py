@@ -10,7 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.geometry.rotations import quaternion_from_matrix
-from pipeline.geometry.texels import Atlas, texel_frames
+from pipeline.geometry.texel_surface import surface_frames
+from pipeline.geometry.texels import Atlas
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class PosedTexels:
 
 def pose_texels(atlas: Atlas, vertices: np.ndarray, device: torch.device | str = "cpu") -> PosedTexels:
     """Anchor texels on posed vertices [V, 3] in metres; constants of the optimisation."""
-    points, tangent_frames = texel_frames(atlas, vertices.astype(np.float64))
+    points, tangent_frames = surface_frames(atlas, vertices)
     arrays = (points, tangent_frames, quaternion_from_matrix(tangent_frames))
     return PosedTexels(*(torch.as_tensor(array.astype(np.float32), device=device) for array in arrays))
 

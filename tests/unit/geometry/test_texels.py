@@ -12,7 +12,7 @@ import trimesh
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
 from pipeline.geometry.atlas import rasterize_faces, tangent_weights
-from pipeline.geometry.texel_surface import texel_surface
+from pipeline.geometry.texel_surface import surface_frames, texel_surface
 from pipeline.geometry.texels import Atlas, any_tangent, read_atlas, texel_frames, write_atlas
 
 SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -190,3 +190,18 @@ def test_surface_is_that_of_the_frames(scale: float) -> None:
     np.testing.assert_allclose(face_normals, wanted, atol=1e-9)
     assert (face_normals[atlas.face == 7] == 0).all()
     assert (atlas.face == 7).any()
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1.0, 1e150])
+def test_compiled_frames_are_those_of_the_twin(scale):
+    """Faces without area and tangents along the normal included; the twin runs in float64 too."""
+    atlas, vertices = bent_sphere()
+    flat, weights = atlas.faces.copy(), atlas.tangent_weights.copy()
+    flat[7] = flat[7, [0, 0, 1]]
+    weights[::5] = 0
+    atlas = Atlas(**{**vars(atlas), "faces": flat, "tangent_weights": weights})
+    points, frames = surface_frames(atlas, scale * vertices)
+    expected_points, expected = texel_frames(atlas, scale * vertices)
+    np.testing.assert_allclose(points, expected_points, rtol=1e-12, atol=1e-12 * scale)
+    np.testing.assert_allclose(frames, expected, atol=1e-11)
+    np.testing.assert_allclose(np.linalg.det(frames), 1, atol=1e-12)
