@@ -52,3 +52,16 @@ def test_sigterm_reaches_the_stage_and_snakemake_ends_after_it(running):
     assert process.wait(60) != 0
     assert (folder / "stopped").read_text() == "checkpoint written"
     assert not [child for child in below if child.is_running()]
+
+
+def test_what_a_killed_run_had_locked_is_free_again(running):
+    folder, process, below = running
+    process.kill()
+    process.wait()
+    for left in [child for child in below if child.is_running()]:
+        left.kill()
+    assert list((folder / ".snakemake/locks").iterdir())
+    (folder / "pipeline/stages/synthesize_capture.py").write_text("raise SystemExit('reached')")
+    again = subprocess.run(process.args, cwd=folder, capture_output=True, text=True, check=False)
+    said = again.stdout + again.stderr
+    assert "LockException" not in said and "reached" in said

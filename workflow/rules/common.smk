@@ -14,6 +14,7 @@ from pipeline.config.loading import load_project
 from pipeline.config.stage_commands import stage_arguments
 from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
+from pipeline.workflow.dead_runs import remove_dead_locks
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
 from pipeline.workflow.shown_verdicts import shown_verdicts
@@ -30,6 +31,10 @@ shell.prefix(
     "export NUMBA_NUM_THREADS=$OMP_NUM_THREADS OMP_WAIT_POLICY=passive"
     " MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824; "
 )
+
+
+if workflow.is_main_process and remove_dead_locks(Path(".snakemake")):
+    logger.info("A run was killed, and what it had locked is free again.")
 
 
 # After Snakemake has set its own handler.
