@@ -12,10 +12,11 @@ from pipeline.config.settings import Settings
 class EvaluateAvatar(Settings):
     """Scoring of renderings."""
 
-    metrics: tuple[Literal["ms_ssim"], ...] = Field(
+    metrics: tuple[Literal["ms_ssim", "st_lpips"], ...] = Field(
         (),
         description="Further image metrics to score, a column each. ms_ssim: multi-scale SSIM (Wang, Simoncelli and "
-        "Bovik 2003); images of less than 161 pixels a side leave it empty",
+        "Bovik 2003); images of less than 161 pixels a side leave it empty. st_lpips: shift-tolerant LPIPS (Ghildyal "
+        "and Liu 2022), whose network comes with its package; its numbers do not compare with those of LPIPS",
     )
     lpips_net: Literal["alex", "vgg"] = Field(
         "alex",
@@ -24,7 +25,7 @@ class EvaluateAvatar(Settings):
     lpips_backbone: str = Field(
         "",
         description="File with the backbone's ImageNet weights (alexnet-owt-7be5be79.pth or vgg16-397923af.pth); "
-        "empty: torch's hub cache. Without it LPIPS stays empty",
+        "empty: torch's hub cache; download: fetched to that cache. Without it LPIPS stays empty",
     )
     pictures: bool = Field(True, description="Write the worst, median and best image of each avatar side by side")
     intrinsic_layers: bool = Field(

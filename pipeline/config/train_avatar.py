@@ -252,7 +252,11 @@ class TrainAvatar(Settings):
     lpips_net: Literal["alex", "vgg"] = Field("vgg", description="LPIPS backbone for training")
     lpips_backbone: str = Field(
         "",
-        description="File with the backbone's ImageNet weights, as for evaluate_avatar; empty: no LPIPS in the loss",
+        description="File with the backbone's ImageNet weights, as for evaluate_avatar; empty: no LPIPS in the loss; "
+        "download: fetched",
+    )
+    weight_st_lpips: float = Field(
+        0.0, ge=0, description="Weight of shift-tolerant LPIPS (Ghildyal and Liu 2022); needs no file"
     )
     weight_eye_scale: float = Field(
         0.01,

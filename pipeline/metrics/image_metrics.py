@@ -86,13 +86,22 @@ class ImageMetric:
 
 
 def _lpips(pair: ImagePair) -> float:
-    if pair.lpips is None:
-        return float("nan")
+    return float("nan") if pair.lpips is None else _between(pair, pair.lpips)
+
+
+def _st_lpips(pair: ImagePair) -> float:
+    from pipeline.metrics.shift_tolerant_lpips import open_st_lpips
+
+    return _between(pair, open_st_lpips())
+
+
+def _between(pair: ImagePair, distance: Callable[[Any, Any], Any]) -> float:
+    """Distance of two images as networks take them."""
     import torch
 
     images = (pair.rendered, pair.captured)
     x, y = (torch.from_numpy(image.transpose(2, 0, 1).copy())[None].float() for image in images)
-    return float(pair.lpips(x, y))
+    return float(distance(x, y))
 
 
 IMAGE_METRICS = (
@@ -106,6 +115,8 @@ IMAGE_METRICS = (
     ImageMetric("ms_ssim", "MS-SSIM", digits=3, higher_is_better=True, smallest_side=MS_SSIM_SMALLEST_SIDE,
                 score=lambda pair: ms_ssim(pair.rendered, pair.captured), by_default=False,
                 note="five scales, empty for smaller images"),
+    ImageMetric("st_lpips", "ST-LPIPS", digits=3, higher_is_better=False, smallest_side=LPIPS_SMALLEST_SIDE,
+                score=_st_lpips, by_default=False),
 )  # fmt: skip
 """All metrics, in the order of their columns; the first one ranks images."""
 

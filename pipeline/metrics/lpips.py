@@ -3,14 +3,16 @@
     d(x, y) = sum_l mean_{h,w} sum_c w_lc (f_lc(x) - f_lc(y))^2,    f_l = features of layer l / their norm over channels
 
 The linear weights w are in `weights/` (see its LICENSE). The backbone's ImageNet weights are not: they are read from a
-file of the user or from torch's hub cache, and only if their hash is the published one. There is no substitute:
-without them there is no LPIPS.
+file of the user or from torch's hub cache, to which they are fetched if that is asked for, and only if their hash is
+the published one. There is no substitute: without them there is no LPIPS.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import logging
+import socket
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +22,15 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from pipeline.base.errors import InputError
+
+log = logging.getLogger("lpips")
+
+DOWNLOAD = "download"
+"""Word in place of a backbone's file: fetch it."""
+
+PUBLISHED_AT = "https://download.pytorch.org/models"
+PATIENCE_S = 30.0
+"""Seconds without an answer after which nothing is fetched."""
 
 NORM_EPSILON = 1e-10
 """Added to the norm of a feature vector, as published: dead pixels (all features zero) stay zero, not NaN."""
@@ -87,11 +98,16 @@ class Lpips(nn.Module):
     Scaling to [-1, 1] happens inside, so nobody can forget it.
 
     Differentiable in its inputs; its own parameters are frozen.
+
+    Args:
+        taps: positions of the layers that are compared.
+        features: convolutional part of the backbone.
+        linear: w of each compared layer, by name: lin0, lin1, ...
     """
 
-    def __init__(self, net: str, features: nn.Sequential, linear: Mapping[str, Tensor]) -> None:
+    def __init__(self, taps: Sequence[int], features: nn.Sequential, linear: Mapping[str, Tensor]) -> None:
         super().__init__()
-        self.taps = BACKBONES[net].taps
+        self.taps = tuple(taps)
         self.features = features
         self.register_buffer("shift", torch.tensor(SHIFT)[:, None, None])
         self.register_buffer("scale", torch.tensor(SCALE)[:, None, None])
@@ -117,22 +133,26 @@ class Lpips(nn.Module):
         return found
 
 
-def open_lpips(net: str, backbone: Path | None = None) -> tuple[Lpips | None, str]:
+def open_lpips(net: str, backbone: str = "") -> tuple[Lpips | None, str]:
     """Load LPIPS with its published weights; return it with a text that says which.
 
     It is (None, why not) if the backbone's file is absent.
 
     Args:
         net: "alex" or "vgg".
-        backbone: weights file of the backbone; if None, torch's hub cache is looked at.
+        backbone: weights file of the backbone; if empty, torch's hub cache is looked at; if `DOWNLOAD`, they are
+            fetched to it if they are not there.
 
     Raises:
         InputError: if `backbone` is named and missing, or if a file's hash is not the published one.
     """
     expected = BACKBONES[net]
-    path = backbone or Path(torch.hub.get_dir()) / "checkpoints" / expected.file_name
+    named = backbone not in ("", DOWNLOAD)
+    path = Path(backbone) if named else Path(torch.hub.get_dir()) / "checkpoints" / expected.file_name
+    if not path.is_file() and backbone == DOWNLOAD and (why := fetch(expected, path)):
+        return None, f"none: {why}"
     if not path.is_file():
-        if backbone is not None:
+        if named:
             raise InputError(f"{path}: expected the LPIPS backbone {expected.file_name}, found no file")
         return None, f"none: {expected.file_name} is neither configured (lpips_backbone) nor in torch's hub cache"
     with open(path, "rb") as file:
@@ -145,7 +165,24 @@ def open_lpips(net: str, backbone: Path | None = None) -> tuple[Lpips | None, st
     features = build_features(net)
     state = torch.load(path, map_location="cpu", weights_only=True)
     features.load_state_dict({k.removeprefix("features."): v for k, v in state.items() if k.startswith("features.")})
-    return Lpips(net, features, linear_weights(net)), f"{expected.file_name} sha256 {digest[:16]}, linear v0.1"
+    return Lpips(
+        expected.taps, features, linear_weights(net)
+    ), f"{expected.file_name} sha256 {digest[:16]}, linear v0.1"
+
+
+def fetch(backbone: Backbone, path: Path) -> str:
+    """Fetch the weights of a backbone from where torchvision has them. Returns why not, if they do not come."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    url, before = f"{PUBLISHED_AT}/{backbone.file_name}", socket.getdefaulttimeout()
+    log.info("fetching %s", url)
+    socket.setdefaulttimeout(PATIENCE_S)
+    try:
+        torch.hub.download_url_to_file(url, str(path), backbone.sha256_prefix, progress=False)
+    except (OSError, RuntimeError) as error:
+        return f"{url} could not be fetched: {error}"
+    finally:
+        socket.setdefaulttimeout(before)
+    return ""
 
 
 def linear_weights(net: str) -> dict[str, Tensor]:

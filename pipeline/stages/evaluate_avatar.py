@@ -82,8 +82,7 @@ def run(
         raise InputError(
             f"--avatars: expected folders of different names, found {variants}; a variant is its folder's name"
         )
-    backbone = Path(settings.lpips_backbone) if settings.lpips_backbone else None
-    lpips, weights = open_lpips(settings.lpips_net, backbone)
+    lpips, weights = open_lpips(settings.lpips_net, settings.lpips_backbone)
     if lpips is None:
         log.warning("LPIPS stays empty: %s", weights)
     frames = frames or (shards / "frames",) * len(avatars)

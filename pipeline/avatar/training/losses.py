@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import torch
 from jaxtyping import Float
@@ -20,6 +19,7 @@ from pipeline.config.train_avatar import Bound, Edges, LossMean, LossSpace, Trai
 from pipeline.lighting.lobes import unit
 from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
 from pipeline.metrics.lpips import Lpips, open_lpips
+from pipeline.metrics.shift_tolerant_lpips import open_st_lpips
 from pipeline.rendering.splat_types import CameraView
 
 SMOOTH = ("albedo", "normal_offset", "log_gloss", "log_ggx_width")
@@ -123,7 +123,7 @@ def open_lpips_loss(net: str, backbone: str) -> Lpips:
     Raises:
         InputError: if it is not there, or not the published one.
     """
-    lpips, why = open_lpips(net, Path(backbone))
+    lpips, why = open_lpips(net, backbone)
     if lpips is None:
         raise InputError(f"lpips_backbone: expected the weights of {net}, found {why}")
     return lpips
@@ -158,6 +158,8 @@ def reconstruction(
     if weights.weight_lpips and weights.lpips_backbone:
         lpips = open_lpips_loss(weights.lpips_net, weights.lpips_backbone)
         terms["lpips"] = weights.weight_lpips * lpips_loss(lpips, rgb, captured, mask)
+    if weights.weight_st_lpips:
+        terms["st_lpips"] = weights.weight_st_lpips * lpips_loss(open_st_lpips(), rgb, captured, mask)
     return terms
 
 

@@ -12,7 +12,7 @@ import torch
 
 from pipeline.metrics.comparison import side_by_side
 from pipeline.metrics.evaluation import PSNR_CEILING_DB, SPLITS, evaluate, summarize, worst_median_best
-from pipeline.metrics.lpips import Lpips, build_features, linear_weights
+from pipeline.metrics.lpips import BACKBONES, Lpips, build_features, linear_weights
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def test_psnr_is_in_srgb_over_the_subject():
 def test_more_background_changes_no_score():
     image = subject_image()
     torch.manual_seed(0)
-    lpips = Lpips("alex", build_features("alex"), linear_weights("alex"))
+    lpips = Lpips(BACKBONES["alex"].taps, build_features("alex"), linear_weights("alex"))
     padded = Image(np.pad(image.image, ((30, 20), (17, 40), (0, 0))), np.pad(image.mask, ((30, 20), (17, 40))))
     tight, wide = (evaluate(add_to(0.05), [i], {0: None}, lpips).iloc[0] for i in (image, padded))
     for metric in ("psnr_db", "ssim", "lpips", "flip", "foreground_pixels"):

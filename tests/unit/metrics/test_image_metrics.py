@@ -94,10 +94,12 @@ def test_extra_metrics_of_the_setting_are_the_rows_that_are_off_by_default():
 
 def test_rows_have_names_of_their_own():
     assert len({metric.name for metric in IMAGE_METRICS}) == len(IMAGE_METRICS)
-    assert [metric.heading for metric in IMAGE_METRICS] == ["PSNR [dB]", "SSIM", "LPIPS", "FLIP", "MS-SSIM"]
+    assert [metric.heading for metric in IMAGE_METRICS] == ["PSNR [dB]", "SSIM", "LPIPS", "FLIP", "MS-SSIM", "ST-LPIPS"]
 
 
-@pytest.mark.parametrize("metric", DEFAULT_METRICS + asked_metrics(["ms_ssim"])[-1:], ids=lambda metric: metric.name)
+@pytest.mark.parametrize(
+    "metric", DEFAULT_METRICS + asked_metrics(["ms_ssim", "st_lpips"])[-2:], ids=lambda metric: metric.name
+)
 def test_score_gets_worse_with_the_error(metric):
     captured, foreground = scene(5), np.ones((170, 181), bool)
     if metric.name == "lpips":

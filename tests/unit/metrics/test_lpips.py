@@ -11,8 +11,9 @@ import torch
 from torch import nn
 
 from pipeline.base.errors import InputError
+from pipeline.metrics import lpips as lpips_module
 from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
-from pipeline.metrics.lpips import BACKBONES, Lpips, build_features, linear_weights, open_lpips
+from pipeline.metrics.lpips import BACKBONES, DOWNLOAD, Lpips, build_features, linear_weights, open_lpips
 
 # torchvision's published layouts: positions and shapes of the convolutions in `features`.
 ALEX_SHAPES = {
@@ -28,7 +29,7 @@ VGG_WIDTHS |= dict.fromkeys((17, 19, 21, 24, 26, 28), 512)
 
 def random_lpips(net: str) -> Lpips:
     torch.manual_seed(0)
-    return Lpips(net, build_features(net), linear_weights(net))
+    return Lpips(BACKBONES[net].taps, build_features(net), linear_weights(net))
 
 
 def image_pair(side: int = 64) -> tuple[torch.Tensor, torch.Tensor]:
@@ -110,7 +111,7 @@ def test_a_file_with_the_published_hash_is_loaded(tmp_path, monkeypatch):
     path = tmp_path / "backbone.pth"
     digest = save_backbone(path, "alex")
     monkeypatch.setitem(BACKBONES, "alex", dataclasses.replace(BACKBONES["alex"], sha256_prefix=digest[:8]))
-    lpips, text = open_lpips("alex", path)
+    lpips, text = open_lpips("alex", str(path))
     assert digest[:16] in text
     torch.manual_seed(3)
     expected = build_features("alex").state_dict()
@@ -121,7 +122,7 @@ def test_a_file_with_another_hash_is_refused(tmp_path, monkeypatch):
     path = tmp_path / BACKBONES["alex"].file_name
     save_backbone(path, "alex")
     with pytest.raises(InputError, match="7be5be79"):
-        open_lpips("alex", path)
+        open_lpips("alex", str(path))
     (tmp_path / "checkpoints").mkdir()
     path.rename(tmp_path / "checkpoints" / path.name)
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
@@ -135,4 +136,18 @@ def test_without_weights_there_is_no_lpips_and_a_reason(tmp_path, monkeypatch):
     assert lpips is None
     assert "vgg16-397923af.pth" in why
     with pytest.raises(InputError, match="no file"):
-        open_lpips("vgg", tmp_path / "absent.pth")
+        open_lpips("vgg", str(tmp_path / "absent.pth"))
+
+
+def test_a_backbone_is_fetched_if_that_is_asked_for_and_its_hash_is_right(tmp_path, monkeypatch):
+    (tmp_path / "published").mkdir()
+    backbone = BACKBONES["alex"]
+    digest = save_backbone(tmp_path / "published" / backbone.file_name, "alex")
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "hub"))
+    monkeypatch.setattr(lpips_module, "PUBLISHED_AT", (tmp_path / "published").as_uri())
+    lpips, why = open_lpips("alex", DOWNLOAD)
+    assert lpips is None and "alexnet-owt-7be5be79.pth could not be fetched: invalid hash value" in why
+    monkeypatch.setitem(BACKBONES, "alex", dataclasses.replace(backbone, sha256_prefix=digest[:8]))
+    assert open_lpips("alex")[0] is None
+    assert digest[:16] in open_lpips("alex", DOWNLOAD)[1] and open_lpips("alex")[0] is not None
+    assert open_lpips("vgg", DOWNLOAD)[0] is None

@@ -16,7 +16,8 @@ from pipeline.avatar.training import losses
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import adjoining_texels, texels_side_by_side
-from pipeline.metrics.lpips import Lpips, build_features, linear_weights
+from pipeline.metrics.lpips import BACKBONES, Lpips, build_features, linear_weights
+from pipeline.metrics.shift_tolerant_lpips import open_st_lpips
 from pipeline.rendering.splat_types import CameraView
 from tests.support.avatars.sheet import make_frame, make_sheet
 
@@ -70,7 +71,7 @@ def test_normal_orient_is_finite_for_no_normal_and_no_pixel():
 def test_lpips_is_zero_for_the_capture_itself_and_its_gradient_finite_on_black():
     """With a random backbone: the published one is not shipped. The picture is smaller than LPIPS can take."""
     torch.manual_seed(0)
-    lpips = Lpips("alex", build_features("alex"), linear_weights("alex"))
+    lpips = Lpips(BACKBONES["alex"].taps, build_features("alex"), linear_weights("alex"))
     captured, mask = torch.rand(20, 40, 3), torch.ones(20, 40)
     mask[:, 30:] = 0
     assert losses.lpips_loss(lpips, captured * mask[..., None], captured, mask).item() == 0
@@ -78,6 +79,17 @@ def test_lpips_is_zero_for_the_capture_itself_and_its_gradient_finite_on_black()
     term = losses.lpips_loss(lpips, black, captured, mask)
     assert term.item() > 0
     assert gradient(term, black).abs().sum() > 0
+
+
+def test_st_lpips_is_a_term_where_it_has_a_weight():
+    captured, mask, found = torch.full((30, 20, 3), 0.5), torch.ones(30, 20), {}
+    for weight in (0.0, 0.2):
+        picture = Picture(torch.zeros(30, 20, 3), mask)
+        found[weight] = losses.reconstruction(picture, captured, mask, VIEW, TrainAvatar(weight_st_lpips=weight))
+    assert "st_lpips" not in found[0.0]
+    assert found[0.2]["st_lpips"].item() == pytest.approx(
+        0.2 * losses.lpips_loss(open_st_lpips(), torch.zeros(30, 20, 3), captured, mask).item()
+    )
 
 
 def test_lpips_without_its_weights_is_told(tmp_path):
