@@ -1,4 +1,4 @@
-"""ST-LPIPS (Ghildyal and Liu 2022, version ST0.0): LPIPS that hardly sees a shift by a pixel.
+"""ST-LPIPS (Ghildyal and Liu 2022, version ST0.0): LPIPS that hardly sees shifts.
 
 The formula is that of LPIPS. Its features are those of an AlexNet of the authors' own training, which takes every
 pixel and blurs before it leaves any out (Zhang 2019), so that a picture that is a pixel aside is as near as it looks.
@@ -31,9 +31,9 @@ TAPS = (2, 6, 10, 12, 14)
 
 
 class BlurredHalving(nn.Module):
-    """Every second pixel of an image blurred by the binomial [1 2 1] / 4 along both axes, each channel by itself.
+    """Every second pixel of a blurred image.
 
-    The image goes on beyond its border as a mirror shows it, by two pixels a side.
+    The blur is the binomial [1 2 1] / 4 along both axes, each channel by itself. The image goes on beyond its border as a mirror shows it, by two pixels a side.
     """
 
     def __init__(self, channels: int) -> None:
