@@ -19,11 +19,12 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test hard-cases scaling growth effects time lint docs schema curves presets lock viewer FORCE
+.PHONY: help test slurm slurm-test hard-cases scaling growth effects time lint docs schema curves presets lock viewer FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
 	@echo 'make test                          run all tests'
+	@echo 'make slurm                         install what hands jobs to Slurm; slurm-test: also test it on a cluster here'
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
 	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
@@ -42,6 +43,13 @@ help:
 test: $(READY)
 	$(QUIET) OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= \
 	    $(BIN)/python -m pytest -q -n $(CORES) --dist loadfile --no-loadscope-reorder
+
+slurm: $(READY)
+	$(INSTALL) --no-build-isolation --editable '.[slurm]'
+
+# Ten minutes, of a cluster of two nodes on this machine; needs Debian's munge, slurmctld, slurmd and slurm-client.
+slurm-test: slurm
+	$(QUIET) $(BIN)/python -m pytest -q -rs -m slurm -o faulthandler_timeout=0 tests/workflow/test_slurm.py
 
 hard-cases: $(READY)
 	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv

@@ -13,12 +13,16 @@ from pipeline.config.subjects import read_description
 
 @dataclass(frozen=True)
 class CaptureSize:
-    """Cameras, frames, pixels of an image (the mean over the cameras), and avatars to train."""
+    """Numbers of cameras, frames and lights, pixels of an image, and avatars to train.
+
+    Pixels are the mean over the cameras.
+    """
 
     cameras: int
     frames: int
     pixels: int
     variants: int
+    lights: int = 1
 
     @property
     def images(self) -> int:
@@ -37,15 +41,18 @@ def capture_size(settings: SubjectSettings, capture: Path, unknown: CaptureSize)
     """
     variants, made = len(settings.variants), settings.synthesize_capture
     if settings.source == "synthetic":
-        return CaptureSize(made.cameras, made.frames, made.width * made.height, variants)
+        return CaptureSize(made.cameras, made.frames, made.width * made.height, variants, made.lights)
     described = read_description(capture / "capture.yaml")
-    cameras, frames = (_rows(capture / str(described.get(name))) for name in ("cameras", "frames"))
+    cameras, frames, lights = (_rows(capture / str(described.get(name))) for name in ("cameras", "frames", "lights"))
     try:
         pixels = [int(row["width"]) * int(row["height"]) for row in cameras]
     except (KeyError, TypeError, ValueError):
         pixels = []
     mean = round(sum(pixels) / len(pixels)) if pixels else unknown.pixels
-    return CaptureSize(len(cameras) or unknown.cameras, len(frames) or unknown.frames, max(mean, 1), variants)
+    return CaptureSize(
+        len(cameras) or unknown.cameras, len(frames) or unknown.frames, max(mean, 1), variants,
+        len(lights) or unknown.lights,
+    )  # fmt: skip
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -71,7 +71,7 @@ ARGUMENTS = {
     "check_budget": "results capture estimate chunk_size out=budget",
     "measure_cost": "results capture out=results chunk_size variant stage_settings",
     "budget_errors": "results capture out=error_budget chunk_size variant stage_settings",
-    "write_report": "results project_results subject_settings out=page",
+    "write_report": "results project_results subject_settings requests out=page",
     "compare_subjects": "scores=score_tables out=project_results",
 }
 """Stage -> its flags; `flag=name` where the file is called otherwise."""

@@ -14,6 +14,7 @@ from pipeline.base.errors import InputError
 from pipeline.config.project import SECTIONS
 from pipeline.metrics.cost import IMPORTS_ONLY
 from pipeline.report.part import Part
+from pipeline.report.requests import Asked
 from pipeline.report.results import Results, missing_files, read_csv
 from pipeline.report.tables import Html, folded, html_table, number, paragraph, significant
 
@@ -114,16 +115,22 @@ def stages(results: Results) -> Part:
     rows = [
         [
             row.stage, row.jobs, number(row.seconds, 1), Html(row.seconds / longest if longest else 0),
-            number(row.cpu_seconds, 1), number(row.peak_mb, 0),
+            number(row.cpu_seconds, 1), number(row.peak_mb, 0), *_asked(results.requests.get(row.stage)),
         ]
         for row in table.itertuples()
     ]  # fmt: skip
     text = (
         f"{number(total / 60, 1)} minutes of stages in all, one after the other; the largest took "
-        f"{number(table.peak_mb.max(), 0)} MB. Memory is the largest resident set that was sampled."
+        f"{number(table.peak_mb.max(), 0)} MB. Memory is the largest resident set that was sampled. "
+        "Asked for is what one job may take at most on a cluster, at its first attempt: with the memory of Snakemake, "
+        "and with the time until a stage starts to work."
     )
-    head = ["stage", "jobs", "wall [s]", "", "CPU [s]", "peak [MB]"]
-    return Part(title, paragraph(text) + html_table("time and memory of stages", head, rows, "snnbnn"))
+    head = ["stage", "jobs", "wall [s]", "", "CPU [s]", "peak [MB]", "asked [MB]", "asked [min]"]
+    return Part(title, paragraph(text) + html_table("time and memory of stages", head, rows, "snnbnnnn"))
+
+
+def _asked(request: Asked | None) -> list[str]:
+    return ["", ""] if request is None else [number(request.mem_mb, 0), number(request.minutes, 0)]
 
 
 def benchmarks(results: Results) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table
 from pipeline.config.write_report import WriteReport
 from pipeline.report.pictures import Pictures
+from pipeline.report.requests import Asked
 
 NAMES = ("subject", "variant", "dial", "setting")
 """Columns of names, which may look like numbers."""
@@ -27,6 +28,7 @@ class Results:
         project: folder results, for what belongs to no subject: hard_cases.csv, effects_comparison.csv, scaling/; none
             of them need be there.
         changed_settings: {stage: {setting: value}} and what else differs from the defaults.
+        requests: stage -> what its jobs ask for.
     """
 
     folder: Path
@@ -34,6 +36,7 @@ class Results:
     changed_settings: dict
     settings: WriteReport
     pictures: Pictures
+    requests: dict[str, Asked] = field(default_factory=dict)
 
     @cached_property
     def capture(self) -> dict:

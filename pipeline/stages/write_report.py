@@ -20,6 +20,7 @@ from pipeline.report import costs, project, recording, scores
 from pipeline.report.part import Part, write_parts
 from pipeline.report.pictures import Pictures
 from pipeline.report.provenance import provenance
+from pipeline.report.requests import read_requests
 from pipeline.report.results import Results
 
 log = logging.getLogger("write_report")
@@ -36,7 +37,7 @@ FIRST_LIMIT, LAST_LIMIT = 600_000, 2_000
 
 
 def run(
-    *, results: Path, project_results: Path, out: Path, subject_settings: str = "{}",
+    *, results: Path, project_results: Path, out: Path, subject_settings: str = "{}", requests: tuple[str, ...] = (),
     settings: WriteReport = WriteReport(),
 ) -> None:  # fmt: skip
     """Write the report of one subject.
@@ -47,11 +48,13 @@ def run(
             not there is named as missing.
         out: HTML file to write.
         subject_settings: JSON, what differs from the defaults in the subject's settings, for the page.
+        requests: what jobs of a stage ask for, to be shown beside what they used, each as STAGE:MEGABYTES:MINUTES.
     """
     changed = read_changes("--subject-settings", subject_settings)
+    asked = read_requests(requests)
     limit = FIRST_LIMIT
     while True:
-        shown = Results(results, project_results, changed, settings, Pictures(limit))
+        shown = Results(results, project_results, changed, settings, Pictures(limit), asked)
         parts = [part(shown) for part in PARTS]
         size_mb = sum(len(part.html) for part in parts) / 1e6
         if size_mb <= settings.page_mb:

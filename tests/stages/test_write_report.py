@@ -64,15 +64,15 @@ def results(tmp_path):
     return tmp_path
 
 
-def report(results, subject_settings: str = "{}", **settings) -> str:
+def report(results, subject_settings: str = "{}", requests: tuple[str, ...] = (), **settings) -> str:
     out = results / "page/index.html"
     run(results=results / "someone", project_results=results, out=out,
-        subject_settings=subject_settings, settings=WriteReport(**settings))  # fmt: skip
+        subject_settings=subject_settings, requests=requests, settings=WriteReport(**settings))  # fmt: skip
     return out.read_text()
 
 
 def test_every_part_is_there_with_what_was_planted(results):
-    page = Reader(report(results))
+    page = Reader(report(results, requests=("track_mesh:1300:7", "train_avatar:2000:30")))
     parts = dict(zip(TITLES, page.sections.values(), strict=True))
     assert not [title for title, text in parts.items() if "Missing" in text]
     assert all(text.strip().startswith(title) for title, text in parts.items())
@@ -104,7 +104,7 @@ def test_every_part_is_there_with_what_was_planted(results):
     )
     assert re.search(r"diffuse\s+everything[\s\S]*auto\s+39\.93\s+\+0\.07\s+10\.0\s+0\.25\s+6\s", parts[EFFECTS_TITLE])
     assert "loss is 0.07 dB" in parts[EFFECTS_TITLE]
-    assert re.search(r"track_mesh\s+2\s+7\.0\s+5\.0\s+250", parts["Time and memory"])
+    assert re.search(r"track_mesh\s+2\s+7\.0\s+5\.0\s+250\s+1300\s+7\s", parts["Time and memory"])
     shown = {anchor: page.images.count(anchor) for anchor in page.sections}
     assert shown["captured-and-rendered"] == 2 * 3 * 3
     assert (shown["calibration"], shown["tracking"], shown["in-other-light"], shown["atlas"]) == (3, 4, 1, 1)
@@ -208,3 +208,9 @@ def test_settings_that_are_none_are_refused(results, text, message):
 def test_changed_settings_are_those_that_differ():
     assert subject_changes(SubjectSettings()) == "{}"
     assert json.loads(subject_changes(SubjectSettings(unwrap_atlas={"size": 64}))) == {"unwrap_atlas": {"size": 64}}
+
+
+@pytest.mark.parametrize("word", ["track_mesh", "track_mesh:1:2:3", "track_mesh:much:7"])
+def test_request_that_is_none_is_refused(results, word):
+    with pytest.raises(InputError, match=f"--requests: expected STAGE:MEGABYTES:MINUTES, found {word}"):
+        report(results, requests=(word,))

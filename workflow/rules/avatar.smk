@@ -26,9 +26,10 @@ checkpoint pack_shards:
         "results/{subject}/benchmarks/pack_shards.{chunk}.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("pack_shards")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("pack_shards"),
+        runtime=minutes_for("pack_shards"),
     params:
         code=code_for("pack_shards"),
         capture=capture_folder,
@@ -87,9 +88,10 @@ rule train_avatar:
         "results/{subject}/benchmarks/train_avatar.{variant}.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 16
+    threads: threads_for("train_avatar")
     resources:
-        mem_mb=8000 * (project.settings.training_processes or 2),
+        mem_mb=memory_for("train_avatar"),
+        runtime=minutes_for("train_avatar"),
         # A resource, which reruns nothing: the number of processes changes nothing but the order of sums.
         processes=project.settings.training_processes,
     params:

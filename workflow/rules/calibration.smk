@@ -13,9 +13,10 @@ rule calibrate_cameras:
         "results/{subject}/benchmarks/calibrate_cameras.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 2
+    threads: threads_for("calibrate_cameras")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("calibrate_cameras"),
+        runtime=minutes_for("calibrate_cameras"),
     params:
         code=code_for("calibrate_cameras"),
         capture=capture_folder,
@@ -44,9 +45,10 @@ rule calibrate_color:
         "results/{subject}/benchmarks/calibrate_color.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 2
+    threads: threads_for("calibrate_color")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("calibrate_color"),
+        runtime=minutes_for("calibrate_color"),
     params:
         code=code_for("calibrate_color"),
         capture=capture_folder,
@@ -77,9 +79,10 @@ rule calibrate_lights:
         "results/{subject}/benchmarks/calibrate_lights.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 2
+    threads: threads_for("calibrate_lights")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("calibrate_lights"),
+        runtime=minutes_for("calibrate_lights"),
     params:
         code=code_for("calibrate_lights"),
         capture=capture_folder,
@@ -121,9 +124,10 @@ rule review_calibration:
         "results/{subject}/benchmarks/review_calibration.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 2
+    threads: threads_for("review_calibration")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("review_calibration"),
+        runtime=minutes_for("review_calibration"),
     params:
         code=code_for("review_calibration"),
         capture=capture_folder,

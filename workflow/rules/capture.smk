@@ -10,9 +10,10 @@ rule synthesize_capture:
         subject=one_of(project.synthetic_subjects),
     conda:
         "../../envs/cpu.yaml"
-    threads: 2
+    threads: threads_for("synthesize_capture")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("synthesize_capture"),
+        runtime=minutes_for("synthesize_capture"),
     params:
         code=code_for("synthesize_capture"),
         arguments=arguments_for("synthesize_capture"),
@@ -38,9 +39,10 @@ rule import_capture:
         subject=one_of(project.imported_subjects),
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("import_capture")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("import_capture"),
+        runtime=minutes_for("import_capture"),
     params:
         code=code_for("import_capture"),
         arguments=arguments_for(
@@ -81,9 +83,10 @@ checkpoint index_capture:
         "results/{subject}/benchmarks/index_capture.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("index_capture")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("index_capture"),
+        runtime=minutes_for("index_capture"),
     params:
         code=code_for("index_capture"),
         capture=capture_folder,
@@ -118,9 +121,10 @@ rule book_patterns:
         "results/{subject}/benchmarks/book_patterns.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("book_patterns")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("book_patterns"),
+        runtime=minutes_for("book_patterns"),
     params:
         code=code_for("book_patterns"),
         capture=capture_folder,

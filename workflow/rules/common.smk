@@ -16,6 +16,8 @@ from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
 from pipeline.workflow.dead_runs import remove_dead_locks
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
+from pipeline.workflow.job_requests import memory_mb, minutes, request_words, useful_threads
+from pipeline.workflow.job_size import job_size, unknown_size
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
 from pipeline.workflow.shown_verdicts import shown_verdicts
 from pipeline.workflow.termination import pass_sigterm_on
@@ -72,6 +74,32 @@ def code_for(stage):
     A function, so that only the code of planned jobs is read: a cluster's job plans itself alone.
     """
     return lambda wildcards: code_digest(f"pipeline.stages.{stage}")
+
+
+def size_of(wildcards):
+    """Sizes of a job, by which it asks for threads, memory and time."""
+    return job_size(job(wildcards)) if "subject" in wildcards.keys() else unknown_size()
+
+
+def threads_for(stage):
+    """A function of wildcards: the threads that a stage can use; Snakemake takes at most --cores and --max-threads."""
+    return lambda wildcards: useful_threads(stage, size_of(wildcards))
+
+
+def memory_for(stage):
+    """A function of wildcards: megabytes that a stage asks for, more at each attempt."""
+    return lambda wildcards, threads, attempt: memory_mb(stage, size_of(wildcards), threads, attempt)
+
+
+def minutes_for(stage):
+    """A function of wildcards: minutes that a stage asks for, more at each attempt."""
+    return lambda wildcards, threads, attempt: minutes(stage, size_of(wildcards), threads, attempt)
+
+
+def all_cores(wildcards):
+    """All that one job may have: of this machine, or, on a cluster, of a node."""
+    granted = workflow.resource_settings
+    return granted.max_threads or granted.cores or 1
 
 
 def settings_for(stage):

@@ -46,9 +46,10 @@ rule measure_cost:
         "results/{subject}/benchmarks/measure_cost.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: workflow.cores
+    threads: all_cores
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("measure_cost"),
+        runtime=minutes_for("measure_cost"),
     params:
         code=lambda wildcards: [code_for(stage)(wildcards) for stage in ("measure_cost", *COSTED_STAGES)],
         capture=capture_folder,
@@ -85,9 +86,10 @@ rule budget_errors:
         "results/{subject}/benchmarks/budget_errors.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: workflow.cores
+    threads: all_cores
     resources:
-        mem_mb=8000,
+        mem_mb=memory_for("budget_errors"),
+        runtime=minutes_for("budget_errors"),
     params:
         code=lambda wildcards: [code_for(stage)(wildcards) for stage in ("budget_errors", *RETRAINED_STAGES)],
         capture=capture_folder,
@@ -118,9 +120,10 @@ rule check_budget:
         "results/{subject}/benchmarks/check_budget.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("check_budget")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("check_budget"),
+        runtime=minutes_for("check_budget"),
     params:
         code=code_for("check_budget"),
         capture=capture_folder,

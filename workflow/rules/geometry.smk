@@ -17,9 +17,10 @@ rule track_mesh:
         "results/{subject}/benchmarks/track_mesh.{chunk}.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("track_mesh")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("track_mesh"),
+        runtime=minutes_for("track_mesh"),
     params:
         code=code_for("track_mesh"),
         capture=capture_folder,
@@ -52,9 +53,10 @@ rule review_tracking:
         "results/{subject}/benchmarks/review_tracking.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 2
+    threads: threads_for("review_tracking")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("review_tracking"),
+        runtime=minutes_for("review_tracking"),
     params:
         code=code_for("review_tracking"),
         capture=capture_folder,
@@ -84,9 +86,10 @@ rule unwrap_atlas:
         "results/{subject}/benchmarks/unwrap_atlas.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("unwrap_atlas")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("unwrap_atlas"),
+        runtime=minutes_for("unwrap_atlas"),
     params:
         code=code_for("unwrap_atlas"),
         capture=capture_folder,
@@ -114,9 +117,10 @@ rule fit_eyes:
         "results/{subject}/benchmarks/fit_eyes.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("fit_eyes")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("fit_eyes"),
+        runtime=minutes_for("fit_eyes"),
     params:
         code=code_for("fit_eyes"),
         arguments=arguments_for("fit_eyes", tracking=each_chunk("tracking/{chunk}.safetensors")),

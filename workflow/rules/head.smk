@@ -18,9 +18,10 @@ rule bake_textures:
         "results/{subject}/benchmarks/bake_textures.{chunk}.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("bake_textures")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("bake_textures"),
+        runtime=minutes_for("bake_textures"),
     params:
         code=code_for("bake_textures"),
         capture=capture_folder,

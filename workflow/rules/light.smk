@@ -19,9 +19,10 @@ checkpoint plan_effects:
         "results/{subject}/benchmarks/plan_effects.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("plan_effects")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("plan_effects"),
+        runtime=minutes_for("plan_effects"),
     params:
         code=code_for("plan_effects"),
         capture=capture_folder,
@@ -52,9 +53,10 @@ rule trace_irradiance:
         "results/{subject}/benchmarks/trace_irradiance.{chunk}.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 2
+    threads: threads_for("trace_irradiance")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("trace_irradiance"),
+        runtime=minutes_for("trace_irradiance"),
     params:
         code=code_for("trace_irradiance"),
         # Visibility bits, if they are kept, are found again by their content: no output, and never out of date.

@@ -20,9 +20,10 @@ rule relight_avatar:
         "results/{subject}/benchmarks/relight_avatar.{variant}.{light}.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 16
+    threads: threads_for("relight_avatar")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("relight_avatar"),
+        runtime=minutes_for("relight_avatar"),
     params:
         code=code_for("relight_avatar"),
         named=named,
@@ -65,9 +66,10 @@ rule export_viewer:
         "results/{subject}/benchmarks/export_viewer.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 16
+    threads: threads_for("export_viewer")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("export_viewer"),
+        runtime=minutes_for("export_viewer"),
     params:
         code=code_for("export_viewer"),
         arguments=arguments_for(
@@ -102,9 +104,10 @@ rule export_avatar:
         "results/{subject}/benchmarks/export_avatar.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 16
+    threads: threads_for("export_avatar")
     resources:
-        mem_mb=4000,
+        mem_mb=memory_for("export_avatar"),
+        runtime=minutes_for("export_avatar"),
     params:
         code=code_for("export_avatar"),
         arguments=arguments_for(

@@ -28,14 +28,16 @@ rule write_report:
         "results/{subject}/benchmarks/write_report.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("write_report")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("write_report"),
+        runtime=minutes_for("write_report"),
     params:
         code=code_for("write_report"),
         arguments=arguments_for(
             "write_report",
             subject_settings=lambda wildcards: subject_changes(job(wildcards).settings),
+            requests=lambda wildcards: request_words(job(wildcards)),
         ),
         # What else is there is shown. No inputs: they would be made, or made anew.
         optional=lambda wildcards: job(wildcards).optional_digests(),
@@ -62,9 +64,10 @@ rule compare_subjects:
         "results/comparison/compare_subjects.tsv"
     conda:
         "../../envs/cpu.yaml"
-    threads: 1
+    threads: threads_for("compare_subjects")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_for("compare_subjects"),
+        runtime=minutes_for("compare_subjects"),
     params:
         code=code_for("compare_subjects"),
         arguments=arguments_for(

@@ -37,9 +37,10 @@ rule evaluate_avatar:
         subject=subject_pattern(project, lambda settings: settings.evaluate_avatar.pictures),
     conda:
         "../../envs/cpu.yaml"
-    threads: 16
+    threads: threads_for("evaluate_avatar")
     resources:
-        mem_mb=8000,
+        mem_mb=memory_for("evaluate_avatar"),
+        runtime=minutes_for("evaluate_avatar"),
     params:
         code=code_for("evaluate_avatar"),
         arguments=arguments_for(

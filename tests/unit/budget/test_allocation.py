@@ -178,12 +178,13 @@ class TestProject:
 
 def test_size_of_captures(tmp_path) -> None:
     made = SubjectSettings(
-        source="synthetic", synthesize_capture={"cameras": 5, "frames": 7, "width": 20, "height": 30}
+        source="synthetic", synthesize_capture={"cameras": 5, "frames": 7, "width": 20, "height": 30, "lights": 9}
     )
-    assert capture_size(made, tmp_path, SAME_SIZE) == CaptureSize(5, 7, 600, 1)
-    (tmp_path / "capture.yaml").write_text("cameras: cameras.csv\nframes: frames.csv\n")
+    assert capture_size(made, tmp_path, SAME_SIZE) == CaptureSize(5, 7, 600, 1, 9)
+    (tmp_path / "capture.yaml").write_text("cameras: cameras.csv\nframes: frames.csv\nlights: lights.csv\n")
     pd.DataFrame({"camera": ["a", "b"], "width": [10, 30], "height": [10, 10]}).to_csv(tmp_path / "cameras.csv")
     pd.DataFrame({"frame": range(3)}).to_csv(tmp_path / "frames.csv", index=False)
+    pd.DataFrame({"light": ["L0", "L1", "L2", "L3"]}).to_csv(tmp_path / "lights.csv", index=False)
     recorded = SubjectSettings(variants={"full": {}, "matte": {}})
-    assert capture_size(recorded, tmp_path, SAME_SIZE) == CaptureSize(2, 3, 200, 2)
-    assert capture_size(recorded, tmp_path / "nowhere", SAME_SIZE) == CaptureSize(4, 10, 1000, 2)
+    assert capture_size(recorded, tmp_path, SAME_SIZE) == CaptureSize(2, 3, 200, 2, 4)
+    assert capture_size(recorded, tmp_path / "nowhere", SAME_SIZE) == CaptureSize(4, 10, 1000, 2, 1)

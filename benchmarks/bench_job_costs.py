@@ -1,0 +1,165 @@
+"""Fit what the jobs of each stage take, in seconds and megabytes, to finished runs of captures of several sizes.
+
+    python -m benchmarks.bench_job_costs --results results/subjectA results/walker results/WIDE results/LONG
+
+Snakemake's benchmarks say what each job took: CPU seconds, and the largest resident set that was sampled. The terms are
+those that the predicted exponents of `benchmarks.scaling_cases` speak of; coefficients are not negative and have the
+least relative error (`benchmarks.scaling_projection.fit_terms`). Writes config/curves/job_costs.csv, from which
+`pipeline.workflow.job_requests` takes what jobs ask for. A term needs runs that differ in its sizes: subjectA, a head,
+a recorded body, subjectA with images of 480 x 640 pixels, and with 96 frames were fitted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import pandas as pd
+
+from benchmarks.scaling_projection import fit_terms, product
+from pipeline.base.files import read_json, read_table, write_table
+from pipeline.geometry.texels import read_atlas
+from pipeline.workflow.job_requests import TABLE
+from pipeline.workflow.job_size import JobSize
+
+ONCE = ()
+IMAGES, ALL_PIXELS = ("frames", "cameras"), ("frames", "cameras", "pixels")
+STILLS = ("cameras", "pixels")
+AT_ONCE = ("threads", "pixels")
+
+SECONDS = {
+    "synthesize_capture": [ONCE, ("cameras", "lights"), ALL_PIXELS],
+    "index_capture": [ONCE, IMAGES, ALL_PIXELS],
+    "calibrate_cameras": [ONCE, ("cameras",), STILLS],
+    "calibrate_color": [ONCE, ("cameras",), STILLS],
+    "calibrate_lights": [ONCE, ("cameras", "lights"), ("cameras", "lights", "pixels")],
+    "review_calibration": [ONCE, ("cameras",), STILLS],
+    "book_patterns": [ONCE, IMAGES, ALL_PIXELS],
+    "unwrap_atlas": [ONCE, ("texels",)],
+    "track_mesh": [ONCE, ("frames",), IMAGES],
+    "review_tracking": [ONCE, ("frames",), IMAGES, ALL_PIXELS],
+    "plan_effects": [ONCE, ("texels",), IMAGES],
+    "fit_eyes": [ONCE, ("frames",)],
+    "trace_irradiance": [ONCE, ("frames",), ("frames", "texels"), ("frames", "texels", "lights")],
+    "bake_textures": [ONCE, IMAGES, ("frames", "cameras", "texels")],
+    "pack_shards": [ONCE, IMAGES, ALL_PIXELS],
+    "train_avatar": [ONCE, ("steps", "texels"), ("steps", "step_pixels")],
+    "evaluate_avatar": [ONCE, ("avatars", *IMAGES), ("avatars", *ALL_PIXELS), ("avatars", "frames", "texels")],
+    "relight_avatar": [ONCE, ("frames",), ("frames", "texels"), ("frames", "pixels")],
+    "export_viewer": [ONCE, ("frames",), ("frames", "texels")],
+    "export_avatar": [ONCE, ("frames",), ("texels",)],
+    "write_report": [ONCE, IMAGES],
+}
+"""Stage -> products of sizes that the CPU seconds of a job are a sum of."""
+
+MEGABYTES = {
+    "synthesize_capture": [ONCE, AT_ONCE],
+    "index_capture": [ONCE, AT_ONCE, IMAGES],
+    "calibrate_cameras": [ONCE, AT_ONCE, ("cameras",)],
+    "calibrate_color": [ONCE, AT_ONCE, ("cameras",)],
+    "calibrate_lights": [ONCE, AT_ONCE, ("cameras", "lights")],
+    "review_calibration": [ONCE, AT_ONCE, STILLS],
+    "book_patterns": [ONCE, ("pixels",), IMAGES],
+    "unwrap_atlas": [ONCE, ("texels",)],
+    "track_mesh": [ONCE, IMAGES, ALL_PIXELS],
+    "review_tracking": [ONCE, AT_ONCE, IMAGES],
+    "plan_effects": [ONCE, ("texels",), STILLS, IMAGES],
+    "fit_eyes": [ONCE, ("frames",)],
+    "trace_irradiance": [ONCE, ("threads", "texels"), ("frames",)],
+    "bake_textures": [ONCE, ("texels",), ("frames", "texels")],
+    "pack_shards": [ONCE, ("pixels",), IMAGES],
+    "train_avatar": [
+        ONCE, ("processes",), ("processes", "texels"), ("processes", "step_pixels"),
+    ],
+    "evaluate_avatar": [ONCE, ("texels",), ("pixels",), ("frames", "texels")],
+    "relight_avatar": [ONCE, ("texels",), ("pixels",), ("frames",)],
+    "export_viewer": [ONCE, ("texels",), ("frames",), ("frames", "texels")],
+    "export_avatar": [ONCE, ("texels",), ("frames",)],
+    "write_report": [ONCE, IMAGES],
+}  # fmt: skip
+"""Stage -> products of sizes that the memory of a job is a sum of."""
+
+KNOWN_MB = {"train_avatar": {("frames", "texels"): 217e-6}}
+"""Memory that is not fitted: bytes per texel that training holds of a frame, as docs/where_time_goes.md counts them. In
+the runs fitted, subjects with more frames have more texels, too."""
+
+THREADS, PROCESSES = 2, 2
+"""Of the runs: `snakemake --cores 2`, and the training processes that it leads to on a CPU."""
+
+DECODE_THREADS = 4
+"""Of index_capture, a setting."""
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--results", type=Path, nargs="+", required=True, help="folders results/SUBJECT")
+    parser.add_argument("--out", type=Path, default=TABLE, help="table to write")
+    options = parser.parse_args()
+    jobs = pd.DataFrame([row for results in options.results for row in finished_jobs(results)])
+    table = cost_table(jobs)
+    write_table(options.out, table)
+    print(table.to_string(index=False))
+
+
+def finished_jobs(results: Path) -> list[dict]:
+    """Jobs of a run: stage, sizes, seconds and mb."""
+    rows = []
+    for path in sorted((results / "benchmarks").glob("*.tsv")):
+        stage, *words = path.stem.split(".")
+        taken = pd.read_csv(path, sep="\t", na_values=["-", "NA"]).iloc[-1]
+        if stage in SECONDS and taken[["cpu_time", "max_rss"]].notna().all():
+            chunk = next((word for word in words if word.isdigit()), None)
+            sizes = asdict(measured_size(results, stage, chunk))
+            rows.append({"stage": stage, **sizes, "seconds": taken.cpu_time, "mb": taken.max_rss})
+    return rows
+
+
+def measured_size(results: Path, stage: str, chunk: str | None) -> JobSize:
+    """Sizes of a job that has run, by what it and others wrote."""
+    cameras, lights = (read_table(results / f"index/{name}.parquet") for name in ("cameras", "lights"))
+    frames = read_table(results / ("index/frames.parquet" if chunk is None else f"tracking/{chunk}.parquet"))
+    trained = [read_json(path)["settings"] for path in sorted(results.glob("avatars/*/config.json"))]
+    pixels = round(float((cameras.width * cameras.height).mean()))
+    images = max(one["cameras_per_step"] * one["frames_per_step"] for one in trained)
+    return JobSize(
+        cameras=len(cameras), lights=len(lights), frames=frames.frame.nunique(), pixels=pixels,
+        texels=read_atlas(results / "atlas.safetensors").texel_count, steps=max(one["steps"] for one in trained),
+        step_pixels=images * pixels, avatars=len(trained), processes=PROCESSES,
+        threads=DECODE_THREADS if stage == "index_capture" else THREADS,
+    )  # fmt: skip
+
+
+def cost_table(jobs: pd.DataFrame) -> pd.DataFrame:
+    """A row per stage, cost and term that grows: its coefficient, the runs fitted, and how far off they are."""
+    rows = []
+    for cost, stages in (("seconds", SECONDS), ("mb", MEGABYTES)):
+        for stage, terms in stages.items():
+            own = jobs[jobs.stage == stage]
+            if not own.empty:
+                known = KNOWN_MB.get(stage, {}) if cost == "mb" else {}
+                rows += [{"stage": stage, "cost": cost, **row} for row in fitted_terms(own, cost, terms, known)]
+    return pd.DataFrame(rows)
+
+
+def fitted_terms(
+    jobs: pd.DataFrame, cost: str, terms: list[tuple[str, ...]], known: dict[tuple[str, ...], float]
+) -> list[dict]:  # fmt: skip
+    """Rows of a stage's terms, those that are known among them."""
+    sizes = jobs.to_dict("records")
+    held = [sum(factor * product(row, names) for names, factor in known.items()) for row in sizes]
+    fit = fit_terms(jobs.assign(**{cost: jobs[cost] - held}), cost, terms)
+    worst = max(row[cost] / (fit.cost(row) + more) for row, more in zip(sizes, held, strict=True))
+    coefficients = {**dict(zip(terms, fit.coefficients.tolist(), strict=True)), **known}
+    fitted = {"jobs": len(jobs), "worst": math.ceil(1e3 * worst) / 1e3}
+    return [
+        {"sizes": " ".join(names), "coefficient": f"{factor:.4g}", **fitted}
+        for names, factor in coefficients.items()
+        if factor > 0
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
