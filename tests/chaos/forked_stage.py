@@ -181,6 +181,8 @@ def count_changes(folder: Path, counted: Callable[[int], None]) -> Callable[[], 
             changes = isinstance(opened, int) and bool(opened & WRITES) and isinstance(path, (str, os.PathLike))
         else:
             path, changes = arguments[0] if arguments else None, event in CHANGES
+            if event in ("os.remove", "os.rmdir") and isinstance(arguments[-1], int) and arguments[-1] >= 0:
+                path = os.path.join(os.readlink(f"/proc/self/fd/{arguments[-1]}"), path)
         if changes and isinstance(path, (str, os.PathLike)) and os.path.abspath(path).startswith(inside):
             number += 1
             counted(number)
