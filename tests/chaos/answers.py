@@ -35,11 +35,14 @@ class Answers:
     shown: np.ndarray
 
 
-def read(folder: Path) -> Answers:
-    """Answers in a project's folder, after pack_shards."""
+def read(folder: Path, renamed: tuple[str, str] | None = None) -> Answers:
+    """Answers in a project's folder, after pack_shards; a camera or light that was renamed under its former name."""
     results = folder / RESULTS
+    old, new = renamed or ("", "")
     cameras = read_cameras(results / "calibration/cameras.json")
+    cameras = {name: cameras[name] for name in sorted(cameras, key=lambda name: old if name == new else name)}
     lights = read_table(results / "calibration/lights.parquet")
+    lights = lights.sort_values("light", key=lambda names: names.replace(new, old) if new else names)
     color = read_json(results / "calibration/color.json")["cameras"]
     patterns = read_table(results / "patterns.parquet")
     frames = sorted(read_table(results / "frames.parquet").frame)

@@ -22,7 +22,8 @@ from tests.chaos.sound_run import CAPTURE, SoundRun, Step, copy_linked, copy_out
 LAST = "pack_shards"
 """The last stage that an accepted capture is taken to; from there on, it is numbers that were checked."""
 
-WARNED = re.compile(r"^\S+ (\S+: .*(?:: weak: |: failed: |WARNING).*)$", re.MULTILINE)
+WEAK = re.compile(r"(\S+: [^:\n]+: (?:weak|failed)): .*$", re.MULTILINE)
+"""A verdict as it is logged: stage, what it is on, and its grade; then the reason."""
 
 SHORT = 400
 """Letters of a message that are kept."""
@@ -36,7 +37,7 @@ def attacks(sound: SoundRun, seed: int, count: int) -> list[Attack]:
         seed: of all that is drawn.
         count: how many.
     """
-    kinds = list(_kinds(sound.folder / CAPTURE, seed))
+    kinds = list(kinds_of(sound.folder / CAPTURE, seed))
     for kind in kinds:
         random.Random(seed).shuffle(kind)
     drawn = _in_turn(kinds, {})
@@ -52,7 +53,7 @@ def _in_turn(kinds: list[list[Mutation]], seen: dict[str, int]) -> Iterator[Muta
                 yield kind[turn]
 
 
-def _kinds(root: Path, seed: int) -> Iterator[list[Mutation]]:
+def kinds_of(root: Path, seed: int) -> Iterator[list[Mutation]]:
     """Mutations of each kind of file."""
     rng = random.Random(seed)
     yield list(descriptions.mutations(yaml.safe_load((root / "capture.yaml").read_text()), rng))
@@ -105,8 +106,8 @@ def attack(sound: SoundRun, mutation: Mutation, folder: Path) -> Result:
             return Result(Outcome.TRACEBACK, step.stage, short(ended.printed))
         if ended.code:
             return Result(Outcome.LATE if number else Outcome.CLEAR, step.stage, short(ended.printed))
-        warned += new_warnings(ended.printed, (sound.folder / f"results/tiny/logs/{step.stage}.log"))
-    return judged(sound, mutation.meaning, folder, warned)
+        warned += new_warnings(ended.printed, sound.folder / f"results/tiny/logs/{step.stage}.log", mutation.renamed)
+    return judged(sound, mutation, folder, warned)
 
 
 def following(sound: SoundRun) -> Iterator[Step]:
@@ -129,21 +130,23 @@ def _reads_the_same(sound: Path, folder: Path, step: Step) -> bool:
     return True
 
 
-def judged(sound: SoundRun, meaning: Meaning, folder: Path, warned: str) -> Result:
+def judged(sound: SoundRun, mutation: Mutation, folder: Path, warned: str) -> Result:
     """The class of a capture that no stage refused."""
-    found = answers.departures(answers.read(sound.folder), answers.read(folder), sound.folder)
+    found = answers.departures(answers.read(sound.folder), answers.read(folder, mutation.renamed), sound.folder)
     said = "; ".join(found)
-    if not found or meaning is Meaning.OTHER:
+    if not found or mutation.meaning is Meaning.OTHER:
         return Result(Outcome.RIGHT, LAST, said)
     if warned:
         return Result(Outcome.JUDGED, LAST, f"{said} | {short(warned)}")
     return Result(Outcome.NONSENSE, LAST, said)
 
 
-def new_warnings(printed: str, sound_log: Path) -> str:
-    """Lines about weak and failed verdicts, and warnings, that the sound run does not have."""
-    known = set(WARNED.findall(sound_log.read_text())) if sound_log.is_file() else set()
-    return "\n".join(line for line in WARNED.findall(printed) if line not in known)
+def new_warnings(printed: str, sound_log: Path, renamed: tuple[str, str] | None = None) -> str:
+    """Weak and failed verdicts, by what they are on, that the sound run does not have."""
+    known = {found[1] for found in WEAK.finditer(sound_log.read_text())} if sound_log.is_file() else set()
+    if renamed:
+        known |= {line.replace(f" {renamed[0]}:", f" {renamed[1]}:") for line in known}
+    return "\n".join(found[0] for found in WEAK.finditer(printed) if found[1] not in known)
 
 
 def short(text: str) -> str:

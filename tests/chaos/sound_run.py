@@ -13,6 +13,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline import STAGES
+from pipeline.base.code_digest import KEPT
 from pipeline.base.files import digest_file
 from tests.support.workflow.project_copy import ProjectCopy
 from tests.support.workflow.snakemake_server import SnakemakeServer
@@ -46,7 +48,7 @@ class Step:
 
 @dataclass(frozen=True)
 class SoundRun:
-    """A folder with a capture and its results, and the jobs that made them, in order."""
+    """A folder with a capture and its results, and the jobs that made them, in data order."""
 
     folder: Path
     steps: tuple[Step, ...]
@@ -66,6 +68,7 @@ class SoundRun:
 
 def made(root: Path, folder: Path) -> SoundRun:
     """Run tiny in a folder, unless it is there, and read what ran."""
+    (root / KEPT).parent.mkdir(exist_ok=True)
     with SnakemakeServer() as server, StageServer() as stages:
         if (folder / "Snakefile").exists():
             project = ProjectCopy(folder, server, stages.python)
@@ -75,17 +78,17 @@ def made(root: Path, folder: Path) -> SoundRun:
         assert done.returncode == 0, done.stdout
         done = project.snakemake("--detailed-summary", "--", TARGET)
         assert done.returncode == 0, done.stdout
-    return SoundRun(folder, tuple(_steps(done.stdout)))
+    return SoundRun(folder, tuple(sorted(_steps(done.stdout), key=lambda step: STAGES.index(step.stage))))
 
 
 def _steps(summary: str) -> Iterator[Step]:
-    """The jobs of Snakemake's detailed summary, by the time at which they ended."""
+    """The jobs of Snakemake's detailed summary, in any order."""
     table = io.StringIO(summary[summary.index("output_file\t") :])
     jobs: dict[str, list[dict[str, str]]] = {}
     for row in csv.DictReader(table, delimiter="\t"):
         if row["rule"] and row["shellcmd"] and row["shellcmd"] != "-":
             jobs.setdefault(row["rule"], []).append(row)
-    for rows in sorted(jobs.values(), key=lambda rows: rows[0]["date"]):
+    for rows in jobs.values():
         words = shlex.split(rows[0]["shellcmd"].partition(" > ")[0])
         stage = words[words.index("-m") + 1].rpartition(".")[2]
         reads = tuple(name for name in rows[0]["input-file(s)"].split(",") if name)
@@ -99,15 +102,15 @@ def copy_linked(source: Path, target: Path) -> None:
 
 def copy_outputs(source: Path, target: Path, step: Step) -> None:
     """Copy what a step wrote by hard links, with the folder beside a table of the same name."""
-    for name in step.writes:
-        for place in {source / name, (source / name).with_suffix("")}:
-            into = target / place.relative_to(source)
-            if place.is_dir():
-                copy_linked(place, into)
-            elif place.is_file():
-                into.parent.mkdir(parents=True, exist_ok=True)
-                into.unlink(missing_ok=True)
-                os.link(place, into)
+    for place in sorted({place for name in step.writes for place in (source / name, (source / name).with_suffix(""))}):
+        into = target / place.relative_to(source)
+        if into.exists():
+            continue
+        if place.is_dir():
+            copy_linked(place, into)
+        elif place.is_file():
+            into.parent.mkdir(parents=True, exist_ok=True)
+            os.link(place, into)
 
 
 def digests(folder: Path, below: Collection[str] = (CAPTURE, RESULTS)) -> dict[str, str]:

@@ -39,11 +39,11 @@ def attacks(sound: SoundRun, seed: int, count: int) -> list[Attack]:
 def _all(stages: list[str]) -> Iterator[tuple[str, Callable[[SoundRun, Path], Result]]]:
     for stage in (stage for stage in stages if stage not in LEFT_OUT):
         for bytes_ in (9_000, 40_000):
-            yield f"{stage}, no file above {bytes_} bytes", partial(scarce, stage, partial(_limit, "FSIZE", bytes_))
+            yield f"{stage}, no file above {bytes_} bytes", partial(scarce, stage, partial(limit, "FSIZE", bytes_))
         for handles in (10, 16, 24, 48):
-            yield f"{stage}, {handles} file handles", partial(scarce, stage, partial(_limit, "NOFILE", handles))
+            yield f"{stage}, {handles} file handles", partial(scarce, stage, partial(limit, "NOFILE", handles))
         for more in (8, 64, 200):
-            yield f"{stage}, {more} MiB of memory", partial(scarce, stage, partial(_limit_memory, more))
+            yield f"{stage}, {more} MiB of memory", partial(scarce, stage, partial(limit_memory, more))
         for free in (0, 12, 100):
             yield f"{stage}, {free} KiB of disk left", partial(full_disk, stage, free)
         yield f"{stage}, twice at once", partial(at_once, stage)
@@ -81,12 +81,12 @@ def _then_again(ended: Ended, stage: str, sound: SoundRun, folder: Path) -> Resu
     return Result(Outcome.CLEAR, stage, short(ended.printed)) if clear else again
 
 
-def _limit(name: str, value: int) -> None:
+def limit(name: str, value: int) -> None:
     resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (value, value))
 
 
-def _limit_memory(more_mib: int) -> None:
-    _limit("AS", psutil.Process().memory_info().vms + (more_mib << 20))
+def limit_memory(more_mib: int) -> None:
+    limit("AS", psutil.Process().memory_info().vms + (more_mib << 20))
 
 
 def full_disk(stage: str, free_kib: int, sound: SoundRun, folder: Path) -> Result:

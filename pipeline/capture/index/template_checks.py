@@ -73,7 +73,7 @@ def _check_size(template: Template, rest: Float64[np.ndarray, "vertices 3"], com
 
 
 def _read_shape(root: Path, path: str) -> Shape:
-    with by_the_specification(path):
+    with by_the_specification(Path(path)):
         mesh = GltfFile(locate(root, path))
         primitives = mesh.primitives()
         starts = np.cumsum([0] + [len(primitive.positions) for primitive in primitives])

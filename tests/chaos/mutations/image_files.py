@@ -87,6 +87,8 @@ def exchanged(kind: str, first: str, second: str, names: Sequence[str]) -> Mutat
         for name in (name for name in names if f"/{first}/" in name):
             one, two = root / name, root / name.replace(f"/{first}/", f"/{second}/")
             aside = root / "aside"
+            if not two.exists():
+                continue
             one.rename(aside)
             two.rename(one)
             aside.rename(two)

@@ -29,12 +29,14 @@ class Mutation:
         what: the change, in words.
         meaning: of the change.
         apply: makes it, in the capture's folder.
+        renamed: former and present name of a camera or light, if that is the change.
     """
 
     file: str
     what: str
     meaning: Meaning
     apply: Callable[[Path], object]
+    renamed: tuple[str, str] | None = None
 
     @property
     def name(self) -> str:

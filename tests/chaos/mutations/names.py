@@ -41,12 +41,9 @@ def mutations(cameras: list[str], lights: list[str]) -> Iterator[Mutation]:
         for number, name in enumerate(names):
             camera, light = cameras[number % len(cameras)], lights[number % len(lights)]
             shown = name if len(name) < 20 else f"{name[:3]} of {len(name)} letters"
-            yield Mutation(
-                "names", f"camera {camera} is called {shown!r}", meaning, partial(_rename, "camera", camera, name)
-            )
-            yield Mutation(
-                "names", f"light {light} is called {shown!r}", meaning, partial(_rename, "light", light, name)
-            )
+            for column, old in (("camera", camera), ("light", light)):
+                apply = partial(_rename, column, old, name)
+                yield Mutation("names", f"{column} {old} is called {shown!r}", meaning, apply, (old, name))
 
 
 def _rename(column: str, old: str, new: str, root: Path) -> None:

@@ -104,7 +104,7 @@ def test_wrong_structure_is_named(tmp_path: Path, change: Callable[[dict], objec
     "change",
     [
         lambda file: file.content["accessors"][0].update(type=-1),
-        lambda file: file.content["accessors"][0].update(count="text"),
+        lambda file: file.content["accessors"][0].update(componentType=1),
         lambda file: file.content["accessors"][1].update(normalized=4.5),
         lambda file: file.views.__setitem__(0, None),
         lambda file: file.views[0].update(buffer=1),
