@@ -109,8 +109,13 @@ def _workplace(folder: Path) -> Iterator[Path]:
         try:
             yield place
         finally:
-            # Another one may sweep at the same time, as soon as the file that is held is gone.
-            shutil.rmtree(place, ignore_errors=True)
+            shutil.rmtree(place, onerror=_raise_unless_gone)
+
+
+def _raise_unless_gone(call: object, path: str, error: tuple) -> None:
+    """Let pass that another writer sweeps at the same time, as it may once the file that is held is gone."""
+    if not isinstance(error[1], FileNotFoundError):
+        raise error[1]
 
 
 @cache

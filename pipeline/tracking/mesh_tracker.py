@@ -110,7 +110,7 @@ def track(
     """Poses of consecutive frames; `schedule` may be empty.
 
     Raises:
-        InputError: if no frame has enough keypoints, the template's unit is wrong, or nothing fits at all.
+        InputError: if no frame has enough keypoints, the template's unit is wrong, or no pose fits at all.
     """
     points = tracked_points(template, targets.joints, targets.vertices)
     count, frames = len(targets.names), observations.normalised.shape[1]
@@ -133,7 +133,6 @@ def track(
 
     for rounds in schedule:
         pose = fit_cues(points, keypoint_term(np.arange(len(kept))), rounds.at(kept), prior, pose)
-    require_followed(pose)
     offsets = np.zeros((frames, len(template.vertices_rest), 3))
     status = np.where(solved, "tracked", "interpolated")
     known = np.flatnonzero(np.isin(kept, [] if refinement is None else refinement.frames))
@@ -144,19 +143,6 @@ def track(
     pose = fill_between(pose, kept, frames, points.pivot, takes)
     residual = keypoint_residuals_px(observations, point_positions(points, pose))
     return Tracking(pose, offsets, status, residual, measured, sigma_m, found.noise_px, sigma_px, ratio)
-
-
-def require_followed(pose: Pose) -> None:
-    """Refuse a fit that ran away: keypoints that no pose of the template explains.
-
-    Raises:
-        InputError: if a number of the pose is not finite.
-    """
-    if not all(np.isfinite(part).all() for part in (pose.root_rotation, pose.root_translation, pose.joint_rotations)):
-        raise InputError(
-            "keypoints_2d: x, y: expected keypoints that the template can follow, found none that any pose fits: it "
-            "ran away; are x and y exchanged or mirrored, or keypoints named after others?"
-        )
 
 
 def solvable_frames(keypoints: Int64[np.ndarray, " frames"], limits: TrackingLimits) -> Bool[np.ndarray, " frames"]:

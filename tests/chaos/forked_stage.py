@@ -8,6 +8,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import resource
 import runpy
 import signal
 import sys
@@ -26,6 +27,9 @@ ALLOWED_S = 300.0
 """Seconds that a stage of tiny may take, ten times what the longest takes on a busy core."""
 
 POLL_S = 0.01
+
+MOST_BYTES = 16 << 30
+"""Address space of a stage: more than any needs of tiny, and less than would bring the machine down."""
 
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 CHANGES = {"os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate", "os.link", "os.symlink", "shutil.rmtree"}
@@ -160,6 +164,7 @@ def _run_module(module: str, words: Sequence[str], before: Callable[[], None] | 
     """Run a module as `python -m` does."""
     sys.argv = [find_spec(module).origin, *words]
     sys.modules.pop(module, None)
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, resource.getrlimit(resource.RLIMIT_AS)[1]))
     if before is not None:
         before()
     runpy.run_module(module, run_name="__main__", alter_sys=True)

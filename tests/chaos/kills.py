@@ -161,7 +161,7 @@ def kill_workflow(sound: SoundRun, whom: str, share: float, folder: Path) -> Res
 
 def _up_to(sound: SoundRun, stage: str) -> Iterator[Step]:
     """Steps that the tracking needs; others of the sound run may have been made before it or after."""
-    aside = ("synthesize_capture", "unwrap_atlas", "plan_effects")
+    aside = ("synthesize_capture", "calibrate_color", "unwrap_atlas", "plan_effects")
     for step in sound.steps:
         if step.stage not in aside:
             yield step

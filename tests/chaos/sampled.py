@@ -22,12 +22,12 @@ from tests.chaos.captures import kinds_of, short
 from tests.chaos.mutations.mutation import Mutation
 from tests.chaos.outcome import Attack, Outcome, Result
 from tests.chaos.sound_run import CAPTURE, RESULTS, SoundRun, Step, copy_linked
-from tests.chaos.surroundings import limit, scarce
+from tests.chaos.surroundings import limit, limit_handles, scarce
 from tests.support.captures.builder import build_capture
 
 STAGE = "index_capture"
 INDEX = Step(STAGE, ("--capture", CAPTURE, "--out", f"{RESULTS}/index"), (), ())
-SEED, KILLS, MUTATIONS = 20, 5, 90
+SEED, KILLS, MUTATIONS = 20, 4, 40
 
 
 def main() -> None:
@@ -47,8 +47,8 @@ def _all(sound: SoundRun) -> Iterator[tuple[str, Attack]]:
     for place in random.Random(SEED).sample(range(1, kills.reference(sound, STAGE).changes + 1), KILLS):
         again = bool(place % 2)
         yield "kills", Attack(f"before change {place}", partial(kills.kill_stage, sound, STAGE, place, again))
-    for name, value in (("FSIZE", 4500), ("NOFILE", 12)):
-        yield "surroundings", Attack(name, partial(scarce, STAGE, partial(limit, name, value), sound))
+    for name, before in (("small files", partial(limit, "FSIZE", 4500)), ("few handles", partial(limit_handles, 3))):
+        yield "surroundings", Attack(name, partial(scarce, STAGE, before, sound))
     yield "harness", Attack("another file", partial(_spoilt, sound))
     yield "harness", Attack("a death", partial(_ended_badly, "import os; os.abort()"))
     yield "harness", Attack("a stand-still", partial(_ended_badly, "import time; time.sleep(60)"))
@@ -66,7 +66,7 @@ def _indexed(sound: SoundRun, mutation: Mutation, folder: Path) -> Result:
     try:
         index_folder(folder / CAPTURE, threads=1)
     except InputError as error:
-        return Result(Outcome.CLEAR, STAGE, short(str(error)))
+        return Result(Outcome.CLEAR, STAGE, short(f"error: {error}"))
     except Exception as error:
         return Result(Outcome.TRACEBACK, STAGE, f"{type(error).__name__}: {error}")
     return Result(Outcome.RIGHT, STAGE)
