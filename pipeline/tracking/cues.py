@@ -59,7 +59,12 @@ def posed_vertices(template: Template, pose: Pose) -> Float64[np.ndarray, "frame
     return posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
 
 
-def _require_finite(vertices: Float64[np.ndarray, "frames vertices 3"]) -> Float64[np.ndarray, "frames vertices 3"]:
+def require_finite(vertices: Float64[np.ndarray, "frames vertices 3"]) -> Float64[np.ndarray, "frames vertices 3"]:
+    """The vertices of a fit, unless it ran away.
+
+    Raises:
+        InputError: if a number is not finite.
+    """
     if not np.isfinite(vertices).all():
         raise InputError(
             "keypoints_2d: x, y: expected keypoints that the template can follow, found that its fit runs away; are x "
@@ -86,10 +91,10 @@ def fit_cues(points: TrackedPoints, keypoints: DataTerm, rounds: Rounds, prior: 
     for cue in rounds.cues:
         together = together.with_surface(cue.points)
     for number in range(rounds.most):
-        before = _require_finite(posed_vertices(points.template, pose))
+        before = require_finite(posed_vertices(points.template, pose))
         term = joined([keypoints, *(cue.around(before) for cue in rounds.cues)], counts)
         pose, _ = solve_poses(together, term, prior, pose, STEPS_PER_ROUND)
-        change = np.linalg.norm(_require_finite(posed_vertices(points.template, pose)) - before, axis=-1).mean()
+        change = np.linalg.norm(require_finite(posed_vertices(points.template, pose)) - before, axis=-1).mean()
         LOG.info("%s, round %d: vertices moved %.2f mm on average", rounds.name, number + 1, 1e3 * change)
         if change < SETTLED_M:
             break

@@ -3,7 +3,7 @@
     python -m tests.chaos [--parts captures settings kills surroundings twice] [--seed 1] [--count N] [--minutes M]
         [--page docs/reliability.md]
 
-Outcomes are added to OUT/attacks.csv as they come; a run that was ended goes on, and does nothing twice. OUT/table.md
+Outcomes are added to attacks.csv as they come; a run that was ended goes on, and does nothing twice. A page beside it
 has the table. Exits with 1 if an outcome is a defect.
 """
 
@@ -16,8 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.chaos import captures, forked_stage, kills, records, settings, sound_run, surroundings, twice
-from tests.chaos.outcome import DEFECTS, Attack
+from tests.support.chaos import captures, forked_stage, kills, records, settings, sound_run, surroundings, twice
+from tests.support.chaos.outcome import DEFECTS, Attack
 
 ROOT = Path(__file__).resolve().parents[2]
 

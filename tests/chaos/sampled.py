@@ -17,13 +17,13 @@ from functools import partial
 from pathlib import Path
 
 from pipeline.base.errors import InputError
-from tests.chaos import forked_stage, kills, records
-from tests.chaos.captures import kinds_of, short
-from tests.chaos.mutations.mutation import Mutation
-from tests.chaos.outcome import Attack, Outcome, Result
-from tests.chaos.sound_run import CAPTURE, RESULTS, SoundRun, Step, copy_linked
-from tests.chaos.surroundings import limit, limit_handles, scarce
 from tests.support.captures.builder import build_capture
+from tests.support.chaos import forked_stage, kills, records
+from tests.support.chaos.captures import kinds_of, short
+from tests.support.chaos.mutations.mutation import Mutation
+from tests.support.chaos.outcome import Attack, Outcome, Result
+from tests.support.chaos.sound_run import CAPTURE, RESULTS, SoundRun, Step, copy_linked
+from tests.support.chaos.surroundings import limit, limit_handles, scarce
 
 STAGE = "index_capture"
 INDEX = Step(STAGE, ("--capture", CAPTURE, "--out", f"{RESULTS}/index"), (), ())

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from pipeline.base.errors import Complaints, InputError
 from pipeline.capture.schema.manifest import read_manifest
 from pipeline.config.loading import load_project
-from tests.chaos import records
-from tests.chaos.mutations.mutation import Meaning
-from tests.chaos.outcome import DEFECTS, Outcome, Result
-from tests.chaos.settings import VALUES, is_wrong
 from tests.support.captures.builder import MANIFEST
+from tests.support.chaos import records
+from tests.support.chaos.mutations.mutation import Meaning
+from tests.support.chaos.outcome import DEFECTS, Outcome, Result
+from tests.support.chaos.settings import VALUES, is_wrong
 
 SEED, SETTINGS = 20, 40
 

@@ -1,4 +1,4 @@
-"""Images of two cameras that were exchanged, or of one that were turned: they fit other masks than their own."""
+"""Images of cameras that were exchanged or turned: they fit other masks than their own."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ worse by 0.07 at least, between neighbours in a ring of ten round a head; an exc
 def complain_of_exchanged(
     images: pd.DataFrame, sizes: pd.DataFrame, source: ImageSource, complaints: Complaints
 ) -> None:
-    """Complain about cameras whose images were exchanged with each other's, or turned; needs masks.
+    """Complain about cameras whose images were exchanged or turned; needs masks.
 
     Args:
         images: camera, frame, path and mask_path (null without a mask).
@@ -85,7 +85,7 @@ def exchanged(fits: Float64[np.ndarray, "cameras cameras"]) -> list[tuple[int, i
 def turned(
     shown: Float64[np.ndarray, "frames cameras pixels"], given: Float64[np.ndarray, "frames cameras pixels"]
 ) -> list[tuple[int, str, float]]:
-    """Cameras whose images fit their own masks better when these are mirrored or upside down: which, how, and fit."""
+    """Cameras whose images fit their own masks better when these are turned: which, how, fit."""
     square = given.reshape(*given.shape[:2], SIDE_PX, SIDE_PX)
     ways = {
         "mirrored": square[..., ::-1],

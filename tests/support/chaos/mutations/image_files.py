@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import OpenEXR
 
-from tests.chaos.mutations.mutation import Meaning, Mutation, remove, replace
+from tests.support.chaos.mutations.mutation import Meaning, Mutation, remove, replace
 
 BROKEN, SAME, OTHER = Meaning.BROKEN, Meaning.SAME, Meaning.OTHER
 

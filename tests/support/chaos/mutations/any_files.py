@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from tests.chaos.mutations.mutation import Meaning, Mutation, remove, replace
+from tests.support.chaos.mutations.mutation import Meaning, Mutation, remove, replace
 
 BROKEN, SAME = Meaning.BROKEN, Meaning.SAME
 

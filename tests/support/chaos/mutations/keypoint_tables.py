@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.chaos.mutations.mutation import Meaning, Mutation, remove
+from tests.support.chaos.mutations.mutation import Meaning, Mutation, remove
 
 FILE = "keypoints_2d.parquet"
 BROKEN, SAME, OTHER = Meaning.BROKEN, Meaning.SAME, Meaning.OTHER

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from tests.chaos.mutations.mutation import Meaning, Mutation, replace
+from tests.support.chaos.mutations.mutation import Meaning, Mutation, replace
 
 BROKEN, SAME, OTHER = Meaning.BROKEN, Meaning.SAME, Meaning.OTHER
 

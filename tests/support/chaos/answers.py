@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.geometry.cameras import read_cameras
-from tests.chaos.sound_run import CAPTURE, RESULTS
+from tests.support.chaos.sound_run import CAPTURE, RESULTS
 
 
 @dataclass(frozen=True)

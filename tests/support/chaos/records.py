@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.chaos.outcome import DEFECTS, Outcome, Result
+from tests.support.chaos.outcome import DEFECTS, Outcome, Result
 
 COLUMNS = ("part", "attack", "outcome", "stage", "seconds", "said")
 

@@ -19,12 +19,12 @@ import yaml
 
 from pipeline import STAGES
 from pipeline.config.project import SECTIONS
-from tests.chaos import forked_stage
-from tests.chaos.captures import short
-from tests.chaos.mutations import descriptions
-from tests.chaos.mutations.mutation import Meaning
-from tests.chaos.outcome import Attack, Outcome, Result
-from tests.chaos.sound_run import SoundRun, Step
+from tests.support.chaos import forked_stage
+from tests.support.chaos.captures import short
+from tests.support.chaos.mutations import descriptions
+from tests.support.chaos.mutations.mutation import Meaning
+from tests.support.chaos.outcome import Attack, Outcome, Result
+from tests.support.chaos.sound_run import SoundRun, Step
 
 SCHEMA = Path("workflow/schemas/config.schema.json")
 

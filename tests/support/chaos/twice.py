@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from tests.chaos import forked_stage
-from tests.chaos.kills import judged
-from tests.chaos.outcome import Attack, Result
-from tests.chaos.sound_run import TARGET, SoundRun, digests
+from tests.support.chaos import forked_stage
+from tests.support.chaos.kills import judged
+from tests.support.chaos.outcome import Attack, Result
+from tests.support.chaos.sound_run import TARGET, SoundRun, digests
 from tests.support.workflow.project_copy import COPIED
 
 ALLOWED_S = 3000.0

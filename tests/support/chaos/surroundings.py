@@ -14,12 +14,12 @@ from pathlib import Path
 
 import psutil
 
-from tests.chaos import forked_stage
-from tests.chaos.captures import short
-from tests.chaos.forked_stage import Ended
-from tests.chaos.kills import LEFT_OUT, judged, reference, run, shorter
-from tests.chaos.outcome import Attack, Outcome, Result
-from tests.chaos.sound_run import RESULTS, SoundRun, digests
+from tests.support.chaos import forked_stage
+from tests.support.chaos.captures import short
+from tests.support.chaos.forked_stage import Ended
+from tests.support.chaos.kills import LEFT_OUT, judged, reference, run, shorter
+from tests.support.chaos.outcome import Attack, Outcome, Result
+from tests.support.chaos.sound_run import RESULTS, SoundRun, digests
 
 FOLDERS = ("with a space", "ünïcode 写真", 'quote\'s "two"', "-rf", "{x}", "$(id) *", "a" * 200)
 
@@ -166,7 +166,7 @@ def environment(stage: str, change: dict[str, str | None], sound: SoundRun, fold
     sound.before(stage, folder)
     wanted = {name: value for name, value in {**os.environ, **change}.items() if value is not None}
     command = [sys.executable, "-m", f"pipeline.stages.{stage}", *shorter(sound.step(stage))]
-    wanted["PYTHONPATH"] = str(Path(__file__).resolve().parents[2])
+    wanted["PYTHONPATH"] = str(Path(__file__).resolve().parents[3])
     done = subprocess.run(command, cwd=folder, env=wanted, capture_output=True, text=True, errors="replace")
     return _right(Ended(done.returncode, done.stdout + done.stderr), stage, sound, folder)
 

@@ -13,11 +13,19 @@ import pandas as pd
 import yaml
 
 from pipeline.base.files import digest_file
-from tests.chaos import answers, forked_stage
-from tests.chaos.mutations import any_files, csv_files, descriptions, image_files, keypoint_tables, names, templates
-from tests.chaos.mutations.mutation import Meaning, Mutation
-from tests.chaos.outcome import Attack, Outcome, Result
-from tests.chaos.sound_run import CAPTURE, SoundRun, Step, copy_linked, copy_outputs
+from tests.support.chaos import answers, forked_stage
+from tests.support.chaos.mutations import (
+    any_files,
+    csv_files,
+    descriptions,
+    image_files,
+    keypoint_tables,
+    names,
+    templates,
+)
+from tests.support.chaos.mutations.mutation import Meaning, Mutation
+from tests.support.chaos.outcome import Attack, Outcome, Result
+from tests.support.chaos.sound_run import CAPTURE, SoundRun, Step, copy_linked, copy_outputs
 
 LAST = "pack_shards"
 """The last stage that an accepted capture is taken to; from there on, it is numbers that were checked."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.chaos.mutations.mutation import Meaning, Mutation, replace
+from tests.support.chaos.mutations.mutation import Meaning, Mutation, replace
 
 FILE = "template/template.glb"
 BROKEN, SAME, OTHER = Meaning.BROKEN, Meaning.SAME, Meaning.OTHER

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from tests.chaos.mutations.mutation import Meaning, Mutation, replace
+from tests.support.chaos.mutations.mutation import Meaning, Mutation, replace
 
 FILE = "capture.yaml"
 BROKEN, SAME, OTHER = Meaning.BROKEN, Meaning.SAME, Meaning.OTHER

@@ -9,5 +9,5 @@
 - `captures`, `settings`, `kills`, `surroundings`, `twice`: the parts.
 - `records`: outcomes kept in a table, so that a run that was ended goes on.
 
-The parts import no stage: they start them. `test_chaos.py` runs some of each part as ordinary tests.
+The parts import no stage: they start them. `tests.chaos` runs them: as a program all, as ordinary tests some.
 """

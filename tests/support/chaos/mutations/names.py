@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tests.chaos.mutations.mutation import Meaning, Mutation, remove, replace
+from tests.support.chaos.mutations.mutation import Meaning, Mutation, remove, replace
 
 VALID = (
     "NA",

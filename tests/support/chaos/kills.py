@@ -14,10 +14,10 @@ from pathlib import Path
 
 import psutil
 
-from tests.chaos import forked_stage
-from tests.chaos.captures import short
-from tests.chaos.outcome import Attack, Outcome, Result
-from tests.chaos.sound_run import CAPTURE, RESULTS, SoundRun, Step, copy_linked, differences, digests
+from tests.support.chaos import forked_stage
+from tests.support.chaos.captures import short
+from tests.support.chaos.outcome import Attack, Outcome, Result
+from tests.support.chaos.sound_run import CAPTURE, RESULTS, SoundRun, Step, copy_linked, differences, digests
 from tests.support.workflow.stage_server import StageServer
 
 SHORTER = {"train_avatar": {"--steps": "9", "--checkpoint-every": "3", "--log-every": "3"}}
