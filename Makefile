@@ -19,13 +19,14 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test slurm slurm-test hard-cases scaling growth effects time lint docs schema curves presets lock viewer FORCE
+.PHONY: help test slurm slurm-test hard-cases chaos scaling growth effects time lint docs schema curves presets lock viewer FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
 	@echo 'make test                          run all tests'
 	@echo 'make slurm                         install what hands jobs to Slurm; slurm-test: also test it on a cluster here'
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
+	@echo 'make chaos                         attack stages and workflow, into results/chaos; PARTS="captures settings"'
 	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make time                          measure where the time goes, and write that page; TIMED=results/SUBJECT ...'
@@ -53,6 +54,12 @@ slurm-test: slurm
 
 hard-cases: $(READY)
 	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv
+
+# Kills, bad captures, settings and surroundings: PARTS alone, or all. What was interrupted goes on; a table of what an
+# older code did is to be deleted first.
+PARTS ?= captures settings kills surroundings twice
+chaos: $(READY)
+	$(QUIET) $(BIN)/python -m tests.chaos --parts $(PARTS) --out results/chaos
 
 # On one thread: more would count what they wait for.
 ONE_THREAD := OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1

@@ -26,8 +26,9 @@ def read_json(path: Path) -> Any:
     """Read a JSON file.
 
     Raises:
-        InputError: the file is missing or not JSON.
+        InputError: the file is missing, no plain file, or not JSON.
     """
+    _require_plain(path)
     try:
         return json.loads(Path(path).read_text())
     except (OSError, ValueError) as error:  # ValueError: not JSON, or not even text.
@@ -47,8 +48,9 @@ def read_table(path: Path) -> pd.DataFrame:
     """Read a parquet table.
 
     Raises:
-        InputError: the file is missing or not a parquet table.
+        InputError: the file is missing, no plain file, or not a parquet table.
     """
+    _require_plain(path)
     try:
         return pd.read_parquet(path)
     except (OSError, ValueError) as error:
@@ -67,12 +69,19 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Read the named arrays of a safetensors file.
 
     Raises:
-        InputError: the file is missing or not safetensors.
+        InputError: the file is missing, no plain file, or not safetensors.
     """
+    _require_plain(path)
     try:
         return safetensors.numpy.load_file(path)
     except (OSError, safetensors.SafetensorError) as error:
         raise InputError(f"{path}: expected a safetensors file, found: {error}") from error
+
+
+def _require_plain(path: Path) -> None:
+    """Refuse devices and pipes: they may be read for ever."""
+    if (path := Path(path)).exists() and not path.is_file():
+        raise InputError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'a device or a pipe'}")
 
 
 def digest_file(path: Path) -> str:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import socket
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -94,30 +95,72 @@ def _shown(names: list[str]) -> str:
 def _workplace(folder: Path) -> Iterator[Path]:
     """A hidden folder in `folder` that is gone afterwards, at the latest with the next writer."""
     _sweep(folder.absolute())
-    place = Path(tempfile.mkdtemp(prefix=".new.", dir=folder))
-    try:
-        with open(place / HELD, "w") as held:
-            _lock(held.fileno())
-            # Under the name that is swept only once it is locked: nobody takes it for left over.
-            place = place.rename(folder / f"{UNFINISHED}{place.name.removeprefix('.new.')}")
+    with ExitStack() as stack:
+        with _folder_locked(folder, fcntl.LOCK_SH):
+            place = Path(tempfile.mkdtemp(prefix=_new(), dir=folder))
+            try:
+                held = stack.enter_context(open(place / HELD, "w"))
+                _lock(held.fileno())
+                # Under the name that is swept only once it is locked: nobody takes it for left over.
+                place = place.rename(folder / f"{UNFINISHED}{place.name.removeprefix(_new())}")
+            except BaseException:
+                shutil.rmtree(place, ignore_errors=True)
+                raise
+        try:
             yield place
-    finally:
-        shutil.rmtree(place)
+        finally:
+            shutil.rmtree(place, onerror=_raise_unless_gone)
+
+
+def _raise_unless_gone(call: object, path: str, error: tuple) -> None:
+    """Let pass that another writer sweeps at the same time, as it may once the file that is held is gone."""
+    if not isinstance(error[1], FileNotFoundError):
+        raise error[1]
 
 
 @cache
 def _sweep(folder: Path) -> None:
     """Remove what killed processes left in a folder; once per process."""
     for left in folder.glob(f"{UNFINISHED}*"):
-        with suppress(OSError), open(left / HELD, "r+") as held:
-            if _lock(held.fileno()):
-                shutil.rmtree(left, ignore_errors=True)
+        try:
+            with open(left / HELD, "r+") as held:
+                dead = _lock(held.fileno())
+        except FileNotFoundError:  # Killed while it tidied up, or still at it.
+            dead = True
+        except OSError:
+            dead = False
+        if dead:
+            shutil.rmtree(left, ignore_errors=True)
+    if not next(folder.glob(f"{_new()}*"), None):
+        return
+    with _folder_locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB) as alone:
+        for left in folder.glob(f"{_new()}*") if alone else ():  # Nobody is between making a folder and naming it.
+            shutil.rmtree(left, ignore_errors=True)
 
 
-def _lock(descriptor: int) -> bool:
+def _new() -> str:
+    """Prefix of folders that are not held yet; with the machine, as the lock of a folder may not reach others."""
+    return f".new.{socket.gethostname()}."
+
+
+@contextmanager
+def _folder_locked(folder: Path, how: int) -> Iterator[bool]:
+    """Hold a lock of a folder while the block runs; False if it cannot be had."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError:
+        yield False
+        return
+    try:
+        yield _lock(descriptor, how)
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, how: int = fcntl.LOCK_EX | fcntl.LOCK_NB) -> bool:
     """Take a lock that ends with the process; False if another has it, or the file system knows none."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, how)
     except OSError:
         return False
     return True

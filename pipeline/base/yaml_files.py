@@ -13,6 +13,10 @@ MOST_LEVELS = 50
 """Levels of nesting that are read: ten times what any file of this project has. libyaml's composer calls itself for
 each, and ends the process when its stack is full."""
 
+MOST_VALUES = 1_000_000
+"""Values that are read, each alias counted as what it stands for: a hundred times any table that people write. Eight
+lines of ten aliases each stand for a hundred million, which nobody could check or print."""
+
 MERGE = "tag:yaml.org,2002:merge"
 """Tag of the key `<<`, which stands for the keys of another mapping."""
 
@@ -49,16 +53,35 @@ def read_yaml(path: Path) -> Any:
         raise InputError(f"{path}: expected a file, found {'something else' if path.exists() else 'none'}")
     try:
         text = path.read_text(encoding="utf-8")
-        _require_shallow(text)
+        _require_bounded(text)
         return _PlainKeyLoader(text).get_single_data()
     # ValueError, TypeError: a date of month 13, a number of more digits than Python reads, text that is not UTF-8.
     except (OSError, ValueError, TypeError, RecursionError, yaml.YAMLError) as error:
         raise InputError(f"{path}: expected valid YAML, found: {' '.join(str(error).split())}") from error
 
 
-def _require_shallow(text: str) -> None:
-    level = 0
+def _require_bounded(text: str) -> None:
+    """Count levels, and values with those that aliases stand for, before anything is built."""
+    sizes: dict[str, int] = {}
+    open_: list[tuple[str | None, int]] = [(None, 0)]  # Anchor and values so far of each collection that is open.
     for event in yaml.parse(text, Loader=_PlainKeyLoader):
-        level += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if level > MOST_LEVELS:
-            raise ValueError(f"more than {MOST_LEVELS} levels of nesting, in line {event.start_mark.line + 1}")
+        line = event.start_mark.line + 1
+        anchor, size = getattr(event, "anchor", None), 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            open_.append((anchor, 1))
+            if len(open_) > MOST_LEVELS + 1:
+                raise ValueError(f"more than {MOST_LEVELS} levels of nesting, in line {line}")
+            continue
+        if isinstance(event, yaml.CollectionEndEvent):
+            anchor, size = open_.pop()
+        elif isinstance(event, yaml.AliasEvent):
+            if anchor not in sizes:
+                raise ValueError(f"the alias *{anchor} of nothing that ends before it, in line {line}")
+            anchor, size = None, sizes[anchor]
+        elif not isinstance(event, yaml.ScalarEvent):
+            continue
+        if anchor is not None:
+            sizes[anchor] = size
+        open_[-1] = (open_[-1][0], open_[-1][1] + size)
+        if open_[-1][1] > MOST_VALUES:
+            raise ValueError(f"more than {MOST_VALUES} values, with those that aliases stand for, in line {line}")

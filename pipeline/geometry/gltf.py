@@ -6,6 +6,8 @@ Source: Khronos glTF 2.0 specification, sections 3.6 (accessors), 3.7 (meshes, s
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +31,22 @@ MAX_INFLUENCE_SETS = 4
 MOST_ELEMENTS = 2**26
 """Elements of an accessor that are read, 67 million: a hundred times the largest template, and still few gigabytes. A
 file of some bytes may ask for any number of zeros."""
+
+
+@contextmanager
+def by_the_specification(path: Path) -> Iterator[None]:
+    """Refuse a file at which the block fails; its JSON part may say anything.
+
+    Raises:
+        InputError: in place of what a reference to nothing, an unknown type, or text for a number raises.
+    """
+    try:
+        yield
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        found = f"a file that does not keep to it ({type(error).__name__}: {error})"
+        raise InputError(
+            f"{path}: expected a mesh by the glTF 2.0 specification, found {found}; export it anew"
+        ) from error
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ def parents_of(nodes: Sequence[Any], path: Path) -> list[int]:
     """Index of each node's parent, or -1.
 
     Raises:
-        InputError: if a child is no node or has two parents, nodes form a circle, or a transform is not finite.
+        InputError: if a child is no node or has two parents, nodes form a circle, a transform is not finite, or a
+            rotation has no length.
     """
     complaints = Complaints(path)
     parents = [-1] * len(nodes)
@@ -40,6 +41,9 @@ def parents_of(nodes: Sequence[Any], path: Path) -> list[int]:
             if values is not None and (len(values) != count or not np.isfinite(np.asarray(values, np.float64)).all()):
                 expected = f"{count} finite numbers"
                 complaints.add(path.name, f"nodes[{index}].{key}", expected=expected, found=listed(values, count))
+            elif key == "rotation" and values is not None and not np.any(values):
+                found = listed([f"{value:g}" for value in values])
+                complaints.add(path.name, f"nodes[{index}].{key}", expected="a unit quaternion", found=found)
     if circle := [index for index in range(len(nodes)) if _climbs_for_ever(index, parents)]:
         found = f"circles below or through nodes {listed(circle)}"
         complaints.add(path.name, "nodes.children", expected="trees", found=found, hint="export the template anew")

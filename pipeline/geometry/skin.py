@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import InputError, listed
-from pipeline.geometry.gltf import GltfFile, Primitive
+from pipeline.geometry.gltf import GltfFile, Primitive, by_the_specification
 from pipeline.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 
 
@@ -77,6 +77,11 @@ def read_template(path: Path, scale_to_m: float) -> Template:
     Raises:
         InputError: if the file is not a .glb of triangles, holds several skins, or a vertex has no weight.
     """
+    with by_the_specification(path):
+        return _read_template(path, scale_to_m)
+
+
+def _read_template(path: Path, scale_to_m: float) -> Template:
     file = GltfFile(path)
     primitives = file.primitives()
     skin_indices = {file.document.nodes[p.node].skin for p in primitives if p.joints is not None}

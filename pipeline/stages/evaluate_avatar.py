@@ -23,7 +23,7 @@ from pipeline.avatar.intrinsic_layers import IntrinsicLayers, as_pictures
 from pipeline.avatar.training.checkpoint import camera_view, load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_json, write_table
+from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.splits import VALIDATION
 from pipeline.capture.images import write_png
 from pipeline.capture.records import FrameRecord, ImageRecord
@@ -107,10 +107,11 @@ def run(
         per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace)
         names = {"subject": subject, "variant": folder.name}
         config = read_json(folder / "config.json")
+        seconds = float(read_table(folder / "log.parquet").seconds.iloc[-1])
         built = {name: config.get(name, "") for name in ("built", "why")}
         means.append(summarize(per_image).assign(**names, **built, **protocol))
         singles.append(per_image.assign(**names, **network))
-        ablations.append(names | measure_costs(config, render, images, lit[path]) | scores_in_a_row(means[-1]))
+        ablations.append(names | measure_costs(config, seconds, render, images, lit[path]) | scores_in_a_row(means[-1]))
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", *(metric.name for metric in metrics)]].to_dict())
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
@@ -131,8 +132,10 @@ def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def measure_costs(config: dict, render: Render, images: ImageShards, frames: FrameShards) -> dict[str, int | float]:
-    """Measure milliseconds of a picture; add parameters and seconds of config.json.
+def measure_costs(
+    config: dict, seconds: float, render: Render, images: ImageShards, frames: FrameShards
+) -> dict[str, int | float]:
+    """Measure milliseconds of a picture; add parameters of config.json and seconds of training.
 
     The time is the median from a new pose and light to a picture.
     """
@@ -145,7 +148,7 @@ def measure_costs(config: dict, render: Render, images: ImageShards, frames: Fra
         taken.append(1e3 * (time.perf_counter() - started))
     return {
         "parameters": config["parameters"],
-        "training_seconds": config["seconds"],
+        "training_seconds": seconds,
         "render_milliseconds": float(np.median(taken)) if taken else math.nan,
     }
 

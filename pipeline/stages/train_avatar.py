@@ -124,7 +124,7 @@ def run(
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
             facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
             facts |= {"dropped_terms": dropped, "built": spec.in_words, "why": reason_of(settings, effects)}
-            facts |= {"seconds": round(done.seconds, 1), "texels": len(texels.face), "parameters": parameters}
+            facts |= {"texels": len(texels.face), "parameters": parameters}  # No times: those are in the log alone.
             save_avatar(out, avatar, facts)
             for name in (CHECKPOINT, BROKEN):
                 (out / name).unlink(missing_ok=True)

@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from pipeline.base.errors import InputError
 from pipeline.geometry.kinematics import Pose, TrackedPoints
 from pipeline.geometry.skin import Template, posed
 from pipeline.geometry.surface_points import SurfacePoints
@@ -58,6 +59,20 @@ def posed_vertices(template: Template, pose: Pose) -> Float64[np.ndarray, "frame
     return posed(template, pose.root_rotation, pose.root_translation, pose.joint_rotations)
 
 
+def require_finite(vertices: Float64[np.ndarray, "frames vertices 3"]) -> Float64[np.ndarray, "frames vertices 3"]:
+    """The vertices of a fit, unless it ran away.
+
+    Raises:
+        InputError: if a number is not finite.
+    """
+    if not np.isfinite(vertices).all():
+        raise InputError(
+            "keypoints_2d: x, y: expected keypoints that the template can follow, found that its fit runs away; are x "
+            "and y exchanged or mirrored, or keypoints named after others?"
+        )
+    return vertices
+
+
 def fit_cues(points: TrackedPoints, keypoints: DataTerm, rounds: Rounds, prior: MotionPrior, pose: Pose) -> Pose:
     """Poses that fit keypoints and cues, with the cues linearised anew in every round.
 
@@ -67,16 +82,19 @@ def fit_cues(points: TrackedPoints, keypoints: DataTerm, rounds: Rounds, prior: 
         rounds: of cues.
         prior: of the motion.
         pose: to start from.
+
+    Raises:
+        InputError: if the fit runs away.
     """
     counts = [len(points.parts), *(len(cue.points) for cue in rounds.cues)]
     together = points
     for cue in rounds.cues:
         together = together.with_surface(cue.points)
     for number in range(rounds.most):
-        before = posed_vertices(points.template, pose)
+        before = require_finite(posed_vertices(points.template, pose))
         term = joined([keypoints, *(cue.around(before) for cue in rounds.cues)], counts)
         pose, _ = solve_poses(together, term, prior, pose, STEPS_PER_ROUND)
-        change = np.linalg.norm(posed_vertices(points.template, pose) - before, axis=-1).mean()
+        change = np.linalg.norm(require_finite(posed_vertices(points.template, pose)) - before, axis=-1).mean()
         LOG.info("%s, round %d: vertices moved %.2f mm on average", rounds.name, number + 1, 1e3 * change)
         if change < SETTLED_M:
             break

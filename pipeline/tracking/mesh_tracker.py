@@ -110,7 +110,7 @@ def track(
     """Poses of consecutive frames; `schedule` may be empty.
 
     Raises:
-        InputError: if no frame has enough keypoints, or the template's unit is wrong.
+        InputError: if no frame has enough keypoints, the template's unit is wrong, or no pose fits at all.
     """
     points = tracked_points(template, targets.joints, targets.vertices)
     count, frames = len(targets.names), observations.normalised.shape[1]

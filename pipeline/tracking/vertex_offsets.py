@@ -21,7 +21,7 @@ from pipeline.geometry.mesh import area_vectors, weld_vertices
 from pipeline.geometry.rotations import matrix_from_quaternion
 from pipeline.geometry.skin import Template, blended_transforms
 from pipeline.geometry.surface_points import SurfacePoints
-from pipeline.tracking.cues import Cue
+from pipeline.tracking.cues import Cue, require_finite
 from pipeline.tracking.pose_equations import PointQuadratic
 
 CORRELATION_M2 = 0.05**2
@@ -95,6 +95,7 @@ def fit_offsets(
     offsets = np.zeros((len(vertices), prior.matrix.shape[0], 3))
     for _ in range(ROUNDS):
         moved = vertices + np.einsum("fvab,fvb->fva", jacobians, offsets[:, prior.weld], optimize=True)
+        require_finite(moved)
         terms = [(cue.points, cue.around(moved)(cue.points.carried(moved))) for cue in cues]
         for frame in range(len(vertices)):
             slope = (prior.matrix @ offsets[frame]).ravel()

@@ -71,9 +71,8 @@ def results(tmp_path, monkeypatch):
     for position, name in enumerate(errors):
         folder = tmp_path / "avatars" / name
         folder.mkdir(parents=True)
-        (folder / "config.json").write_text(
-            json.dumps({"parameters": 10 + position, "seconds": 2.5, "built": name, "why": "planted"})
-        )
+        (folder / "config.json").write_text(json.dumps({"parameters": 10 + position, "built": name, "why": "planted"}))
+        pd.DataFrame({"step": [0, 9], "seconds": [0.5, 2.5]}).to_parquet(folder / "log.parquet")
     monkeypatch.setattr(evaluate_avatar, "load_avatar", lambda folder, atlas: PlantedAvatar(errors[folder.name]))
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "no cache"))
     return tmp_path

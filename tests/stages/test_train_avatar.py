@@ -176,7 +176,7 @@ def test_seconds_add_up_over_runs(inputs, tmp_path, monkeypatch):
     stage.run(**inputs, out=tmp_path / "out")
     # The clock moves by 100 s whenever it is read, which is once at the start of a run and once after each step.
     assert pd.read_parquet(tmp_path / "out/log.parquet").seconds.tolist() == [100, 200, 300, 400, 500, 600]
-    assert json.loads((tmp_path / "out/config.json").read_text())["seconds"] == 600
+    assert "seconds" not in json.loads((tmp_path / "out/config.json").read_text())  # which is the same every time
 
 
 def test_how_it_is_watched_does_not_void_a_checkpoint(inputs, tmp_path, monkeypatch):

@@ -7,6 +7,7 @@
 - `meshes`: .glb files byte by byte, and meshes with lights around them.
 - `avatars`: small atlases, frames and images to train on, eyes, heads, and a splat viewer of its own.
 - `results`: hand-made curves and results of subjects, and the table of hard cases.
+- `chaos`: attacks on stages and the workflow.
 - `workflow`: copies of the project, and Snakemake without its start.
 - `order`: which files of tests are handed out first.
 - `shared_data`: data that lies beside the repository.

@@ -1,4 +1,4 @@
-"""Images of two cameras that were exchanged: each fits the masks of the other."""
+"""Images of cameras that were exchanged or turned: they fit other masks than their own."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ worse by 0.07 at least, between neighbours in a ring of ten round a head; an exc
 def complain_of_exchanged(
     images: pd.DataFrame, sizes: pd.DataFrame, source: ImageSource, complaints: Complaints
 ) -> None:
-    """Complain about cameras whose images were exchanged with each other's; needs masks.
+    """Complain about cameras whose images were exchanged or turned; needs masks.
 
     Args:
         images: camera, frame, path and mask_path (null without a mask).
@@ -50,7 +50,15 @@ def complain_of_exchanged(
         shown = np.stack([_image(source, rows.path[key]) for key in order]).reshape(shape)
         given = np.stack([_mask(source, rows.mask_path[key]) for key in order]).reshape(shape)
         fits = correlations(shown, given)
-        for i, j in exchanged(fits):
+        pairs = exchanged(fits)
+        in_pairs = {camera for pair in pairs for camera in pair}  # Which may look like the mirror image of the other.
+        for i, how, fit in (found for found in turned(shown, given) if found[0] not in in_pairs):
+            complaints.add(
+                "images", cameras[i], expected="the subject where the camera's own masks are",
+                found=f"images that fit these masks {how} (correlation {fit:.2f}, as they are {fits[i, i]:.2f})",
+                hint="turn the images of this camera back, or its masks",
+            )  # fmt: skip
+        for i, j in pairs:
             found = f"images that fit the masks of the other (correlation {fits[i, j]:.2f} and {fits[j, i]:.2f}"
             complaints.add(
                 "images", f"{cameras[i]}, {cameras[j]}", expected="the subject where the camera's own masks are",
@@ -72,6 +80,23 @@ def exchanged(fits: Float64[np.ndarray, "cameras cameras"]) -> list[tuple[int, i
     mutual, clear = np.minimum(gain, gain.T), np.minimum(fits, fits.T)
     pairs = np.argwhere(np.triu((mutual > MARGIN) & (clear > CLEAR), 1))
     return [(int(i), int(j)) for i, j in pairs]
+
+
+def turned(
+    shown: Float64[np.ndarray, "frames cameras pixels"], given: Float64[np.ndarray, "frames cameras pixels"]
+) -> list[tuple[int, str, float]]:
+    """Cameras whose images fit their own masks better when these are turned: which, how, fit."""
+    square = given.reshape(*given.shape[:2], SIDE_PX, SIDE_PX)
+    ways = {
+        "mirrored": square[..., ::-1],
+        "upside down": square[..., ::-1, :],
+        "half a turn round": square[..., ::-1, ::-1],
+    }
+    own = np.diag(correlations(shown, given))
+    fits = {how: np.diag(correlations(shown, way.reshape(given.shape))) for how, way in ways.items()}
+    best = {camera: max(fits, key=lambda how: fits[how][camera]) for camera in range(len(own))}
+    found = [(camera, how, float(fits[how][camera])) for camera, how in best.items()]
+    return [(camera, how, fit) for camera, how, fit in found if fit > CLEAR and fit - own[camera] > MARGIN]
 
 
 def _standard(values: Float64[np.ndarray, "*rows pixels"]) -> Float64[np.ndarray, "*rows pixels"]:

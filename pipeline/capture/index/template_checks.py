@@ -7,15 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int64
+from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.capture.index.csv_tables import complain_repeats, complain_rows, header_cells, read_csv
 from pipeline.capture.index.eye_tables import read_eyes_csv
 from pipeline.capture.paths import locate
 from pipeline.capture.schema.capture_yaml import Template
-from pipeline.geometry.gltf import GltfFile
+from pipeline.geometry.gltf import GltfFile, by_the_specification
 from pipeline.geometry.skin import read_template
+
+SMALLEST_M, LARGEST_M = 0.05, 10.0
+"""Longest side of a template at rest: an eye to a person with outstretched arms, and some. Metres for centimetres, or
+millimetres for metres, are outside, and so are vertices that a program threw far off or onto one point."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ def check_template(
     with complaints.collecting():
         shape = _read_shape(root, template.mesh)
         # As tracking reads it, so that what it would refuse is said now.
-        read_template(locate(root, template.mesh), template.scale_to_m)
+        rest = read_template(locate(root, template.mesh), template.scale_to_m).vertices_rest
+        _check_size(template, rest, complaints)
     faces, vertices = (None, 0) if shape is None else (shape.faces, shape.vertices)
     count = None if shape is None else shape.vertices
     eyes = read_eyes_csv(root, template.eyes, faces, vertices, complaints)
@@ -58,20 +63,23 @@ def check_template(
     return list(table["keypoint"]), eyes, count
 
 
+def _check_size(template: Template, rest: Float64[np.ndarray, "vertices 3"], complaints: Complaints) -> None:
+    size = float(np.ptp(rest, axis=0).max())
+    if not SMALLEST_M <= size <= LARGEST_M:
+        complaints.add(
+            template.mesh, "size", expected=f"{SMALLEST_M:g} to {LARGEST_M:g} m at rest, in metres by scale_to_m",
+            found=f"{size:.3g} m", hint="mend template.scale_to_m, or export the mesh anew",
+        )  # fmt: skip
+
+
 def _read_shape(root: Path, path: str) -> Shape:
-    try:
+    with by_the_specification(Path(path)):
         mesh = GltfFile(locate(root, path))
         primitives = mesh.primitives()
         starts = np.cumsum([0] + [len(primitive.positions) for primitive in primitives])
         faces = [primitive.faces + start for primitive, start in zip(primitives, starts[:-1], strict=True)]
         joints = {joint for skin in mesh.document.skins or [] for joint in skin.joints}
         return Shape(int(starts[-1]), np.concatenate(faces).astype(np.int64), joints)
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
-        # A reference to nothing, an unknown type: the JSON part of a .glb may say anything.
-        found = f"a file that does not keep to it ({type(error).__name__}: {error})"
-        raise InputError(
-            f"{path}: expected a mesh by the glTF 2.0 specification, found {found}; export it anew"
-        ) from error
 
 
 def read_keypoint_places(root: Path, path: str | None, complaints: Complaints) -> pd.DataFrame | None:

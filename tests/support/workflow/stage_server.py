@@ -55,6 +55,11 @@ class StageServer:
         assert self._process.stdout.readline()
         return self
 
+    @property
+    def pid(self) -> int:
+        """Process whose children are the stages."""
+        return self._process.pid
+
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
         self._process.wait()

@@ -100,3 +100,10 @@ def test_arrays_are_as_readable_as_any_other_file(tmp_path: Path) -> None:
     write_json(tmp_path / "a.json", {})
     write_arrays(tmp_path / "a.safetensors", {"a": np.ones(2)})
     assert (tmp_path / "a.safetensors").stat().st_mode == (tmp_path / "a.json").stat().st_mode
+
+
+@pytest.mark.parametrize("read", [read_json, read_table, read_arrays])
+def test_devices_are_not_read(read) -> None:
+    """The endless one would be read until the memory is full."""
+    with pytest.raises(InputError, match="/dev/null: expected a file, found a device or a pipe"):
+        read(Path("/dev/null"))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.base import whole_files
 from pipeline.base.errors import InputError
 from pipeline.base.whole_files import WRITTEN_BY, written_folder, written_whole
 
@@ -32,6 +33,41 @@ def test_what_a_killed_writer_leaves_matches_no_pattern_of_files_and_is_swept(tm
     with written_whole(tmp_path / "0001.arrow") as temporary:
         temporary.write_text("whole")
     assert os.listdir(tmp_path) == ["0001.arrow"]
+
+
+CHANGES = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "shutil.rmtree"}
+
+
+def killed_at(place: int, folder: Path) -> bool:
+    """True if a child that writes a file was killed just before its n-th call that may change the folder."""
+    child = os.fork()
+    if not child:
+        seen = 0
+
+        def count(event: str, arguments: tuple) -> None:
+            nonlocal seen
+            seen += event in CHANGES
+            if event in CHANGES and seen == place:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        try:
+            whole_files._sweep.cache_clear()
+            sys.addaudithook(count)
+            with written_whole(folder / "a.txt") as temporary:
+                temporary.write_text("whole")
+        finally:
+            os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+
+
+def test_killed_at_any_call_leaves_nothing_that_the_next_writer_does_not_sweep(tmp_path: Path) -> None:
+    place = 0
+    while killed_at(place := place + 1, tmp_path):
+        whole_files._sweep.cache_clear()
+        with written_whole(tmp_path / "b.txt") as temporary:
+            temporary.write_text("whole")
+        assert set(os.listdir(tmp_path)) <= {"a.txt", "b.txt"}, place
+    assert place > 7
 
 
 def test_writer_at_work_is_not_swept(tmp_path: Path) -> None:

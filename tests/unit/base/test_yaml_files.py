@@ -68,3 +68,23 @@ def test_comment_in_utf_8_is_read_under_any_locale(tmp_path: Path) -> None:
         env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
     )  # fmt: skip
     assert done.stdout == "{'a': 1}\n", done.stderr
+
+
+def test_aliases_that_stand_for_too_much_are_refused_before_anything_is_built(tmp_path: Path) -> None:
+    levels = ["l0: &l0 [a, a, a, a, a, a, a, a, a, a]"]
+    levels += [f"l{level}: &l{level} [{', '.join([f'*l{level - 1}'] * 10)}]" for level in range(1, 9)]
+    (tmp_path / "a.yaml").write_text("\n".join(levels) + "\n")
+    with pytest.raises(InputError, match="more than 1000000 values, with those that aliases stand for, in line 6"):
+        read_yaml(tmp_path / "a.yaml")
+
+
+def test_alias_of_itself_or_of_nothing_is_refused(tmp_path: Path) -> None:
+    for text in ("a: &a [*a]\n", "a: *b\n"):
+        (tmp_path / "a.yaml").write_text(text)
+        with pytest.raises(InputError, match="alias"):
+            read_yaml(tmp_path / "a.yaml")
+
+
+def test_alias_of_what_is_there_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("a: &a {x: 1}\nb: *a\nc:\n  <<: *a\n  y: 2\n")
+    assert read_yaml(tmp_path / "a.yaml") == {"a": {"x": 1}, "b": {"x": 1}, "c": {"x": 1, "y": 2}}

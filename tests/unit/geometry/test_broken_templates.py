@@ -81,6 +81,10 @@ def nodes(*changed: dict) -> Callable[[dict], None]:
             nodes({"mesh": 0, "skin": 0}, {"children": [2]}, {"matrix": [float("nan")] * 16}),
             "nodes[2].matrix: expected 16 finite numbers",
         ),
+        (
+            nodes({"mesh": 0, "skin": 0}, {"children": [2]}, {"rotation": [0.0] * 4}),
+            "nodes[2].rotation: expected a unit quaternion, found 0, 0, 0, 0",
+        ),
         (lambda content: content["skins"][0].update(joints=[1, 9]), "joints: expected different nodes, 0 to 2"),
         (lambda content: content["skins"][0].update(joints=[1, 1]), "joints: expected different nodes"),
         (lambda content: content["skins"][0].update(joints=[1]), "inverseBindMatrices: expected 1 finite 4x4"),
@@ -93,6 +97,25 @@ def test_wrong_structure_is_named(tmp_path: Path, change: Callable[[dict], objec
     file = glb(arrays())
     change(file.content)
     with pytest.raises(InputError, match=re.escape(said)):
+        read_template(file.write(tmp_path / "a.glb"), 1.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda file: file.content["accessors"][0].update(type=-1),
+        lambda file: file.content["accessors"][0].update(componentType=1),
+        lambda file: file.content["accessors"][1].update(normalized=4.5),
+        lambda file: file.views.__setitem__(0, None),
+        lambda file: file.views[0].update(buffer=1),
+        lambda file: file.content.update(skins={}),
+        lambda file: file.content["meshes"][0]["primitives"][0]["attributes"].update(WEIGHTS_0="text"),
+    ],
+)
+def test_what_breaks_the_specification_is_refused_in_words(tmp_path: Path, change: Callable[[GlbFile], object]) -> None:
+    file = glb(arrays())
+    change(file)
+    with pytest.raises(InputError, match=r"by the glTF 2\.0 specification"):
         read_template(file.write(tmp_path / "a.glb"), 1.0)
 
 

@@ -65,6 +65,20 @@ def test_exchanged_images_or_masks_name_the_two_cameras(capture, pair, column) -
     assert message.startswith(f"images: {', '.join(pair)}: expected the subject where the camera's own masks are")
 
 
+@pytest.mark.parametrize(
+    ("turn", "how"),
+    [((slice(None), slice(None, None, -1)), "mirrored"), ((slice(None, None, -1), slice(None)), "upside down")],
+)
+def test_turned_images_of_a_camera_are_named(capture, turn, how) -> None:
+    folder, images = capture
+    source = ImageSource(folder, "linear", 0.0)
+    for path in images.path[images.camera == "c"]:
+        write_exr(folder / path, np.ascontiguousarray(source.read(path)[turn]))
+    (message,) = complaints_about(folder, images)
+    assert message.startswith("images: c: expected the subject where the camera's own masks are")
+    assert f"found images that fit these masks {how}" in message
+
+
 def test_cameras_of_other_sizes_cannot_have_been_exchanged(capture) -> None:
     folder, images = capture
     assert complaints_about(folder, swapped(images, "a", "b"), heights=(48, 40, 48)) == []

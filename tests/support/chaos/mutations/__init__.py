@@ -1,0 +1,1 @@
+"""Changes to a capture, file by file; each says whether it has to be refused."""
