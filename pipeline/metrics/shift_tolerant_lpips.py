@@ -33,7 +33,8 @@ TAPS = (2, 6, 10, 12, 14)
 class BlurredHalving(nn.Module):
     """Every second pixel of a blurred image.
 
-    The blur is the binomial [1 2 1] / 4 along both axes, each channel by itself. The image goes on beyond its border as a mirror shows it, by two pixels a side.
+    The blur is the binomial [1 2 1] / 4 along both axes, each channel by itself. The image goes on beyond its border as
+    a mirror shows it, by two pixels a side.
     """
 
     def __init__(self, channels: int) -> None:
