@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.base.errors import Complaints, InputError
+from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.base.files import digest_bytes, digest_file
+from pipeline.capture.cameras.caliscope_cameras import read_caliscope
 from pipeline.capture.cameras.camera_formats import SourceImage
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
 from pipeline.capture.paths import locate
@@ -59,7 +60,7 @@ def read_known_cameras(
     for name, size in sizes.items():
         mine = [image for image in images if image.owner == name]
         if not mine:
-            _complain_missing(section, name, complaints)
+            _complain_missing(section, name, [image.name for image in images if image.owner not in sizes], complaints)
             continue
         mine = [image for image in mine if image.camera is not None]
         # A list: every image is to be checked.
@@ -96,6 +97,8 @@ def _read_images(
             images = read_colmap(path, cameras, inner)
         elif section.format == "nerfstudio":
             images = read_nerfstudio(path, cameras, inner)
+        elif section.format == "caliscope":
+            images = read_caliscope(path, cameras, inner)
         else:
             images = [SourceImage(name, name, camera) for name, camera in read_cameras(path).items()]
     except InputError as error:
@@ -105,9 +108,14 @@ def _read_images(
     return images
 
 
-def _complain_missing(section: KnownCameras, name: str, complaints: Complaints) -> None:
+def _complain_missing(section: KnownCameras, name: str, others: list[str], complaints: Complaints) -> None:
     if section.format == "cameras_json":
         complaints.add(section.path, name, expected="every camera of the table of cameras", found="no entry")
+        return
+    if section.format == "caliscope":
+        found = f"none; cameras of the file that no camera of the capture is named after: {listed(others) or 'none'}"
+        hint = "name the capture's cameras after the file's"
+        complaints.add(section.path, name, expected="a section of this name", found=found, hint=hint)
         return
     expected = f"an image with a pose that is called {name} or lies in a folder {name}"
     complaints.add(section.path, name, expected=expected, found="none")

@@ -24,21 +24,22 @@ from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 class CameraFile(Section):
     """Cameras that were calibrated elsewhere."""
 
-    format: Literal["cameras_json", "colmap", "nerfstudio"] = Field(
+    format: Literal["cameras_json", "colmap", "nerfstudio", "caliscope"] = Field(
         "cameras_json",
         description="cameras_json: R, t, K, dist, width, height per camera, and lens: fisheye where dist is k1 to k4; "
-        "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json. All at sensor "
-        "resolution",
+        "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json; caliscope: its "
+        ".toml of cameras. All at sensor resolution",
     )
     path: Annotated[str, AfterValidator(check_relative)] = Field(
-        description="the .json file, or the folder of a COLMAP model"
+        description="the .json or .toml file, or the folder of a COLMAP model"
     )
 
     # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
     @field_validator("path")
     @classmethod
     def _is_of_the_format(cls, path: str, info: Any) -> str:
-        return path if info.data.get("format") == "colmap" else check_suffix(path, (".json",))
+        name = info.data.get("format")
+        return path if name == "colmap" else check_suffix(path, (".toml",) if name == "caliscope" else (".json",))
 
 
 class PhotographedBoards(Section):

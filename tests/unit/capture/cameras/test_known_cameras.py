@@ -58,10 +58,11 @@ class TestCamerasJson:
     [
         ({"path": "sparse"}, "ends in .json"),
         ({"path": "sparse", "format": "nerfstudio"}, "ends in .json"),
+        ({"path": "array.json", "format": "caliscope"}, "ends in .toml"),
         ({"path": "../sparse", "format": "colmap"}, "stays inside"),
         ({"path": "cameras.json", "frame": "world"}, "'stage' or 'own'"),
         ({"path": "cameras.json", "scale_to_m": 0.0}, "greater than 0"),
-        ({"path": "cameras.json", "format": "opencv"}, "'cameras_json', 'colmap' or 'nerfstudio'"),
+        ({"path": "cameras.json", "format": "opencv"}, "'cameras_json', 'colmap', 'nerfstudio' or 'caliscope'"),
     ],
 )
 def test_keys_are_checked(keys, expected):

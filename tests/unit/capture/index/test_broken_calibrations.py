@@ -57,7 +57,10 @@ KNOWN_BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "unknown format of cameras": (
         manifest(lambda m: m["calibration"]["cameras"].update(format="opencv")),
-        ["calibration.cameras.format: expected 'cameras_json', 'colmap' or 'nerfstudio', found text 'opencv'"],
+        [
+            "calibration.cameras.format: expected 'cameras_json', 'colmap', 'nerfstudio' or 'caliscope', "
+            "found text 'opencv'"
+        ],
     ),
     "folder without its format": (
         manifest(lambda m: m["calibration"]["cameras"].update(path="calibration/sparse")),
