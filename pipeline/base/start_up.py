@@ -1,4 +1,4 @@
-"""Garbage collection kept out of the way while a stage starts and ends.
+"""What a stage sets before it imports what it works with.
 
 Importing torch and what comes with it makes some hundred thousand objects that live as long as the process. Python
 looks through all of them, again and again, while they come, and once more when the process ends: a second of four.
@@ -8,7 +8,17 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 import sys
+
+
+def use_one_blas_thread() -> None:
+    """Have OpenBLAS work on one thread, here, unless NumPy is imported, and in what is started.
+
+    With another number of threads OpenBLAS adds in another order, and results differ in the last digits from machine
+    to machine. Matrices of stages are small, or sparse and summed elsewhere.
+    """
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 
 def pause_collection() -> None:

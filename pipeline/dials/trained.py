@@ -53,7 +53,7 @@ def picture_milliseconds() -> Metric:
     """Metric: time of a picture of the avatar, from a new pose and light on."""
 
     def error(subject: Subject, output: Files, expected: Files) -> float:
-        return float(pd.read_csv(output["costs"]).render_milliseconds.iloc[0])
+        return float(pd.read_csv(output["times"]).render_milliseconds.iloc[0])
 
     return Metric("time of a picture, ms", error, lambda subject: math.inf)
 

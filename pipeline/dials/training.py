@@ -15,7 +15,7 @@ from pipeline.dials.trained import AFTER_TRACING, MADE, STEPS, one_chunk, pictur
 from pipeline.geometry.texels import read_atlas
 
 OUTPUTS = {
-    "metrics": ("metrics.csv", None), "costs": ("ablations.csv", None), "trained": ("avatars/full/config.json", None)
+    "metrics": ("metrics.csv", None), "times": ("avatar_times.csv", None), "trained": ("avatars/full/config.json", None)
 }  # fmt: skip
 
 SHORT_TRAINING = CostedStage(

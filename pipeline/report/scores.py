@@ -141,7 +141,7 @@ def _slider(results: Results, path: Path, name: str, row: pd.Series) -> str:
 
 def ablations(results: Results) -> Part:
     """Scores and costs of each avatar, and differences from the first beyond chance."""
-    title, costs = "Ablations", results.csv("ablations.csv")
+    title, costs = "Ablations", results.csv("ablations.csv").merge(results.csv("avatar_times.csv"))
     if len(costs) < 2:
         return Part(title, "", "only one avatar was trained; variants in the subject's settings name more")
     scores = results.table("metrics_per_image.parquet")

@@ -7,7 +7,8 @@ stage imports what it works with: with `--help` it ends here.
 from pathlib import Path
 
 from pipeline.base.stage_help import answer_help
-from pipeline.base.start_up import pause_collection
+from pipeline.base.start_up import pause_collection, use_one_blas_thread
 
+use_one_blas_thread()
 pause_collection()
 answer_help(Path(__file__).parent)

@@ -3,7 +3,7 @@
 In: shards and one folder per avatar (its name is the variant). Each held-out image is rendered with its own camera,
 pose and light and compared with what was captured; `pipeline.metrics.evaluation` states the protocol, which also
 stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_image.parquet, ablations.csv (a row per
-variant: its scores on all test images, on validation images, on new segments and on new light, and what it costs) and
+variant: its scores on all test images, on validation images, on new segments and on new light), avatar_times.csv and
 images/VARIANT_{worst,median,best}.png of test images; images/VARIANT_layers.png shows albedo, normal, roughness,
 visibility, diffuse and specular light and shadow of the median one (RGCA Figure 3).
 """
@@ -72,7 +72,7 @@ def run(
         shards: folder with test/, validation/ and frames/ of pack_shards.
         effects: effects.json of plan_effects; what is on is logged beside the scores.
         avatars: folders of train_avatar; each folder's name is the variant.
-        out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv and images/.
+        out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv, avatar_times.csv and images/.
         subject: name of the subject, for the table.
         frames: folder of frame shards of each avatar, if they are not all lit as in SHARDS/frames.
         settings: see the flags below.
@@ -95,7 +95,7 @@ def run(
     network = {"lpips_net": settings.lpips_net, "lpips_weights": weights}
     protocol = {"color_space": COLOR_SPACE, "region": region(metrics), **network}
 
-    means, singles, ablations = [], [], []
+    means, singles, ablations, times = [], [], [], []
     # Those of an earlier run would stand beside scores that are not theirs.
     if not settings.pictures:
         remove_pictures(out / "images", SHOWN)
@@ -107,11 +107,13 @@ def run(
         per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace)
         names = {"subject": subject, "variant": folder.name}
         config = read_json(folder / "config.json")
-        seconds = float(read_table(folder / "log.parquet").seconds.iloc[-1])
         built = {name: config.get(name, "") for name in ("built", "why")}
         means.append(summarize(per_image).assign(**names, **built, **protocol))
         singles.append(per_image.assign(**names, **network))
-        ablations.append(names | measure_costs(config, seconds, render, images, lit[path]) | scores_in_a_row(means[-1]))
+        ablations.append(names | {"parameters": config["parameters"]} | scores_in_a_row(means[-1]))
+        trained = float(read_table(folder / "log.parquet").seconds.iloc[-1])
+        rendered = measure_milliseconds(render, images, lit[path])
+        times.append(names | {"training_seconds": trained, "render_milliseconds": rendered})
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", *(metric.name for metric in metrics)]].to_dict())
         if settings.pictures:
             write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
@@ -120,6 +122,7 @@ def run(
     write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
     write_table(out / "ablations.csv", pd.DataFrame(ablations))
+    write_table(out / "avatar_times.csv", pd.DataFrame(times))
 
 
 def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
@@ -132,13 +135,8 @@ def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def measure_costs(
-    config: dict, seconds: float, render: Render, images: ImageShards, frames: FrameShards
-) -> dict[str, int | float]:
-    """Measure milliseconds of a picture; add parameters of config.json and seconds of training.
-
-    The time is the median from a new pose and light to a picture.
-    """
+def measure_milliseconds(render: Render, images: ImageShards, frames: FrameShards) -> float:
+    """Measure the median time from a new pose and light to a picture; NaN without images."""
     taken = []
     for index in range(0, len(images), max(1, len(images) // TIMED_IMAGES)):
         image = images[index]
@@ -146,11 +144,7 @@ def measure_costs(
         started = time.perf_counter()
         render(frame, image)
         taken.append(1e3 * (time.perf_counter() - started))
-    return {
-        "parameters": config["parameters"],
-        "training_seconds": seconds,
-        "render_milliseconds": float(np.median(taken)) if taken else math.nan,
-    }
+    return float(np.median(taken)) if taken else math.nan
 
 
 def names_first(table: pd.DataFrame) -> pd.DataFrame:

@@ -27,7 +27,13 @@ OUTPUTS = {
     "bake_textures": [".safetensors", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "validation/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
     "train_avatar": ["avatar.safetensors", "config.json", "log.parquet"],
-    "evaluate_avatar": ["metrics.csv", "metrics_per_image.parquet", "ablations.csv", "images/worst.png"],
+    "evaluate_avatar": [
+        "metrics.csv",
+        "metrics_per_image.parquet",
+        "ablations.csv",
+        "avatar_times.csv",
+        "images/worst.png",
+    ],
 }
 ON_REQUEST = {
     "import_capture",

@@ -14,6 +14,7 @@ rule write_report:
         metrics="results/{subject}/metrics.csv",
         per_image="results/{subject}/metrics_per_image.parquet",
         ablations="results/{subject}/ablations.csv",
+        times="results/{subject}/avatar_times.csv",
         images=lambda wildcards: job(wildcards).score_pictures(),
     output:
         report(

@@ -13,6 +13,8 @@ SCORES = {
         category="Scores",
         subcategory="{subject}",
     ),
+    # Measured: the only one of these files that differs from run to run.
+    "times": "results/{subject}/avatar_times.csv",
 }
 
 

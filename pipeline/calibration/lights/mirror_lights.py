@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float64, Int64
 
+from pipeline.base.errors import InputError
 from pipeline.calibration.lights.mirror_ball import LEAST_SIGMA_PX, Ball, reflection_derivatives, reflection_points
 from pipeline.geometry.cameras import Camera, project_with_jacobian
 from pipeline.geometry.least_squares import solve_least_squares
@@ -79,6 +80,9 @@ def locate_lights(
     of degrees, and counts for as little as it should. The outlines enter as a Gaussian about each ball's centre, so
     that the covariance of a light holds the balls' uncertainty too: lights without a second ball or camera to tell the
     two apart share it. The cameras' errors are not in it.
+
+    Raises:
+        InputError: if a light has no place to start from.
     """
     centers = np.stack([ball.center for ball in balls])
     # center = centers + root z with z standard normal: a prior whose covariance the solver need not know.
@@ -97,6 +101,11 @@ def locate_lights(
         jacobian = scipy.sparse.csr_array((values.ravel(), (row.ravel(), column.ravel())), (2 * len(values), len(x)))
         return pixel - highlights.pixel, jacobian
 
+    if len(lost := np.flatnonzero(~np.isfinite(start).all(1))):
+        raise InputError(
+            f"calibration.lights: expected highlights whose mirrored rays meet, found none that do for {len(lost)} of "
+            f"{len(start)} lights; are the cameras calibrated well (verdicts_cameras.csv), and is radius_m the balls'?"
+        )
     x = np.concatenate([np.zeros(split), start.ravel()])
     prior_sigma = np.concatenate([np.ones(split), np.full(start.size, np.inf)])
     solution = solve_least_squares(evaluate, x, LEAST_SIGMA_PX, x, prior_sigma)

@@ -25,7 +25,7 @@ CAPTURE = f"captures/{SUBJECT}"
 RESULTS = f"results/{SUBJECT}"
 TARGET = f"{RESULTS}/metrics.csv"
 
-TIMES = re.compile(r"(^|/)(logs|benchmarks)/|(^|/)(log\.parquet|events\.out\.[^/]*|\.[^/]*\.log)$")
+TIMES = re.compile(r"(^|/)(logs|benchmarks)/|(^|/)(log\.parquet|avatar_times\.csv|events\.out\.[^/]*|\.[^/]*\.log)$")
 """Files of times and measurements: they alone may differ between two runs."""
 
 

@@ -14,6 +14,7 @@ import pytest
 import scipy.spatial.transform
 import scipy.stats
 
+from pipeline.base.errors import InputError
 from pipeline.calibration.lights.highlight_matching import constant_spots, match_highlights
 from pipeline.calibration.lights.light_intensity import compare_lights, relative_colors
 from pipeline.calibration.lights.mirror_ball import locate_ball
@@ -96,6 +97,15 @@ def test_exact_highlights_give_exact_lights():
     # cv2.undistortPoints stops at 1e-12, outlines are exact to 1e-9 px.
     assert np.abs(located.position - rig[2]).max() < 1e-4
     assert not matches.rival.any()
+
+
+def test_lights_whose_mirrored_rays_nowhere_meet_are_refused():
+    rng = np.random.default_rng(3)
+    rig = make_rig(rng, lights=3)
+    balls, highlights = observe(rig, rng, 0.0, 0.0)
+    start = np.where(np.arange(3)[:, None] == 1, np.nan, rig[2])
+    with pytest.raises(InputError, match="found none that do for 1 of 3 lights"):
+        locate_lights(highlights, balls, rig[0], RADIUS, start)
 
 
 def whitened_errors(rigs, outline_px=1.0, ball_trust=1.0):
