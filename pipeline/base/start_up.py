@@ -1,4 +1,4 @@
-"""What a stage sets before it imports what it works with.
+"""Settings of a process that have to come before a stage imports what it works with.
 
 Importing torch and what comes with it makes some hundred thousand objects that live as long as the process. Python
 looks through all of them, again and again, while they come, and once more when the process ends: a second of four.

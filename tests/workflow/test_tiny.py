@@ -15,6 +15,7 @@ from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.workflow.termination import running_stages
+from tests.support.chaos.sound_run import differences, digests
 from tests.support.viewer.relit_page import CHROMIUM, lamp, launch, open_page, page_picture, psnr_db
 
 TARGET = "results/tiny/metrics.csv"
@@ -101,6 +102,15 @@ def test_every_stage_ran_once_and_killed_training_went_on(made):
     log = (workflow.folder / "results/tiny/logs/train_avatar.full.log").read_text()
     assert int(re.search(r"continuing after (\d+) steps", log)[1]) >= 10
     assert not (workflow.folder / "results/tiny/avatars/full/checkpoint.safetensors").exists()
+
+
+def test_one_core_from_nothing_gives_the_same_bytes(workflow, copy_of_project, stage_server, tmp_path):
+    """Those of two cores, of processes of their own, and of a training that was killed and went on."""
+    before = digests(workflow.folder)
+    again = copy_of_project(tmp_path / "project").with_stages_of(stage_server)
+    run = again.snakemake("--cores", "1", "--", TARGET)
+    assert run.returncode == 0, run.stdout
+    assert not differences(before, digests(again.folder))
 
 
 def test_metrics_have_a_row_per_variant_split_and_light(workflow):
