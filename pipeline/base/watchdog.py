@@ -50,6 +50,9 @@ def _postpone(output: TextIO, silent_s: float, ended: threading.Event) -> None:
     while not ended.is_set():
         used = processor_seconds(os.getpid()) - time.thread_time()
         if used >= postponed_at + WORK_S:
-            faulthandler.dump_traceback_later(silent_s, repeat=True, file=output)
+            try:
+                faulthandler.dump_traceback_later(silent_s, repeat=True, file=output)
+            except RuntimeError:  # No memory for its thread: the block goes on unwatched.
+                return
             postponed_at = used
         ended.wait(silent_s / LOOKS)
