@@ -24,6 +24,11 @@ MARGIN = 0.05
 """By how much both of two cameras' images have to fit the other's masks better. On those captures they fit the others'
 worse by 0.07 at least, between neighbours in a ring of ten round a head; an exchange turns the sign."""
 
+TURNED_MARGIN = 0.15
+"""By how much a camera's images have to fit its turned masks better. Those of sound captures do by 0.07 at most (a head
+before a bright background, lit from one side), mirrored ones of bodies by 0.24 at least. Heads are more nearly alike
+upside down, by 0.1 to 0.3: not all that are turned are told."""
+
 
 def complain_of_exchanged(
     images: pd.DataFrame, sizes: pd.DataFrame, source: ImageSource, complaints: Complaints
@@ -96,7 +101,7 @@ def turned(
     fits = {how: np.diag(correlations(shown, way.reshape(given.shape))) for how, way in ways.items()}
     best = {camera: max(fits, key=lambda how: fits[how][camera]) for camera in range(len(own))}
     found = [(camera, how, float(fits[how][camera])) for camera, how in best.items()]
-    return [(camera, how, fit) for camera, how, fit in found if fit > CLEAR and fit - own[camera] > MARGIN]
+    return [(camera, how, fit) for camera, how, fit in found if fit > CLEAR and fit - own[camera] > TURNED_MARGIN]
 
 
 def _standard(values: Float64[np.ndarray, "*rows pixels"]) -> Float64[np.ndarray, "*rows pixels"]:
