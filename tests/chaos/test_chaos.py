@@ -108,7 +108,7 @@ def test_table_goes_on_where_it_was_left_and_counts_classes(tmp_path):
     records.append(table, "captures", "c", Result(Outcome.HANG), 90.0)
     found = records.read(table)
     assert [record.attack for record in found] == ["a: b?", "c"]
-    assert records.counted(found).splitlines()[2] == "| captures | 2 | 1 | 0 | 0 | 0 | 0 | 1 | 0 | 0 | 0 | 2.0 |"
+    assert records.counted(found).splitlines()[2] == "| captures | 2 | 1 | 0 | 0 | 0 | 0 | 0 | 1 | 0 | 0 | 0 | 2.0 |"
     assert [record.outcome for record in records.defects(found)] == [Outcome.HANG]
     assert Outcome.NONSENSE in DEFECTS and Outcome.JUDGED not in DEFECTS
     page = tmp_path / "page.md"

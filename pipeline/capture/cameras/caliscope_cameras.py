@@ -44,7 +44,8 @@ def read_caliscope(file: Path, cameras: Collection[str], complaints: Complaints)
                 raise InputError(f"camera {key}: expected one camera of this name, found {' and '.join(named)}")
             if named:
                 camera = _camera(f"camera {key}", entry)
-        found.append(SourceImage(named[0] if named else key, named[0] if named else key, camera))
+        name = named[0] if named else key
+        found.append(SourceImage(name, name, camera))
     return found
 
 

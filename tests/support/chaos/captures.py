@@ -142,8 +142,10 @@ def judged(sound: SoundRun, mutation: Mutation, folder: Path, warned: str) -> Re
     """The class of a capture that no stage refused."""
     found = answers.departures(answers.read(sound.folder), answers.read(folder, mutation.renamed), sound.folder)
     said = "; ".join(found)
-    if not found or mutation.meaning is Meaning.OTHER:
-        return Result(Outcome.RIGHT, LAST, said)
+    if not found:
+        return Result(Outcome.RIGHT, LAST)
+    if mutation.meaning is Meaning.OTHER:
+        return Result(Outcome.UNTOLD, LAST, said)
     if warned:
         return Result(Outcome.JUDGED, LAST, f"{said} | {short(warned)}")
     return Result(Outcome.NONSENSE, LAST, said)

@@ -19,6 +19,8 @@ class Outcome(StrEnum):
     """Accepted, with a verdict that the sound run does not have."""
     RIGHT = "right"
     """Accepted, or done again after a kill, with the right result."""
+    UNTOLD = "untold"
+    """Accepted with another result, where nobody can tell from the files that they are wrong."""
     TRACEBACK = "traceback"
     """Ended by an exception or a signal that nobody explains."""
     HANG = "hang"
