@@ -63,6 +63,12 @@ class TrainAvatar(Settings):
         1.0, gt=0, le=1, description="Train on this share of the partially lit patterns, and on all fully lit frames"
     )
 
+    refine_lights: bool = Field(
+        True,
+        description="Refine the calibrated brightness of the lights on training images while training, where it helps "
+        "on images that had no part in finding it",
+    )
+    light_gain_sigma: float = Field(0.1, gt=0, description="Typical relative error of a light's calibrated brightness")
     avatar: Literal["auto", "body", "head"] = Field(
         "auto",
         description="body (RFGCA): texels turn with the limbs; head (RGCA): a latent code of vertices and mean texture "

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table
@@ -36,6 +36,12 @@ class NamedLights:
         return [
             [int(row.light), *(round(float(getattr(row, name)), 6) for name in CHANNELS)] for row in rows.itertuples()
         ]
+
+    def brightened(self, factors: Float32[np.ndarray, " lights"]) -> NamedLights:
+        """The same lights, each brighter by a factor, in all patterns."""
+        patterns = self.patterns.copy()
+        patterns[CHANNELS] = patterns[CHANNELS].to_numpy() * factors[patterns.light.to_numpy(), None]
+        return replace(self, intensities=self.intensities * factors[:, None], patterns=patterns)
 
 
 def read_named_lights(lights: Path, patterns: Path) -> NamedLights:

@@ -107,7 +107,8 @@ def run(
 @torch.no_grad()
 def prepared(loaded: LoadedAvatar, record: FrameRecord) -> PreparedFrame:
     """A frame in its own light."""
-    return loaded.avatar.prepare(FrameInputs(loaded.atlas, record, device=loaded.avatar.albedo.device))
+    inputs = FrameInputs(loaded.atlas, record, gains=loaded.light_gains, device=loaded.avatar.albedo.device)
+    return loaded.avatar.prepare(inputs)
 
 
 def main() -> None:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
@@ -65,6 +67,7 @@ def run(
     spec = loaded.avatar.spec
     require_analytic(spec, f"{avatar}/config.json")
     stage, records = read_named_lights(lights, patterns), read_frame_shards([frames or shards / "frames"])
+    stage = stage.brightened(loaded.light_gains.of(stage.positions.astype(np.float32)))
     if not len(records):
         raise InputError(f"{shards}/frames: expected at least one frame, found none; run pack_shards again")
     images = read_image_shards([shards / folder for folder in ("train", VALIDATION, "test")])

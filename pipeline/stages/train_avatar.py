@@ -26,6 +26,7 @@ from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec, unr
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
+from pipeline.avatar.training.light_rounds import refine, refined_before, relight
 from pipeline.avatar.training.local_processes import partners, suggested_processes
 from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.training import BrokenStep, Portion, Position, Training
@@ -124,6 +125,7 @@ def run(
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
             facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
             facts |= {"dropped_terms": dropped, "built": spec.in_words, "why": reason_of(settings, effects)}
+            facts |= {"light_gains": done.light_gains}
             facts |= {"texels": len(texels.face), "parameters": parameters}  # No times: those are in the log alone.
             save_avatar(out, avatar, facts)
             for name in (CHECKPOINT, BROKEN):
@@ -155,11 +157,14 @@ def train(
     frame_of_image = images.table.frame.iloc[chosen].tolist()
     in_step = settings.frames_per_step
     schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together * in_step)
+    relight(frames, at)
     left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
     with StopRequests() as stop, open_log(out, images, chosen, frames, training, at) as training_log:
         for first in progress(left, "train_avatar") if processes.is_main else left:
             if first < at.step:
                 continue  # was done in the round of those before it
+            if first in refined_before(settings):
+                refine(training, images, chosen, frames, schedule, at)
             steps = range(first, min(first + settings.steps_together, settings.steps))
             groups = range(steps[0] * in_step, (steps[-1] + 1) * in_step)
             batches = [[chosen[i] for i in schedule[group]] for group in groups]
@@ -221,7 +226,7 @@ def open_log(
         return nullcontext()
     shown = [i for i in chosen if images.table.fully_lit.iloc[i]] or chosen
     image = images[shown[len(shown) // 2]]
-    return TrainingLog(out, image, frames[image.frame], training.settings, at.step)
+    return TrainingLog(out, image, frames, training.settings, at.step)
 
 
 def write_state(training: Training, path: Path, at: Position, fingerprint: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from pipeline.avatar.frames.light_gains import AS_CALIBRATED, LightGains
 from pipeline.avatar.frames.sky import PreparedSky
 from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
 from pipeline.capture.records import FrameRecord
@@ -27,6 +28,10 @@ BOUNCE_RAYS = 16
 differ by -56 dB from those of 512 rays, as with 32 rays that are not shared; the captured ones differ by -34 dB."""
 
 
+TRACED = ("posed", "irradiance", "visibility_bits", "bounces", "head_from_world", "local_vertices", "texture")
+"""What the light of a frame has no part in, or only by the places of its lights."""
+
+
 @dataclass(eq=False)
 class FrameInputs:
     """Input of an avatar for one frame, kept while training comes back to it.
@@ -37,11 +42,13 @@ class FrameInputs:
 
     Attributes:
         sky: light of the frame in place of the record's lights.
+        gains: factors of the record's lights.
     """
 
     atlas: Atlas
     record: FrameRecord
     sky: PreparedSky | None = None
+    gains: LightGains = field(default=AS_CALIBRATED, kw_only=True)
     device: torch.device | str = field(default="cpu", kw_only=True)
 
     @cached_property
@@ -100,7 +107,27 @@ class FrameInputs:
     @cached_property
     def lights(self) -> PointLights:
         """The lit lights where they are."""
-        return PointLights(self._tensor(self.record.light_positions), self._tensor(self.record.light_intensities))
+        positions = self.record.light_positions
+        intensities = self.record.light_intensities * self.gains.of(positions)[:, None]
+        return PointLights(self._tensor(positions), self._tensor(intensities))
+
+    def with_gains(self, gains: LightGains) -> FrameInputs:
+        """The frame with lights of other brightness; what was traced is kept."""
+        other = replace(self, gains=gains)
+        vars(other).update({name: value for name, value in vars(self).items() if name in TRACED})
+        return other
+
+    def with_light(self, number: int) -> FrameInputs:
+        """The frame in the light of one of its lights alone; what was traced is kept."""
+        lit, record = slice(number, number + 1), self.record
+        record = replace(
+            record, light_positions=record.light_positions[lit], light_intensities=record.light_intensities[lit]
+        )
+        other = replace(self, record=record)
+        vars(other).update({name: value for name, value in vars(self).items() if name in TRACED})
+        if "visibility_bits" in vars(self):
+            vars(other)["visibility_bits"] = self.visibility_bits[lit]
+        return other
 
     @cached_property
     def far_lights(self) -> PointLights:

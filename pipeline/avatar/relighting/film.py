@@ -51,7 +51,7 @@ class Relighter:
     """Prepares frames of one avatar; `view` shows them to cameras."""
 
     def __init__(self, loaded: LoadedAvatar, trace: TraceIrradiance) -> None:
-        self.atlas, self.trace = loaded.atlas, trace
+        self.atlas, self.trace, self.light_gains = loaded.atlas, trace, loaded.light_gains
         # A new light may be nearer than those of the stage, whose distance did not matter.
         self.avatar = loaded.avatar.variant(field=NearField())
         self._under_sky = under_sky(self.avatar)
@@ -163,7 +163,8 @@ class Relighter:
     ) -> PreparedFrame:
         """A frame under `lights`; shadow rays go to `sources`: the same, or directions and irradiances."""
         maps = self._irradiance(signal.vertices, sources.positions, sources.intensities, distant)
-        inputs = FrameInputs(self.atlas, self._record(signal, lights, maps), device=self.device)
+        record = self._record(signal, lights, maps)
+        inputs = FrameInputs(self.atlas, record, gains=self.light_gains, device=self.device)
         return self.avatar.prepare(inputs, **self._code(signal))
 
     def _code(self, signal: DrivingSignal) -> dict[str, Tensor]:

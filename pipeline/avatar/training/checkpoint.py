@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.light_gains import AS_CALIBRATED, LightGains
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.intrinsic_layers import IntrinsicLayers, intrinsic_layers
 from pipeline.avatar.model import Avatar
@@ -35,10 +36,14 @@ def save_avatar(folder: Path, avatar: Avatar, config: Mapping) -> None:
 
 
 class LoadedAvatar:
-    """An avatar with its atlas, ready to render the frames and cameras of shards."""
+    """An avatar with its atlas, ready to render the frames and cameras of shards.
 
-    def __init__(self, avatar: Avatar, atlas: Atlas) -> None:
-        self.avatar, self.atlas = avatar.eval(), atlas
+    Attributes:
+        light_gains: of the capture's lights, as training refined them.
+    """
+
+    def __init__(self, avatar: Avatar, atlas: Atlas, light_gains: LightGains = AS_CALIBRATED) -> None:
+        self.avatar, self.atlas, self.light_gains = avatar.eval(), atlas, light_gains
         self._frame: tuple[object, PreparedFrame] | None = None  # cameras of one frame share its light and shadow
 
     def trace(self, frame: FrameRecord) -> FrameInputs:
@@ -63,7 +68,7 @@ class LoadedAvatar:
         return self._frame[1]
 
     def _inputs(self, frame: FrameRecord) -> FrameInputs:
-        return FrameInputs(self.atlas, frame, device=self.avatar.albedo.device)
+        return FrameInputs(self.atlas, frame, gains=self.light_gains, device=self.avatar.albedo.device)
 
 
 def camera_view(image: ImageRecord | Camera, device: torch.device | str = "cpu") -> CameraView:
@@ -93,7 +98,7 @@ def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
         found, expected = len(state["albedo"]), len(avatar.albedo)
         raise InputError(f"{folder}: expected {expected} texels as in {atlas_path}, found {found}; train again")
     avatar.load_state_dict(state)
-    return LoadedAvatar(avatar, atlas)
+    return LoadedAvatar(avatar, atlas, LightGains.from_json(described.get("light_gains", [])))
 
 
 def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:

@@ -118,11 +118,13 @@ class Position:
         step: steps that are done.
         seconds: what they took, in all runs.
         rows: of the log.
+        light_gains: of the lights, as `LightGains.as_json` has them.
     """
 
     step: int = 0
     seconds: float = 0.0
     rows: list[dict] = field(default_factory=list)
+    light_gains: list[list[float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

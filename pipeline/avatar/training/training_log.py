@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -31,13 +32,15 @@ class TrainingLog:
     Args:
         out: folder of the avatar.
         image: the training image that previews show.
-        inputs: its frame.
+        frames: its frame among them, lit as training lights it.
         settings: how often.
         first: step from which training goes on; at 0, the previews of an earlier training are removed.
     """
 
-    def __init__(self, out: Path, image: ImageRecord, inputs: FrameInputs, settings: TrainAvatar, first: int) -> None:
-        self.folder, self.image, self.inputs, self.settings = out / "previews", image, inputs, settings
+    def __init__(
+        self, out: Path, image: ImageRecord, frames: Mapping[int, FrameInputs], settings: TrainAvatar, first: int
+    ) -> None:
+        self.folder, self.image, self.frames, self.settings = out / "previews", image, frames, settings
         self.spacing = preview_spacing(settings)
         self.events = SummaryWriter(str(out / "events"), purge_step=first)
         if not first:
@@ -66,7 +69,7 @@ class TrainingLog:
             for name in ("loss", *values):
                 self.events.add_scalar(f"loss/{name}" if name in values else name, row[name], step)
         if self.spacing and (last or step % self.spacing == 0):
-            picture = preview(step, avatar, self.inputs, self.image)
+            picture = preview(step, avatar, self.frames[self.image.frame], self.image)
             if picture is not None:
                 write_png(self.folder / f"step_{step:06d}.png", picture)
                 self.events.add_image("preview", picture, step, dataformats="HWC")

@@ -1,0 +1,49 @@
+"""When, while training, the brightness of the lights is refined, and who does it."""
+
+from __future__ import annotations
+
+from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.light_gains import LightGains
+from pipeline.avatar.training.light_refinement import frames_to_look_at, images_to_look_at, refine_lights
+from pipeline.avatar.training.training import Position, Training
+from pipeline.avatar.training.training_images import Schedule
+from pipeline.capture.shards import ImageShards
+from pipeline.config.train_avatar import TrainAvatar
+
+REFINED_AFTER = (0.3, 0.5, 0.7)
+"""Shares of the steps after which the brightness of the lights is refined: once the avatar is good enough to judge by,
+and once more when it has followed; what is left of the steps is for following again."""
+
+
+def relight(frames: dict[int, FrameInputs], at: Position) -> None:
+    """Light the frames by the lights as they are known by now."""
+    gains = LightGains.from_json(at.light_gains)
+    frames.update({number: frame.with_gains(gains) for number, frame in frames.items()})
+
+
+def refined_before(settings: TrainAvatar) -> set[int]:
+    """Steps before which the brightness of the lights is refined: each begins a round."""
+    if not settings.refine_lights:
+        return set()
+    together = settings.steps_together
+    return {round(share * settings.steps / together) * together for share in REFINED_AFTER}
+
+
+def refine(
+    training: Training, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], schedule: Schedule,
+    at: Position,
+) -> None:  # fmt: skip
+    """Refine the brightness of the lights with the avatar as it is, and light the frames with it from now on."""
+    processes, places = training.processes, training.settings.steps_together * training.settings.frames_per_step
+    by_frame = {number: [chosen[i] for i in group] for number, group in schedule.by_frame.items()}
+    looked_at = frames_to_look_at(frames, by_frame)
+    if not looked_at:
+        return
+    mine = {n for n in looked_at if processes.rank == processes.sharers(schedule.place[n], places)[0]}
+    records = {n: [images[i] for i in images_to_look_at(by_frame[n])] for n in mine}
+    gains = refine_lights(
+        training.avatar, {n: frames[n] for n in looked_at}, records, LightGains.from_json(at.light_gains),
+        training.settings.light_gain_sigma, processes, mine.__contains__,
+    )  # fmt: skip
+    at.light_gains = gains.as_json()
+    relight(frames, at)
