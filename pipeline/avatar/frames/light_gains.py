@@ -35,7 +35,7 @@ class LightGains:
 
     @staticmethod
     def from_json(rows: list[list[float]]) -> LightGains:
-        """What `as_json` wrote."""
+        """Read what `as_json` wrote."""
         table = np.array(rows, np.float32).reshape(-1, 4)
         return LightGains(np.ascontiguousarray(table[:, :3]), table[:, 3])
 

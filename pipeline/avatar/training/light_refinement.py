@@ -26,7 +26,7 @@ from pipeline.capture.records import ImageRecord
 
 log = logging.getLogger("train_avatar")
 
-MOST_FRAMES, MOST_LIGHTS, IMAGES_PER_FRAME = 96, 64, 4
+MOST_FRAMES, MOST_LIGHTS, IMAGES_PER_FRAME = 96, 64, 6
 """What is looked at: partially lit frames, those of at most so many lights, and some of their images each."""
 
 DARK = 0.02
@@ -145,10 +145,11 @@ def assembled(
 def refined_gains(
     places: np.ndarray, equations: LightEquations, gains: LightGains, sigma: float
 ) -> tuple[LightGains, float]:
-    """Gains times what both halves say, and the squared errors that each takes away from the other's images.
+    """Gains times what both halves of the images say, and by how much each foretold the other.
 
-    Errors of the avatar look like lights' when seen by a few cameras only. So of priors from `sigma` downwards, that
-    one counts with which each half foretells the other best. The gains as they were, if none foretells anything.
+    That is the squared errors that factors fitted to one half take away from the other. Errors of the avatar look like
+    lights' when seen by a few cameras only. So of priors from `sigma` downwards, that one counts with which each half
+    foretells the other best. The gains stay as they were, if none foretells anything.
     """
     sigmas = [sigma / divisor for divisor in TIGHTER]
     foretold = [sum(equations.gain(equations.solve([1 - half], tried), half) for half in range(2)) for tried in sigmas]

@@ -1,4 +1,4 @@
-"""When, while training, the brightness of the lights is refined, and who does it."""
+"""Refinement of the lights' brightness in the course of a training."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def refine(
     training: Training, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], schedule: Schedule,
     at: Position,
 ) -> None:  # fmt: skip
-    """Refine the brightness of the lights with the avatar as it is, and light the frames with it from now on."""
+    """Refine the brightness of the lights with today's avatar, and light the frames by it."""
     processes, places = training.processes, training.settings.steps_together * training.settings.frames_per_step
     by_frame = {number: [chosen[i] for i in group] for number, group in schedule.by_frame.items()}
     looked_at = frames_to_look_at(frames, by_frame)
