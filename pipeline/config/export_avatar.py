@@ -21,7 +21,10 @@ class ExportAvatar(Settings):
     splat_frames: int = Field(
         1, ge=1, description="frames whose Gaussians are written, spread over all, the first among them [frames]"
     )
-    animation_frames: int = Field(
-        60, ge=1, description="frames of the mesh's animation, spread over all; each is a morph target [frames]"
+    animation: Literal["auto", "targets"] = Field(
+        "auto",
+        description="what moves the mesh. auto: a skin where the template has joints, and morph targets for what they "
+        "cannot do; targets: a morph target for each frame",
     )
+    animation_frames: int = Field(60, ge=1, description="frames of the mesh's animation, spread over all [frames]")
     exposure: float = Field(1.0, gt=0, description="factor on the radiance of Gaussians before it is encoded as sRGB")

@@ -67,7 +67,8 @@ ARGUMENTS = {
     "relight_avatar": "atlas avatar tracking textures index cameras environment lights=light_list shards=captured "
     "out=relit",
     "export_viewer": "subject atlas avatar shards frames=frame_shards lights patterns out=viewer",
-    "export_avatar": "atlas avatar shards frames=frame_shards index cameras lights patterns out=export",
+    "export_avatar": "capture atlas avatar shards frames=frame_shards index cameras lights patterns tracking "
+    "out=export",
     "check_budget": "results capture estimate chunk_size out=budget",
     "measure_cost": "results capture out=results chunk_size variant stage_settings",
     "budget_errors": "results capture out=error_budget chunk_size variant stage_settings",

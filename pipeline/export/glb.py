@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from pipeline.base.files import written_whole
 
-TYPES = {1: pygltflib.SCALAR, 3: pygltflib.VEC3, 4: pygltflib.VEC4, 2: pygltflib.VEC2}
-COMPONENTS = {"f4": pygltflib.FLOAT, "u4": pygltflib.UNSIGNED_INT}
+TYPES = {1: pygltflib.SCALAR, 2: pygltflib.VEC2, 3: pygltflib.VEC3, 4: pygltflib.VEC4, 16: pygltflib.MAT4}
+COMPONENTS = {"f4": pygltflib.FLOAT, "u4": pygltflib.UNSIGNED_INT, "u2": pygltflib.UNSIGNED_SHORT}
 ALIGNMENT = 4
 
 
@@ -43,7 +43,7 @@ class GlbFile:
         """Append numbers; returns the index of their accessor.
 
         Args:
-            array: [n] or [n, components], float32 or uint32.
+            array: [n] or [n, components], float32, uint32 or uint16; 16 components are a matrix, by columns.
             target: of the buffer view, for vertices and indices.
             bounded: minimum and maximum are said, which positions and times need.
         """
@@ -71,10 +71,11 @@ class GlbFile:
         document.textures.append(pygltflib.Texture(sampler=0, source=len(document.images) - 1, name=name))
         return len(document.textures) - 1
 
-    def add_node(self, node: pygltflib.Node) -> int:
-        """Append a node to the scene; returns its index."""
+    def add_node(self, node: pygltflib.Node, parent: int | None = None) -> int:
+        """Append a node below another, or to the scene; returns its index."""
         self.document.nodes.append(node)
-        self.document.scenes[0].nodes.append(len(self.document.nodes) - 1)
+        siblings = self.document.scenes[0].nodes if parent is None else self.document.nodes[parent].children
+        siblings.append(len(self.document.nodes) - 1)
         return len(self.document.nodes) - 1
 
     def use(self, extension: str) -> None:

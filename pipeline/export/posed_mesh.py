@@ -1,7 +1,8 @@
 """The posed mesh of tracked frames as glTF: morph targets, animation, and textures.
 
 Every frame but the first is a morph target, and the animation goes from one to the next: vertices in a frame's moment
-are those that were tracked, whatever moved them, to float32. Metres, y up.
+are those that were tracked, whatever moved them, to float32. Metres, y up. `pipeline.export.skinned_mesh` writes one
+that joints move.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from jaxtyping import Float, Int
 
 from pipeline.export.atlas_textures import MaterialTextures, png
 from pipeline.export.glb import GlbFile
+from pipeline.export.gltf_animation import Track, add_animation, moments_of
 from pipeline.geometry.mesh import vertex_normals
 from pipeline.geometry.texels import Atlas
 
@@ -58,8 +60,8 @@ def write_posed_mesh(
     file.document.meshes.append(mesh)
     node = file.add_node(pygltflib.Node(name="surface", mesh=0))
     if len(poses) > 1:
-        numbers = np.array(list(frames))
-        add_animation(file, node, (numbers - numbers[0]) / fps)
+        weights = np.eye(len(poses))[:, 1:]
+        add_animation(file, moments_of(list(frames), fps), [Track(node, "weights", weights)])
     file.write(path)
 
 
@@ -90,14 +92,3 @@ def add_material(file: GlbFile, textures: MaterialTextures) -> int:
     file.use(SPECULAR)
     file.document.materials.append(material)
     return len(file.document.materials) - 1
-
-
-def add_animation(file: GlbFile, node: int, seconds: Float[np.ndarray, " frames"]) -> None:
-    """Append an animation that shows frame k at its moment, and in between what lies between."""
-    weights = np.eye(len(seconds), dtype="<f4")[:, 1:]
-    sampler = pygltflib.AnimationSampler(
-        input=file.add(seconds.astype("<f4"), bounded=True), output=file.add(weights.reshape(-1)),
-        interpolation=pygltflib.ANIM_LINEAR,
-    )  # fmt: skip
-    channel = pygltflib.AnimationChannel(sampler=0, target=pygltflib.AnimationChannelTarget(node=node, path="weights"))
-    file.document.animations.append(pygltflib.Animation(name="capture", samplers=[sampler], channels=[channel]))

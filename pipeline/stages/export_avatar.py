@@ -2,8 +2,8 @@
 
 In: an avatar, the frames it was trained and scored on, cameras and lights. Out, in one folder: splats/{frame}.ply,
 .spz, .sog and .glb, Gaussians in the frame's own light, without what changes with the view; mesh.glb, the posed surface
-with its textures, animated over the frames; stage.glb and stage.usda, cameras and lights; open_in_blender.py, which
-opens these. `docs/export.md` says what each holds, and what it cannot hold.
+with its textures, animated over the frames, by the template's joints if it has any; stage.glb and stage.usda, cameras
+and lights; open_in_blender.py, which opens these. `docs/export.md` says what each holds, and what it cannot hold.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ from pipeline.config.export_avatar import ExportAvatar
 from pipeline.export.atlas_textures import material_textures
 from pipeline.export.gaussian_gltf import write_gaussian_glb
 from pipeline.export.posed_mesh import write_posed_mesh
+from pipeline.export.rigged_motion import read_rigged_motion
+from pipeline.export.skinned_mesh import write_skinned_mesh
 from pipeline.export.sog import write_sog
 from pipeline.export.spz import write_spz
 from pipeline.export.stage_gltf import write_stage_glb
@@ -59,9 +61,13 @@ def run(
     patterns: Path,
     out: Path,
     frames: Path | None = None,
+    capture: Path | None = None,
+    tracking: tuple[Path, ...] = (),
     settings: ExportAvatar = ExportAvatar(),
 ) -> None:
     """Write the files.
+
+    So many arguments because a command line names each file that it reads.
 
     Args:
         atlas: atlas.safetensors of unwrap_atlas.
@@ -73,6 +79,8 @@ def run(
         patterns: patterns.parquet of book_patterns.
         out: folder to write.
         frames: folder of frame shards, if they are not those in SHARDS/frames.
+        capture: folder of the capture, for the joints of its template; without, the mesh moves by morph targets.
+        tracking: chunks of track_mesh, in order, for the poses of these joints.
         settings: see the flags below.
     """
     if "usd" in settings.formats:
@@ -93,8 +101,13 @@ def run(
             surface = prepared(loaded, records[numbers[0]]).surface
             axes, normals = (tensor.cpu().numpy() for tensor in (surface.posed.tangent_frames, surface.bent_normals))
             textures = material_textures(loaded.atlas, read_matter(loaded.avatar), axes, normals)
-            poses = {number: records[number].vertices for number in animated}
-            write_posed_mesh(folder / "mesh.glb", loaded.atlas, textures, poses, fps)
+            rigged = settings.animation == "auto" and capture is not None and tracking
+            motion = read_rigged_motion(capture, index, tracking, animated) if rigged else None
+            if motion is not None:
+                write_skinned_mesh(folder / "mesh.glb", loaded.atlas, textures, motion, fps)
+            else:
+                poses = {number: records[number].vertices for number in animated}
+                write_posed_mesh(folder / "mesh.glb", loaded.atlas, textures, poses, fps)
         if "stage" in settings.formats:
             write_stage_glb(folder / "stage.glb", known, named)
         if "usd" in settings.formats:

@@ -91,6 +91,7 @@ rule export_avatar:
         avatar=lambda wildcards: job(wildcards).avatars("avatar.safetensors")[0],
         config=lambda wildcards: job(wildcards).avatars("config.json")[0],
         frames=lambda wildcards: job(wildcards).frame_shards(),
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
         index="results/{subject}/index/capture.json",
         cameras="results/{subject}/calibration/cameras.json",
         lights="results/{subject}/calibration/lights.parquet",
@@ -110,13 +111,16 @@ rule export_avatar:
         runtime=minutes_for("export_avatar"),
     params:
         code=code_for("export_avatar"),
+        capture=capture_folder,
         arguments=arguments_for(
             "export_avatar",
             avatar=lambda wildcards: job(wildcards).avatars()[0],
+            tracking=each_chunk("tracking/{chunk}.safetensors"),
             frame_shards=lambda wildcards: job(wildcards).frame_folders()[0],
         ),
         settings=settings_for("export_avatar"),
     message:
         "{wildcards.subject}: writing the avatar as files for other programs"
     shell:
-        "python -m pipeline.stages.export_avatar {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.export_avatar --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
