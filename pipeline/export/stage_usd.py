@@ -1,8 +1,11 @@
 """Cameras and lights of the stage as USD, text. Metres, y up.
 
-Principal points are aperture offsets; lenses have no distortion here. A light is a sphere seen as a point: USD divides
-its intensity by the sphere's area, 4 pi r^2, and a sphere of radiance L sends L pi r^2 into each direction, so the
-radiant intensity times four is written.
+Principal points are aperture offsets. USD itself has no distortion: it stands in the attributes of NVIDIA's schemas
+OmniLensDistortionOpenCvPinholeAPI and OmniLensDistortionOpenCvFisheyeAPI (docs.omniverse.nvidia.com,
+omni.usd.schema.omni_lens_distortion), which everything but Omniverse leaves alone.
+
+A light is a sphere seen as a point: USD divides its intensity by the sphere's area, 4 pi r^2, and a sphere of radiance
+L sends L pi r^2 into each direction, so the radiant intensity times four is written.
 """
 
 from __future__ import annotations
@@ -21,6 +24,12 @@ from pipeline.lighting.named_lights import NamedLights
 
 APERTURE = 0.36
 """Width of a picture on the film, 36 mm: USD counts tenths of the scene's unit, here tenths of a metre."""
+
+DISTORTION = {
+    "brown_conrady": ("OmniLensDistortionOpenCvPinholeAPI", "opencvPinhole"),
+    "fisheye": ("OmniLensDistortionOpenCvFisheyeAPI", "opencvFisheye"),
+}
+"""Schema, and word in its attributes, of a lens: these are OpenCV's two, with its equations and names of terms."""
 
 AREA_OVER_DISC = 4.0
 """A sphere's area over that of the disc that it shows."""
@@ -65,6 +74,7 @@ def write_stage_usd(path: Path, cameras: Mapping[str, Camera], lights: NamedLigh
         for attribute, value in lens_attributes(camera).items():
             prim.GetPrim().GetAttribute(attribute).Set(value)
         prim.CreateClippingRangeAttr(Gf.Vec2f(NEAR_M, FAR_M))
+        add_distortion(prim.GetPrim(), camera)
     words = unique_words(map(Tf.MakeValidIdentifier, lights.names))
     for name, word, position, rgb in zip(lights.names, words, lights.positions, lights.intensities, strict=True):
         strength, color = split_intensity(rgb)
@@ -88,6 +98,22 @@ def lens_attributes(camera: Camera) -> dict[str, float]:
         "horizontalApertureOffset": focal * (camera.width / 2 - cx) / fx,
         "verticalApertureOffset": focal * (cy - camera.height / 2) / fy,
     }  # fmt: skip
+
+
+def add_distortion(prim: Any, camera: Camera) -> None:
+    """Add the lens to a camera's prim: its model, intrinsics in pixels counted from the corner, and coefficients."""
+    from pxr import Gf, Sdf
+
+    schema, word = DISTORTION[camera.lens.name]
+    prim.AddAppliedSchema(schema)
+    types, prefix = Sdf.ValueTypeNames, "omni:lensdistortion"
+    prim.CreateAttribute(f"{prefix}:model", types.Token, False, Sdf.VariabilityUniform).Set(word)
+    size = prim.CreateAttribute(f"{prefix}:{word}:imageSize", types.Int2, False)
+    size.Set(Gf.Vec2i(camera.width, camera.height))
+    (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
+    numbers = {"fx": fx, "fy": fy, "cx": cx, "cy": cy} | dict(zip(camera.lens.terms, camera.dist.tolist(), strict=True))
+    for name, value in numbers.items():
+        prim.CreateAttribute(f"{prefix}:{word}:{name}", types.Float, False).Set(value)
 
 
 def unique_words(words: Iterable[str]) -> list[str]:

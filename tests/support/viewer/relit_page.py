@@ -17,6 +17,12 @@ from pipeline.geometry.cameras import Camera
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+QUIET = [
+    "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+"""Nothing of the browser itself asks the network for anything."""
+
 SETTLED = "() => new Promise(done => { const look = () => scene.settled ? done() : setTimeout(look, 5); look(); })"
 """Waits until the picture is of what was asked for; a page forbids what Playwright's own waiting would do."""
 
@@ -27,7 +33,7 @@ OPENS_MS = 120_000
 def launch(playwright, *more: str):
     """The browser; root, as in containers, has no sandbox."""
     sandbox = ["--no-sandbox"] * (os.geteuid() == 0)
-    return playwright.chromium.launch(executable_path=CHROMIUM, args=[*sandbox, *(more or SOFTWARE_GL)])
+    return playwright.chromium.launch(executable_path=CHROMIUM, args=[*sandbox, *QUIET, *(more or SOFTWARE_GL)])
 
 
 def open_page(page, path) -> str:
