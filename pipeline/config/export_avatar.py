@@ -18,6 +18,9 @@ class ExportAvatar(Settings):
         description="what is written. Gaussians of a frame: ply (3DGS), spz, sog, glb (KHR_gaussian_splatting); "
         "mesh: the posed surface with textures, glTF; stage, usd: cameras and lights, glTF and USD",
     )
+    spz_version: Literal[3, 4] = Field(
+        3, description="of .spz; 3 is opened by readers of both, 4 by newer ones, and is smaller"
+    )
     splat_frames: int = Field(
         1, ge=1, description="frames whose Gaussians are written, spread over all, the first among them [frames]"
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -44,10 +45,14 @@ from pipeline.rendering.splat_ply import Splats, write_splats
 
 log = logging.getLogger("export_avatar")
 
-SPLAT_WRITERS: dict[str, Callable[[Path, Splats], None]] = {
-    "ply": write_splats, "spz": write_spz, "sog": write_sog, "glb": write_gaussian_glb,
-}  # fmt: skip
 BLENDER_SCRIPT = "open_in_blender.py"
+
+
+def splat_writers(settings: ExportAvatar) -> dict[str, Callable[[Path, Splats], None]]:
+    """Writers of Gaussians, by the end of the file's name, of the formats that are asked for."""
+    spz = partial(write_spz, version=settings.spz_version)
+    known = {"ply": write_splats, "spz": spz, "sog": write_sog, "glb": write_gaussian_glb}
+    return {name: write for name, write in known.items() if name in settings.formats}
 
 
 def run(
@@ -94,9 +99,8 @@ def run(
     with written_folder(out, "export_avatar") as folder:
         for number in progress(spread(numbers, settings.splat_frames), "frames"):
             splats = splats_of(prepared(loaded, records[number]), settings.exposure)
-            for name, write in SPLAT_WRITERS.items():
-                if name in settings.formats:
-                    write(folder / f"splats/{number:06d}.{name}", splats)
+            for name, write in splat_writers(settings).items():
+                write(folder / f"splats/{number:06d}.{name}", splats)
         if "mesh" in settings.formats:
             surface = prepared(loaded, records[numbers[0]]).surface
             axes, normals = (tensor.cpu().numpy() for tensor in (surface.posed.tangent_frames, surface.bent_normals))

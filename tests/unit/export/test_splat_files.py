@@ -12,6 +12,7 @@ import subprocess
 import zipfile
 
 import numpy as np
+import pyarrow
 import pygltflib
 import pytest
 import torch
@@ -26,6 +27,7 @@ from pipeline.rendering.splat_ply import SH_0, Splats, stored_splats, write_spla
 
 SPLAT_TRANSFORM = shutil.which("splat-transform")
 WRITERS = {"ply": write_splats, "spz": write_spz, "sog": write_sog, "glb": write_gaussian_glb}
+NEWER_SPZ = "4.spz"
 
 ROUNDING = {
     "ply": {"means": 0, "scales": 1e-6, "opacities": 1e-6, "srgb": 1e-6, "degrees": 1e-4},
@@ -58,6 +60,7 @@ def folder(splats, tmp_path_factory):
     made = tmp_path_factory.mktemp("splats")
     for name, write in WRITERS.items():
         write(made / f"frame.{name}", splats)
+    write_spz(made / f"frame.{NEWER_SPZ}", splats, version=4)
     return made
 
 
@@ -79,7 +82,7 @@ def assert_same(found, splats, name):
     assert 4 * np.degrees(np.arcsin(chords / 2)).max() < allowed["degrees"]
 
 
-@pytest.mark.parametrize("name", ["ply", "spz", "sog"])
+@pytest.mark.parametrize("name", ["ply", "spz", NEWER_SPZ, "sog"])
 def test_splat_transform_reads_what_was_written(splats, folder, name):
     if SPLAT_TRANSFORM is None:
         pytest.skip("no splat-transform: npm install -g @playcanvas/splat-transform")
@@ -88,9 +91,9 @@ def test_splat_transform_reads_what_was_written(splats, folder, name):
     with open(table) as file:
         rows = list(csv.DictReader(file))
     found = {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
-    if name == "spz":  # whose y and z it turns round to those of COLMAP's scenes, in positions and in axes
+    if name.endswith("spz"):  # whose y and z it turns round to those of COLMAP's scenes, in positions and in axes
         found |= {key: -found[key] for key in ("y", "z", "rot_2", "rot_3")}
-    assert_same(found, splats, name)
+    assert_same(found, splats, name.rpartition(".")[2])
 
 
 def test_ply_is_a_cloud_of_points_to_trimesh(splats, folder):
@@ -124,6 +127,24 @@ def test_spz_holds_what_its_layout_says(splats, folder):
         xyzw[row, largest] = np.sqrt(1 - np.square(xyzw[row]).sum())
     found |= {f"rot_{k}": xyzw[:, (k - 1) % 4] for k in range(4)}
     assert_same(found, splats, "spz")
+
+
+def test_streams_of_newer_spz_are_the_content_of_the_older(folder):
+    """By the table of sizes behind the header, and by Zstandard's own bytes at the head of each stream."""
+    older, newer = gzip.decompress((folder / "frame.spz").read_bytes()), (folder / f"frame.{NEWER_SPZ}").read_bytes()
+    header = struct.unpack_from("<4sIIBBBBI12s", newer)
+    assert header == (b"NGSP", 4, 500, 0, 12, 0, 5, 32, bytes(12))
+    sizes = np.frombuffer(newer, "<u8", 10, 32).reshape(5, 2)
+    assert sizes[:, 1].tolist() == [500 * each for each in (9, 1, 3, 3, 4)]
+    ends = 32 + 16 * 5 + np.cumsum(sizes[:, 0])
+    assert ends[-1] == len(newer)
+    streams = [newer[end - size : end] for end, size in zip(ends.tolist(), sizes[:, 0].tolist(), strict=True)]
+    assert all(stream.startswith(bytes.fromhex("28b52ffd")) for stream in streams)
+    full = [
+        pyarrow.decompress(stream, size, "zstd", asbytes=True)
+        for stream, size in zip(streams, sizes[:, 1], strict=True)
+    ]
+    assert b"".join(full) == older[16:]
 
 
 def test_spz_refuses_what_lies_beyond_its_numbers(splats, tmp_path):
