@@ -2,7 +2,7 @@
 import { Avatar } from "./avatar.js";
 import { LampControls } from "./lamps.js";
 import { followKeys, followPointers } from "./navigation.js";
-import { about, Beside, describe, HeadControls, panoramaControls, pictureControls, StageControls } from "./panel.js";
+import { about, Beside, describe, HeadControls, panoramaControls, pictureControls, shadows, StageControls } from "./panel.js";
 import { skyLamps } from "./panorama.js";
 import { Scene } from "./scene.js";
 import { Timeline } from "./timeline.js";
@@ -40,6 +40,7 @@ function fillStage(scene) {
 
 /** Turns once around the avatar, as fast as it goes, and keeps the median time of a picture. */
 async function measure(scene) {
+  byId("measure").disabled = true;
   scene.times = [];
   for (let k = 0; k < TURNS; k++) {
     scene.orbit.turn(2 * Math.PI / TURNS, 0);
@@ -47,6 +48,8 @@ async function measure(scene) {
     scene.move();
     await drawn;
   }
+  scene.afterwards = null;
+  byId("measure").disabled = false;
 }
 
 async function open() {
@@ -57,6 +60,7 @@ async function open() {
   byId("viewer").hidden = false;
   const scene = new Scene(avatar, byId("canvas"));
   byId("subject").textContent = avatar.facts.subject;
+  byId("rate-count").textContent = `${avatar.count.toLocaleString("en")} Gaussians`;
   const beside = new Beside(scene);
   const stage = new StageControls(scene);
   const timeline = new Timeline(scene, () => {
@@ -81,8 +85,8 @@ async function open() {
   scene.onShown(() => {
     describe(scene);
     const ms = scene.milliseconds;
-    const rate = ms ? `, ${ms.toFixed(ms < 10 ? 1 : 0)} ms a picture, ${(1000 / ms).toFixed(ms > 100 ? 1 : 0)} per second` : "";
-    byId("rate").textContent = `${avatar.count.toLocaleString("en")} Gaussians${rate}`;
+    byId("rate-ms").textContent = ms ? `, ${ms.toFixed(ms < 10 ? 1 : 0)} ms a picture, ${(1000 / ms).toFixed(ms > 100 ? 1 : 0)} per second` : "";
+    byId("shadows").textContent = shadows(scene);
   });
   fillStage(scene);
   await timeline.show(0);

@@ -5,11 +5,18 @@ import { LAYERS } from "./renderer.js";
 
 const byId = (id) => document.getElementById(id);
 
-/** Calls back with a control's number or text, and says it to screen readers as `words` put it. */
+/** Calls back with a control's number or text, and says it, of a slider beside its name and to screen readers as `words` put it. */
 function watch(id, changed, words = String) {
   const control = byId(id);
   const number = control.type === "range";
-  const said = () => { if (number) control.setAttribute("aria-valuetext", words(Number(control.value))); };
+  const shown = element("span", { className: "value", ariaHidden: "true" });
+  if (number) control.before(shown);
+  const said = () => {
+    if (!number) return;
+    const value = Number(control.value);
+    control.setAttribute("aria-valuetext", words(value));
+    shown.textContent = `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value)}`;
+  };
   control.addEventListener("input", () => {
     said();
     changed(number ? Number(control.value) : control.type === "checkbox" ? control.checked : control.value);
@@ -159,6 +166,7 @@ export class Beside {
     const { frame, label } = scene.facts.frames[scene.place];
     const picture = scene.facts.captured.find((one) => one.camera === scene.beside && one.frame === frame);
     byId("captured").hidden = !scene.beside;
+    byId("stage").classList.toggle("beside", Boolean(scene.beside));
     byId("photograph").hidden = !picture;
     byId("rendered-caption").textContent = scene.beside ? `this page${scene.lights.stage.mode === "captured" ? "" : ", in other light"}` : "";
     byId("captured-caption").textContent = picture
@@ -187,6 +195,19 @@ export function about({ facts }) {
     "Nothing was loaded from a network, and nothing leaves this page.",
   ];
   byId("about-text").append(...sentences.filter(Boolean).map((textContent) => element("p", { textContent })));
+}
+
+/** Where the shadows come from, of all that shines now. */
+export function shadows({ facts, lights, frame }) {
+  if (!facts.shadow || !frame) return facts.shadow ? "" : "Without shadows";
+  const count = lights.lit(frame).length;
+  const traced = lights.lamps.length;
+  const kinds = [
+    count ? `${count} stage ${count === 1 ? "light" : "lights"} baked` : "",
+    traced ? `${traced} ${traced === 1 ? "lamp" : "lamps"} traced here` : "",
+    lights.sky.map ? `${2 * facts.sky_height ** 2} directions of the sky baked` : "",
+  ].filter(Boolean);
+  return kinds.length ? `Shadows: ${kinds.join(", ")}` : "No light";
 }
 
 /** A sentence on the picture, for screen readers. */
