@@ -16,13 +16,16 @@ from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.relighting.film import view_independent_color
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.errors import InputError
-from pipeline.base.files import write_json
+from pipeline.base.files import write_arrays, write_json
 from pipeline.capture.shards import read_frame_shards, write_frame_shard
 from pipeline.config.export_avatar import ExportAvatar
 from pipeline.geometry.camera_paths import orbit
 from pipeline.geometry.cameras import write_cameras
+from pipeline.geometry.texels import read_atlas
 from pipeline.rendering.splat_ply import read_splats
 from pipeline.stages import export_avatar
+from tests.support.meshes.glb_files import GlbFile
+from tests.support.meshes.shown_gltf import ShownGltf
 from tests.support.viewer.ball_avatar import LAMPS, MIDDLE, write_ball
 
 
@@ -62,6 +65,44 @@ def test_all_formats_are_written(ball, exported):
     np.testing.assert_allclose(mesh.triangles, first[loaded.atlas.faces], atol=1e-6)
     lights = pygltflib.GLTF2().load(str(exported / "stage.glb")).extensions["KHR_lights_punctual"]["lights"]
     assert [light["name"] for light in lights] == list(LAMPS)
+
+
+@pytest.fixture
+def rigged(ball, tmp_path):
+    """The arguments of a template with a joint, which stands still: offsets before skinning move the ball."""
+    atlas, records = read_atlas(ball["atlas"]), read_frame_shards([ball["shards"] / "frames"])
+    rest, numbers = np.asarray(atlas.rest_vertices, np.float32), sorted(records)
+    file = GlbFile()
+    file.content["nodes"] = [{"mesh": 0, "skin": 0}, {"name": "root"}]
+    first, still = np.zeros((len(rest), 4), np.uint16), np.eye(4, dtype=np.float32)
+    columns = {"POSITION": rest, "JOINTS_0": first, "WEIGHTS_0": np.float32([1, 0, 0, 0]) + np.zeros_like(first, "f4")}
+    attributes = {name: file.accessor(values) for name, values in columns.items()}
+    indices = file.accessor(np.asarray(atlas.faces, np.uint32).reshape(-1))
+    file.content["meshes"] = [{"primitives": [{"attributes": attributes, "indices": indices}]}]
+    file.content["skins"] = [{"joints": [1], "inverseBindMatrices": file.accessor(still.reshape(1, 16))}]
+    file.write(tmp_path / "template.glb")
+    described = {"fps": 12.0, "template": {"mesh": "template.glb", "scale_to_m": 1.0}}
+    write_json(tmp_path / "index/capture.json", described)
+    turn = np.tile(np.float32([1, 0, 0, 0]), (len(numbers), 1))
+    write_arrays(tmp_path / "0000.safetensors", {
+        "frames": np.array(numbers), "root_rotation": turn, "joint_rotations": turn[:, None],
+        "root_translation": np.zeros((len(numbers), 3), np.float32),
+        "offsets": np.stack([records[number].vertices - rest for number in numbers]),
+    })  # fmt: skip
+    given = {"capture": tmp_path, "index": tmp_path / "index", "tracking": (tmp_path / "0000.safetensors",)}
+    return ball | given, atlas, records
+
+
+@pytest.mark.parametrize("animation", ["auto", "targets"])
+def test_joints_of_the_template_are_a_skin_unless_it_is_not_wanted(rigged, tmp_path, animation):
+    arguments, atlas, records = rigged
+    settings = ExportAvatar(formats=("mesh",), animation=animation)
+    export_avatar.run(**arguments, out=tmp_path / "export", settings=settings)
+    shown = ShownGltf(tmp_path / "export/mesh.glb")
+    assert len(shown.document.skins) == (animation == "auto")
+    for key, number in enumerate(sorted(records)):
+        expected = records[number].vertices[atlas.faces]
+        np.testing.assert_allclose(shown.vertices(key)[shown.faces], expected, atol=1e-6)
 
 
 def test_only_what_is_asked_for_is_written(ball, tmp_path):
