@@ -19,7 +19,7 @@ class ExportAvatar(Settings):
         "mesh: the posed surface with textures, glTF; stage, usd: cameras and lights, glTF and USD",
     )
     spz_version: Literal[3, 4] = Field(
-        3, description="of .spz; 3 is opened by readers of both, 4 by newer ones, and is smaller"
+        3, description="of .spz; 3 is opened by readers of both, 4 by newer ones, and is a little smaller"
     )
     splat_frames: int = Field(
         1, ge=1, description="frames whose Gaussians are written, spread over all, the first among them [frames]"
