@@ -11,6 +11,7 @@ import numpy as np
 import pygltflib
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.relighting.film import view_independent_color
@@ -135,12 +136,41 @@ print("FOUND", json.dumps({
 """
 
 
-def test_blender_opens_mesh_cameras_and_lights(exported):
+SKINNED_IN_BLENDER = """
+import json, runpy, sys
+runpy.run_path(sys.argv[1], run_name="__main__")
+import bpy
+(rig,) = [o for o in bpy.data.objects if o.type == "ARMATURE"]
+(mesh,) = [o for o in bpy.data.objects if o.type == "MESH" and o.parent is rig]
+found = []
+for frame in (0, bpy.context.scene.frame_end):
+    bpy.context.scene.frame_set(frame)
+    shown = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    found.append([list(shown.matrix_world @ v.co) for v in shown.data.vertices])
+print("FOUND", json.dumps({"bones": [bone.name for bone in rig.data.bones], "vertices": found}))
+"""
+
+
+def told_by_blender(script, opened):
     if importlib.util.find_spec("bpy") is None:
         pytest.skip("the Python package bpy, which is Blender, is not installed")
-    script = [sys.executable, "-c", SEEN_BY_BLENDER, exported / "open_in_blender.py"]
-    printed = subprocess.run(script, check=True, capture_output=True, text=True).stdout
-    found = json.loads(printed.partition("FOUND")[2].splitlines()[0])
+    printed = subprocess.run([sys.executable, "-c", script, opened], check=True, capture_output=True, text=True).stdout
+    return json.loads(printed.partition("FOUND")[2].splitlines()[0])
+
+
+def test_blender_moves_the_skin_to_the_tracked_vertices(rigged, tmp_path):
+    arguments, _, records = rigged
+    export_avatar.run(**arguments, out=tmp_path / "export", settings=ExportAvatar(formats=("mesh",)))
+    found = told_by_blender(SKINNED_IN_BLENDER, tmp_path / "export/open_in_blender.py")
+    assert found["bones"] == ["root"]
+    # Blender counts 24 pictures a second, of which the second frame of 12 is the third; and its z is up.
+    for shown, number in zip(np.array(found["vertices"]), sorted(records), strict=True):
+        nearest, _ = cKDTree(shown @ [[1, 0, 0], [0, 0, -1], [0, 1, 0]]).query(records[number].vertices)
+        assert nearest.max() < 1e-5
+
+
+def test_blender_opens_mesh_cameras_and_lights(exported):
+    found = told_by_blender(SEEN_BY_BLENDER, exported / "open_in_blender.py")
     assert found["types"] == ["CAMERA", "CAMERA", "LIGHT", "LIGHT", "LIGHT", "MESH"]
     assert (found["camera"], found["size"], found["keys"], found["shift"]) == ("cam 0", [40, 48], 2, 0)
     assert found["images"] == ["base_color", "metallic_roughness", "normal", "specular"]

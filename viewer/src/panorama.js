@@ -2,6 +2,8 @@
 
 const FAR_M = 1e5;
 const WIDEST = 2048;
+/** Rows of a map with a sun: it is so much brighter than the sky that its edge shows the texels. */
+const SHARP = 384;
 
 /** Direction of a place of the map, both coordinates in [0, 1]. */
 function directionAt(u, v) {
@@ -45,7 +47,7 @@ export function eveningSky() {
     const disc = 34 * smooth(0.965, 0.995, toward);
     const lit = sky.map((c, k) => c + disc * [1, 0.7, 0.42][k]);
     return mix([0.09, 0.065, 0.05], lit, smooth(-0.04, 0.04, y));
-  });
+  }, SHARP);
 }
 
 /** Radiance of the directions that lamps stand for, `height` rows, of a map that is turned counter-clockwise. */
