@@ -65,7 +65,7 @@ def scores(results: Path, variant: str, browser) -> pd.DataFrame:
     open_page(page, (results / "viewer/index.html").resolve())
     facts = page.evaluate("scene.facts")
     rows = []
-    for place in spread(range(len(facts["frames"])), FRAMES):
+    for place in spread(range(facts["timeline"]), FRAMES):
         number = facts["frames"][place]["frame"]
         image = images[int(np.flatnonzero(images.table.frame == number)[0])]
         camera = Camera(
