@@ -45,7 +45,9 @@ class RiggedMotion:
 def read_rigged_motion(
     capture: Path, index: Path, tracking: Sequence[Path], frames: Sequence[int]
 ) -> RiggedMotion | None:
-    """Motion of these frames; None if the template has no joints, or its meshes were tracked elsewhere.
+    """Motion of these frames; None without joints.
+
+    Neither a template without them has any, nor meshes that were tracked elsewhere.
 
     Args:
         capture: folder with the template.

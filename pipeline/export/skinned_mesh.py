@@ -1,4 +1,6 @@
-"""The posed mesh of tracked frames as glTF with a skin: joints that turn, and morph targets for what they cannot do.
+"""The posed mesh of tracked frames as glTF with a skin.
+
+Joints turn, and morph targets do what joints cannot.
 
 glTF adds morph targets before it skins, as track_mesh adds a frame's offsets: both together are the tracked vertices in
 a frame's moment, to float32. The mesh itself is the bind pose. Metres, y up.

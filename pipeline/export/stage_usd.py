@@ -101,7 +101,10 @@ def lens_attributes(camera: Camera) -> dict[str, float]:
 
 
 def add_distortion(prim: Any, camera: Camera) -> None:
-    """Add the lens to a camera's prim: its model, intrinsics in pixels counted from the corner, and coefficients."""
+    """Add the lens to a camera's prim.
+
+    Its model, intrinsics in pixels counted from the corner, and coefficients.
+    """
     from pxr import Gf, Sdf
 
     schema, word = DISTORTION[camera.lens.name]
