@@ -25,7 +25,7 @@ STRAIGHT = 1e-9
 
 
 def add_skin(file: GlbFile, motion: RiggedMotion) -> list[Track]:
-    """Append the joints, posed as in the first frame, and the skin; returns what moves the joints."""
+    """Append the joints, posed as in the first frame, and the skin; returns their motion."""
     template, pose = motion.template, motion.pose
     turns, root_turns = continuous(pose.joint_rotations), continuous(pose.root_rotation)
     stand = file.add_node(
@@ -51,9 +51,9 @@ def add_skin(file: GlbFile, motion: RiggedMotion) -> list[Track]:
 def add_joint(
     file: GlbFile, motion: RiggedMotion, joint: int, rotation: Float64[np.ndarray, " 4"], parent: int
 ) -> tuple[int, int]:
-    """Append a joint; returns the node that turns, and the one that moves the skin and its children.
+    """Append a joint; returns the node that turns, and the one that moves the skin.
 
-    They are the same, but where a scale is sheared. Transforms above it that are more than a translation, as of an
+    They are the same, but where a scale is sheared; the second has the children. Transforms above it that are more than a translation, as of an
     armature in centimetres, stand in a node of their own.
     """
     template, name = motion.template, motion.joint_names[joint]
@@ -78,7 +78,10 @@ def add_joint(
 
 
 def skin_attributes(file: GlbFile, template: Template, vertex: Int64[np.ndarray, " n"]) -> dict[str, int]:
-    """Accessors JOINTS_n and WEIGHTS_n of these vertices: as many sets as the vertex of most joints needs."""
+    """Accessors JOINTS_n and WEIGHTS_n of these vertices.
+
+    There are as many sets as the vertex of most joints needs.
+    """
     weights = template.weights[vertex]
     most = int((weights > 0).sum(1).max())
     sets = -(-most // INFLUENCES)
