@@ -53,8 +53,8 @@ def add_joint(
 ) -> tuple[int, int]:
     """Append a joint; returns the node that turns, and the one that moves the skin.
 
-    They are the same, but where a scale is sheared; the second has the children. Transforms above it that are more than a translation, as of an
-    armature in centimetres, stand in a node of their own.
+    They are the same, but where a scale is sheared; the second has the children. Transforms above it that are more than
+    a translation, as of an armature in centimetres, stand in a node of their own.
     """
     template, name = motion.template, motion.joint_names[joint]
     before = in_metres(template.before[joint], template.scale_to_m)
