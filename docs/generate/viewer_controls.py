@@ -59,7 +59,7 @@ def run(*, results: Path, shots: Path, out: Path = ROOT / "docs/pictures") -> No
         open_page(phone, path)
         taken += pictures(phone, phone_steps())
         browser.close()
-        blind = launch(playwright, "--disable-software-rasterizer", "--disable-3d-apis")
+        blind = launch(playwright, "--disable-gpu", "--disable-software-rasterizer", "--disable-3d-apis")
         page = blind.new_page(viewport=DESK)
         open_page(page, path)
         taken.append(("without WebGL2, a message", Image.open(io.BytesIO(page.screenshot())).convert("RGB")))
