@@ -19,7 +19,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test slurm slurm-test hard-cases chaos scaling growth effects time lint docs schema curves presets lock viewer FORCE
+.PHONY: help test slurm slurm-test hard-cases chaos mutants verdicts audit scaling growth effects time lint docs schema curves presets lock viewer FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -27,6 +27,9 @@ help:
 	@echo 'make slurm                         install what hands jobs to Slurm; slurm-test: also test it on a cluster here'
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
 	@echo 'make chaos                         attack stages and workflow, into results/chaos; PARTS="captures settings"'
+	@echo 'make mutants                       plant bugs and count those that tests see, into results/mutants; LAYERS="sync"'
+	@echo 'make verdicts                      false alarms and misses of every verdict, into results/verdicts'
+	@echo 'make audit                         look up known vulnerabilities of the locked packages'
 	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make time                          measure where the time goes, and write that page; TIMED=results/SUBJECT ...'
@@ -60,6 +63,20 @@ hard-cases: $(READY)
 PARTS ?= captures settings kills surroundings twice
 chaos: $(READY)
 	$(QUIET) $(BIN)/python -m tests.chaos --parts $(PARTS) --out results/chaos
+
+# Bugs of LAYERS alone, or all. What was interrupted goes on; what has changed since, or whose tests have, is judged anew.
+LAYERS ?=
+mutants: $(READY)
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m tests.mutants $(if $(LAYERS),--layers $(LAYERS)) --out results/mutants
+
+verdicts: $(READY)
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_verdicts --out results/verdicts
+
+# pip-audit has an environment of its own: it only reads the locks.
+audit:
+	test -x .venv-audit/bin/python || $(PYTHON) -m venv .venv-audit
+	.venv-audit/bin/python -m pip install --quiet 'pip-audit>=2.9,<3'
+	.venv-audit/bin/python .ci/audit_locks.py envs/lock.txt envs/lock-cuda.txt
 
 # On one thread: more would count what they wait for.
 ONE_THREAD := OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1

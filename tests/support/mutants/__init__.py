@@ -1,0 +1,1 @@
+"""Planted bugs: single changes of the code that the tests have to see."""

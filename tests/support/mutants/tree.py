@@ -1,0 +1,54 @@
+"""A copy of the project in which bugs are planted, one at a time."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.support.mutants.mutant import Mutant
+
+LEFT_OUT = ("results", "captures", "build", "node_modules", ".git", ".venv*", ".snakemake", ".hypothesis", ".*_cache")
+"""What no test that judges mutants reads, or what each run makes anew."""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The copy, and the project that it is one of."""
+
+    root: Path
+    copy: Path
+
+    @classmethod
+    def made(cls, root: Path, copy: Path) -> Tree:
+        """Copy a project as it is now, to a place outside of it or below its results.
+
+        Compiled kernels come along, as times are kept.
+        """
+        # Of an earlier copy, kernels that its trials have compiled are kept: a file whose time is the same is the same.
+        for path in list(copy.rglob("*")) if copy.exists() else ():
+            if path.is_symlink() or (path.suffix == ".py" and not (root / path.relative_to(copy)).exists()):
+                path.unlink()
+        shutil.copytree(root, copy, ignore=shutil.ignore_patterns(*LEFT_OUT), dirs_exist_ok=True, symlinks=True)
+        return cls(root, copy)
+
+    @contextmanager
+    def planted(self, mutant: Mutant, number: int) -> Iterator[None]:
+        """Have the bug in the copy during the block.
+
+        Args:
+            mutant: the bug.
+            number: of the mutant, from 1 on: the file's time differs by so many seconds from that of the original and
+                of every other mutant, so that nobody takes one's compiled code for the other's.
+        """
+        original, target = self.root / mutant.file, self.copy / mutant.file
+        state = original.stat()
+        target.write_text(mutant.planted(self.root))
+        os.utime(target, (state.st_atime, state.st_mtime + number))
+        try:
+            yield
+        finally:
+            shutil.copy2(original, target)
