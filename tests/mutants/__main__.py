@@ -50,10 +50,10 @@ def main() -> None:
     if unknown := set(asked.layers or []) - {mutant.layer for mutant in mutants}:
         parser.error(f"--layers: no list of {', '.join(sorted(unknown))} in {asked.listed}")
     chosen = [m for m in mutants if m.layer in (asked.layers or [m.layer]) and asked.only in f"{m.file}: {m.meaning}"]
-    out = asked.out.resolve()
+    root, out = asked.root.resolve(), asked.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     trial.prepare(() if asked.few_imports else (*LIBRARIES, "hypothesis", "beartype", "jaxtyping", "matplotlib"))
-    found = judge(Court(Tree.made(asked.root, out / "tree"), out, asked.patience), chosen, asked.minutes)
+    found = judge(Court(Tree.made(root, out / "tree"), out, asked.patience), chosen, asked.minutes)
     shutil.rmtree(out / "scratch", ignore_errors=True)
     judgements = [judgement for _, judgement in found]
     (out / "table.md").write_text(records.counted(judgements))

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from tests.support.mutants.mutant import Mutant
 
-LEFT_OUT = ("results", "captures", "build", "node_modules", ".git", ".venv*", ".snakemake", ".hypothesis", ".*_cache")
-"""What no test that judges mutants reads, or what each run makes anew."""
+LEFT_OUT = ("results", "captures", "build", "viewer", ".*")
+"""What no test that judges mutants reads, or what each run makes anew, in the project's own folder."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,12 @@ class Tree:
         for path in list(copy.rglob("*")) if copy.exists() else ():
             if path.is_symlink() or (path.suffix == ".py" and not (root / path.relative_to(copy)).exists()):
                 path.unlink()
-        shutil.copytree(root, copy, ignore=shutil.ignore_patterns(*LEFT_OUT), dirs_exist_ok=True, symlinks=True)
+        left_out = shutil.ignore_patterns(*LEFT_OUT)
+
+        def ignored(folder: str, names: list[str]) -> set[str]:
+            return left_out(folder, names) if Path(folder) == root else set()
+
+        shutil.copytree(root, copy, ignore=ignored, dirs_exist_ok=True, symlinks=True)
         return cls(root, copy)
 
     @contextmanager

@@ -68,6 +68,21 @@ def test_process_whose_lock_was_deleted_writes_nothing_more(tmp_path: Path) -> N
     assert not (out / "config.json").exists()
 
 
+def test_process_whose_lock_is_anothers_now_writes_nothing_more(tmp_path: Path) -> None:
+    """A file of that name is there again, but it is not the one that was locked."""
+    out = tmp_path / "avatars/full"
+    with output_locked(out, "train_avatar"):
+        (tmp_path / "avatars/.full.train_avatar.lock").unlink()
+        holder = subprocess.Popen([sys.executable, "-c", HOLDER, str(out)], stdout=subprocess.PIPE, text=True)
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match="found none or another's"):
+            write_json(out / "config.json", {"newer": False})
+    holder.kill()
+    holder.wait()
+    holder.stdout.close()
+    assert not (out / "config.json").exists()
+
+
 def test_folder_that_cannot_be_written_to_keeps_nobody_from_working(tmp_path: Path) -> None:
     """As where the output alone may be written to; here its parent is no folder."""
     (tmp_path / "file").touch()

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,14 @@ def test_what_a_killed_writer_leaves_matches_no_pattern_of_files_and_is_swept(tm
     with written_whole(tmp_path / "0001.arrow") as temporary:
         temporary.write_text("whole")
     assert os.listdir(tmp_path) == ["0001.arrow"]
+
+
+def test_no_other_folder_takes_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One on another file system would have to be copied from, and a copy that is killed is half a file."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    with written_whole(tmp_path / "a.txt") as temporary:
+        temporary.write_text("whole")
+    assert os.listdir(tmp_path) == ["a.txt"]
 
 
 CHANGES = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "shutil.rmtree"}
