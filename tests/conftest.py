@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 from tests.support import first_calls
+from tests.support.network import guard
 from tests.support.order import longest_first
 
 matplotlib.use("Agg")
@@ -17,6 +18,9 @@ matplotlib.use("Agg")
 # Runs are repeatable, and a busy machine fails no test.
 settings.register_profile("project", deadline=None, derandomize=True, print_blob=False)
 settings.load_profile("project")
+
+# No test talks to another machine, nor does what it starts: docs/security.md.
+guard.install()
 
 # Stages that tests start as processes share the cores with the tests.
 os.environ.setdefault("OMP_NUM_THREADS", "2")

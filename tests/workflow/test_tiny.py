@@ -16,7 +16,9 @@ from pipeline.base.color import srgb_from_linear
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.workflow.termination import running_stages
 from tests.support.chaos.sound_run import differences, digests
+from tests.support.network import system_calls
 from tests.support.viewer.relit_page import CHROMIUM, lamp, launch, open_page, page_picture, psnr_db
+from tests.support.workflow.stage_server import StageServer
 
 TARGET = "results/tiny/metrics.csv"
 DEADLINE_S = 900
@@ -104,13 +106,30 @@ def test_every_stage_ran_once_and_killed_training_went_on(made):
     assert not (workflow.folder / "results/tiny/avatars/full/checkpoint.safetensors").exists()
 
 
-def test_one_core_from_nothing_gives_the_same_bytes(workflow, copy_of_project, stage_server, tmp_path):
-    """Those of two cores, of processes of their own, and of a training that was killed and went on."""
-    before = digests(workflow.folder)
-    again = copy_of_project(tmp_path / "project").with_stages_of(stage_server)
-    run = again.snakemake("--cores", "1", "--", TARGET)
+@pytest.fixture(scope="module")
+def again(copy_of_project, tmp_path_factory):
+    """A second run, from nothing and on one core, and strace's file of its connections; none where it cannot trace."""
+    folder = tmp_path_factory.mktemp("again")
+    trace = None if system_calls.why_not() else folder / "trace"
+    with StageServer(trace) as server:
+        project = copy_of_project(folder / "project").with_stages_of(server)
+        run = project.snakemake("--cores", "1", "--", TARGET)
     assert run.returncode == 0, run.stdout
-    assert not differences(before, digests(again.folder))
+    return project.folder, trace
+
+
+def test_one_core_from_nothing_gives_the_same_bytes(workflow, again):
+    """Those of two cores, of processes of their own, and of a training that was killed and went on."""
+    assert not differences(digests(workflow.folder), digests(again[0]))
+
+
+def test_no_stage_opens_a_connection(again):
+    """Not even where compiled code does it, which Python's own hooks do not see."""
+    if reason := system_calls.why_not():
+        pytest.skip(reason)
+    trace = again[1].read_text()
+    assert "AF_UNIX" in trace  # Of the server that forks the stages.
+    assert not system_calls.beyond_this_machine(trace)
 
 
 def test_metrics_have_a_row_per_variant_split_and_light(workflow):

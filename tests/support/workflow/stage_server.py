@@ -23,6 +23,9 @@ import tempfile
 import traceback
 from pathlib import Path
 
+if __name__ != "__main__":  # The process itself traces nothing.
+    from tests.support.network.system_calls import traced
+
 LIBRARIES = (
     "cv2", "embreex", "numba", "pandas", "pyarrow.parquet", "pydantic", "scipy.optimize", "scipy.sparse.linalg",
     "scipy.spatial.transform", "torch", "trimesh", "tyro", "yaml",
@@ -44,14 +47,23 @@ sys.exit(code[0] if code else 1)
 
 
 class StageServer:
-    """The other end of the process; a context manager. Workflows are to be run with its `python`."""
+    """The other end of the process; a context manager. Workflows are to be run with its `python`.
+
+    With `trace`, a file, strace writes the connections of the process and of all stages there.
+    """
+
+    def __init__(self, trace: Path | None = None) -> None:
+        self._trace = trace
 
     def __enter__(self) -> StageServer:
         self._folder = tempfile.TemporaryDirectory()
         self.python, address = Path(self._folder.name) / "python", f"{self._folder.name}/stages"
         self.python.write_text(PYTHON.format(python=sys.executable, address=address))
         self.python.chmod(0o755)
-        self._process = subprocess.Popen([sys.executable, __file__, address], stdout=subprocess.PIPE)
+        command = [sys.executable, __file__, address]
+        self._process = subprocess.Popen(
+            command if self._trace is None else traced(command, self._trace), stdout=subprocess.PIPE
+        )
         assert self._process.stdout.readline()
         return self
 

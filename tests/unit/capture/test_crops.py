@@ -129,3 +129,16 @@ def test_faces_behind_the_camera_or_far_outside_are_harmless():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, -5.0], [1e9, 0, 0], [0, 1e9, 0], [2e9, 1e9, 0]], np.float32)
     assert not mesh_silhouette(vertices, np.array([[0, 1, 2]], np.int32), camera).any()
     assert not mesh_silhouette(vertices, np.array([[3, 4, 5]], np.int32), camera)[:, : WIDTH // 2].all()
+
+
+@pytest.mark.parametrize(("share", "covered"), [(0.2, False), (0.8, True)])
+def test_silhouette_takes_pixels_that_are_covered_by_half_on_every_side(share: float, covered: bool) -> None:
+    """A square whose outermost pixels it covers by a share, left, right, above and below."""
+    camera = Camera(np.eye(3), np.zeros(3), np.array([[10.0, 0, 0], [0, 10, 0], [0, 0, 1]]), np.zeros(5), 32, 24)
+    low, high = 6 - share, 15 + share
+    corners = np.array([[low, low], [high, low], [high, high], [low, high]])
+    vertices = np.concatenate([corners / 10, np.ones((4, 1))], 1)
+    mask = mesh_silhouette(vertices, np.array([[0, 1, 2], [0, 2, 3]]), camera)
+    rows, columns = np.nonzero(mask)
+    expected = (5, 15) if covered else (6, 14)
+    assert (rows.min(), rows.max()) == (columns.min(), columns.max()) == expected

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 import trimesh
 
 from pipeline.geometry.cameras import Camera
@@ -50,3 +53,14 @@ def test_points_spread_by_area() -> None:
     # 2000 points, half of them in each triangle; the mean of uniform points is good to 3 / sqrt(12 * 2000).
     assert np.allclose(where.mean(0), [1.5, 1.0, 0.0], atol=0.05)
     assert np.allclose(at_vertices(np.array([3, 0])).carried(vertices), vertices[[3, 0]])
+
+
+@pytest.mark.parametrize(("cosine", "seen"), [(0.2, False), (0.4, True)])
+def test_plane_at_a_grazing_angle_is_not_seen_well(cosine: float, seen: bool) -> None:
+    """Through a long lens, so that its depth changes by far less than a step from pixel to pixel."""
+    camera = replace(CAMERA, K=np.array([[4000.0, 0, 80], [0, 4000, 60], [0, 0, 1]]))
+    normal = np.array([np.sqrt(1 - cosine**2), 0.0, -cosine])
+    along = np.array([cosine, 0.0, np.sqrt(1 - cosine**2)])
+    corners = np.array([[0, 0, 2.0]]) + [s * along + t * np.array([0, 1, 0]) for s, t in ((-1, -1), (1, -1), (0, 1))]
+    depth = draw_depth(camera, corners, np.array([[0, 1, 2]]))
+    assert seen_well(camera, depth, np.array([[0, 0, 2.0]]), normal[None]).tolist() == [seen]

@@ -94,3 +94,10 @@ def test_tiny_quaternions_have_finite_values_and_gradients(size: float, dtype: t
     assert q.grad.abs().max() < 1e8
     if size == 0.0:
         assert torch.equal(matrix, torch.eye(3, dtype=dtype).expand(2, 3, 3))
+
+
+def test_quaternions_of_matrices_lie_on_the_half_of_the_identity(many: Rotation) -> None:
+    """So neighbouring frames have neighbouring numbers: w = cos(angle / 2) >= 0 for angles up to pi."""
+    assert (many.magnitude() > 2.5).any() and (many.magnitude() < 1.0).any()
+    w = quaternion_from_matrix(many.as_matrix())[:, 0]
+    assert np.abs(w - np.cos(many.magnitude() / 2)).max() < ROUNDING

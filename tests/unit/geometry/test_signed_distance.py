@@ -167,3 +167,10 @@ def test_spread_vertices_cover_the_mesh() -> None:
     nearest = np.linalg.norm(vertices[:, None] - vertices[chosen][None], axis=-1).min(1)
     assert nearest.max() < 0.2
     assert len(spread_vertices(np.zeros((5, 3)), 4)) == 1
+
+
+def test_mask_without_outline_is_far_inside_or_far_outside() -> None:
+    """Positive inside: a subject that fills the image is not beside it."""
+    shape = (20, 30)
+    assert (signed_distance(np.full(shape, 255, np.uint8)) > 10).all()
+    assert (signed_distance(np.zeros(shape, np.uint8)) < -10).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.metrics.comparison import ENLARGE, SMALL_SIDE, heat_css, side_by_side, split_picture
+from pipeline.metrics.comparison import ENLARGE, SMALL_SIDE, heat_css, preview_srgb, side_by_side, split_picture
 
 
 @pytest.mark.parametrize("height", [40, SMALL_SIDE - 1, SMALL_SIDE])
@@ -30,3 +30,9 @@ def test_scale_starts_with_the_colour_of_no_error():
     image = np.zeros((20, 20, 3), np.float32)
     first = split_picture(side_by_side(image, image, ""))["error"][0, 0]
     assert heat_css().startswith(f"linear-gradient(90deg, rgb({','.join(map(str, first))}), ")
+
+
+def test_preview_is_encoded_for_a_display():
+    """Linear 0.2140 is the middle of sRGB; what is beyond the display's range, or no number, is cut."""
+    shown = preview_srgb(np.array([[[0.2140, 2.0, -1.0], [np.nan, 0.0, 1.0]]]))
+    np.testing.assert_allclose(shown, [[[0.5, 1, 0], [0, 0, 1]]], atol=1e-4)

@@ -215,3 +215,21 @@ def test_the_color_bar_runs_from_its_brightest_to_its_darkest():
     bar = side_by_side(image, image, "")[-90:, 3 * 60 + 2 * 6 + 6 + 2].astype(int).sum(1)
     assert bar[0] > bar[45] > bar[-1]
     assert bar[-1] < 10
+
+
+def test_round_subject_before_a_bright_wall_scores_full_marks_if_it_is_exact():
+    """In the corners of its box there is wall: what was captured there is taken for black, as it is rendered."""
+    rows, columns = np.mgrid[0:60, 0:60] - 29.5
+    mask = (rows**2 + columns**2 < 24**2).astype(np.float32)
+    image = replace(subject_image(3, 60, 60), mask=mask)
+    image.image[mask == 0] = 0.9
+    (row,) = evaluate(add_to(0.0), [image], {0: None}).itertuples()
+    assert row.psnr_db == math.inf
+    assert row.ssim == pytest.approx(1, abs=1e-9) and row.flip == pytest.approx(0, abs=1e-6)
+
+
+def test_worst_and_best_are_those_of_least_and_most_decibels():
+    images = [subject_image(frame, frame=frame) for frame in range(3)]
+    table = evaluate(add_to(0.05), images, dict.fromkeys(range(3))).assign(psnr_db=[20.0, 40.0, 30.0])
+    shown = worst_median_best(table)
+    assert {name: row.frame for name, row in shown.items()} == {"worst": 0, "median": 2, "best": 1}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import flip_evaluator
 import numpy as np
 import pytest
 
@@ -73,3 +74,10 @@ def test_foreground_box():
     assert (columns.stop, columns.stop - columns.start) == (30, 11)
     rows, columns = foreground_box(foreground, 100)
     assert (rows, columns) == (slice(0, 20), slice(0, 30))
+
+
+def test_flip_is_that_of_its_authors_for_their_own_viewing_distance():
+    """0.7 m from a screen of 3840 pixels and 0.7 m: 67.02 pixels per degree, which we call 67."""
+    reference, test = noise_image(1, 64, 64).repeat(2, 0), noise_image(2, 64, 64).repeat(2, 0)
+    expected = flip_evaluator.evaluate(reference, test, "LDR", True, False)[1]
+    assert flip(test, reference) == pytest.approx(expected, rel=2e-3)

@@ -162,3 +162,11 @@ def test_holm_keeps_the_chance_of_any_false_find():
         any_holm += (holm(p) < LEVEL).any()
     assert any_holm / (DRAWS // 2) < LEVEL + math.sqrt(2) * CHANCE
     assert any_plain / (DRAWS // 2) > 3 * LEVEL
+
+
+@pytest.mark.parametrize("subjects", [2, 3, 7])
+def test_of_new_subjects_a_t_test_of_the_means_decides(subjects):
+    means = np.random.default_rng(subjects).normal(0.3, 1, subjects)
+    found = over_new_subjects([Estimate(mean, 0.1, 7.0) for mean in means])
+    assert found.p_value == pytest.approx(ttest_1samp(means, 0).pvalue, rel=1e-9)
+    assert found.mean == pytest.approx(means.mean())

@@ -1,0 +1,1 @@
+"""Connections of processes that tests start: none may leave this machine."""
