@@ -41,7 +41,7 @@ def complain_of_exchanged(
         source: of the images.
     """
     masked = images[images.mask_path.notna()]
-    for _, alike in sizes.groupby(["width", "height"]):
+    for (width, height), alike in sizes.groupby(["width", "height"]):
         here = masked[masked.camera.isin(alike.camera)]
         cameras = sorted(here.camera.unique())
         everywhere = here.groupby("frame").camera.nunique()
@@ -57,7 +57,7 @@ def complain_of_exchanged(
         fits = correlations(shown, given)
         pairs = exchanged(fits)
         in_pairs = {camera for pair in pairs for camera in pair}  # Which may look like the mirror image of the other.
-        for i, how, fit in (found for found in turned(shown, given) if found[0] not in in_pairs):
+        for i, how, fit in (found for found in turned(shown, given, width == height) if found[0] not in in_pairs):
             complaints.add(
                 "images", cameras[i], expected="the subject where the camera's own masks are",
                 found=f"images that fit these masks {how} (correlation {fit:.2f}, as they are {fits[i, i]:.2f})",
@@ -88,15 +88,26 @@ def exchanged(fits: Float64[np.ndarray, "cameras cameras"]) -> list[tuple[int, i
 
 
 def turned(
-    shown: Float64[np.ndarray, "frames cameras pixels"], given: Float64[np.ndarray, "frames cameras pixels"]
+    shown: Float64[np.ndarray, "frames cameras pixels"],
+    given: Float64[np.ndarray, "frames cameras pixels"],
+    quarters: bool = False,
 ) -> list[tuple[int, str, float]]:
-    """Cameras whose images fit their own masks better when these are turned: which, how, fit."""
+    """Cameras whose images fit their own masks better when these are turned: which, how, fit.
+
+    Args:
+        shown: images, reduced.
+        given: masks, reduced.
+        quarters: look at quarter turns, too: of images that are no squares, these change the size.
+    """
     square = given.reshape(*given.shape[:2], SIDE_PX, SIDE_PX)
     ways = {
         "mirrored": square[..., ::-1],
         "upside down": square[..., ::-1, :],
         "half a turn round": square[..., ::-1, ::-1],
     }
+    if quarters:
+        ways |= {"a quarter turn to the left": np.rot90(square, 1, (2, 3)),
+                 "a quarter turn to the right": np.rot90(square, -1, (2, 3))}  # fmt: skip
     own = np.diag(correlations(shown, given))
     fits = {how: np.diag(correlations(shown, way.reshape(given.shape))) for how, way in ways.items()}
     best = {camera: max(fits, key=lambda how: fits[how][camera]) for camera in range(len(own))}

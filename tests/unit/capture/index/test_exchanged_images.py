@@ -79,6 +79,26 @@ def test_turned_images_of_a_camera_are_named(capture, turn, how) -> None:
     assert f"found images that fit these masks {how}" in message
 
 
+@pytest.mark.parametrize(("quarters", "how"), [(1, "to the left"), (-1, "to the right")])
+def test_square_images_a_quarter_turn_round_are_named(tmp_path: Path, quarters: int, how: str) -> None:
+    """Those of other shapes have another size then, which the table of cameras tells."""
+    rng, rows = np.random.default_rng(4), []
+    for camera, center in {"a": (20, 12), "b": (40, 30)}.items():
+        for frame in range(2):
+            inside = disc((center[0] + frame, center[1]))
+            square = np.zeros((64, 64), bool)
+            square[:48] = inside
+            image = np.where(square, rng.uniform(0.3, 1, square.shape), 0.01)
+            image = np.rot90(image, quarters) if camera == "b" else image
+            paths = f"{camera}_{frame}.exr", f"{camera}_{frame}.png"
+            write_exr(tmp_path / paths[0], np.ascontiguousarray(np.repeat(image[..., None], 3, 2)))
+            cv2.imwrite(str(tmp_path / paths[1]), 255 * square.astype(np.uint8))
+            rows.append((camera, frame, *paths))
+    images = pd.DataFrame(rows, columns=["camera", "frame", "path", "mask_path"])
+    (message,) = complaints_about(tmp_path, images, (64, 64, 64))
+    assert message.startswith("images: b:") and f"fit these masks a quarter turn {how}" in message
+
+
 def test_cameras_of_other_sizes_cannot_have_been_exchanged(capture) -> None:
     folder, images = capture
     assert complaints_about(folder, swapped(images, "a", "b"), heights=(48, 40, 48)) == []

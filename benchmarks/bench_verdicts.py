@@ -1,0 +1,79 @@
+"""False alarms and misses of every verdict, on sound and broken captures whose truth is known.
+
+    python -m benchmarks.bench_verdicts [--verdicts camera log] [--captures 50] [--out results/verdicts]
+        [--page docs/reliability.md]
+
+What each function judges is made directly, so that a capture takes no more than a second. A false alarm: something of a
+sound capture is weak or failed. A miss: of a broken one, what is broken is good. Faults take turns. The table of
+verdicts is written as verdicts.csv and table.md, and put into a page if asked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from pathlib import Path
+
+import pandas as pd
+
+from benchmarks.verdict import Judged
+from benchmarks.verdict_figures import IMAGES, KEYPOINTS, MASKS, TRACKED_CAMERA, TRACKED_FRAME
+from benchmarks.verdict_lights import BALL, LIGHT
+from benchmarks.verdict_logs import COLOR, LOG
+from benchmarks.verdict_rigs import CAMERA
+
+BEGIN, END = "<!-- verdicts: begin -->", "<!-- verdicts: end -->"
+"""Marks of a page around the table."""
+
+JUDGED: dict[str, Judged] = {
+    "images": IMAGES, "camera": CAMERA, "ball": BALL, "light": LIGHT, "color": COLOR, "log": LOG,
+    "tracked keypoints": KEYPOINTS, "tracked masks": MASKS, "tracked frame": TRACKED_FRAME,
+    "tracked camera": TRACKED_CAMERA,
+}  # fmt: skip
+"""Verdict -> what makes captures and asks for it."""
+
+
+def measure(name: str, captures: int) -> dict[str, object]:
+    """One row of the table: counts over as many sound captures as broken ones."""
+    judged, started = JUDGED[name], time.perf_counter()
+    alarms = sum(judged.alarm(None, seed) for seed in range(captures))
+    faults = [judged.faults[k % len(judged.faults)] for k in range(captures)]
+    missed = Counter(fault for k, fault in enumerate(faults) if not judged.alarm(fault, captures + k))
+    asked = Counter(faults)
+    told = "; ".join(f"{fault} {missed[fault]} of {asked[fault]}" for fault in judged.faults)
+    return {
+        "verdict": name, "judged by": f"`{judged.by}`", "sound": captures, "false alarms": alarms, "broken": captures,
+        "missed": missed.total(), "missed, by fault": told, "seconds": round(time.perf_counter() - started, 1),
+    }  # fmt: skip
+
+
+def as_markdown(rows: list[dict[str, object]]) -> str:
+    """The table without its times."""
+    columns = [name for name in rows[0] if name != "seconds"]
+    lines = [columns, ["---"] * len(columns), *([str(row[name]) for name in columns] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--verdicts", nargs="*", choices=JUDGED, default=list(JUDGED), help="verdicts to measure")
+    parser.add_argument("--captures", type=int, default=50, help="sound ones, and broken ones, of each")
+    parser.add_argument("--out", type=Path, default=Path("results/verdicts"), help="folder for the tables")
+    parser.add_argument("--page", type=Path, help="page of docs that the table is put into")
+    asked = parser.parse_args()
+    asked.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name in asked.verdicts:
+        rows.append(measure(name, asked.captures))
+        print(*rows[-1].values(), sep=" | ", flush=True)
+        pd.DataFrame(rows).to_csv(asked.out / "verdicts.csv", index=False)
+    (asked.out / "table.md").write_text(as_markdown(rows))
+    if asked.page:
+        head, rest = asked.page.read_text().split(BEGIN)
+        asked.page.write_text(f"{head}{BEGIN}\n{as_markdown(rows)}{END}{rest.split(END)[1]}")
+
+
+if __name__ == "__main__":
+    main()
