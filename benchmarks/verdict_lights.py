@@ -14,7 +14,7 @@ from pipeline.geometry.cameras import Camera
 from pipeline.geometry.rigid_alignment import align_rigid
 from tests.support.rigs.cameras import look_at
 
-RADIUS_M, BALLS, LIGHTS = 0.18, 2, 8
+RADIUS_M, BALLS, LIGHTS = 0.18, 3, 8
 UNIT, STAND, OTHER = "radius 10 % wrong", "stand in the outline", "outline of another ball"
 
 
@@ -61,7 +61,7 @@ NAMES, MOVED, DEAD, STRAY = "names of two lights exchanged", "light half a metre
 
 
 def light_alarm(fault: str | None, seed: int) -> bool:
-    """Highlights of eight lights on two balls in four cameras, good to 0.1 px; light L0 is the one that is broken."""
+    """Highlights of eight lights on three balls in four cameras, good to 0.03 px; light L0 is the one that is broken."""
     rng = np.random.default_rng(seed)
     cameras, places = eyes_around(rng), rng.uniform(-0.25, 0.25, (BALLS, 3))
     lights = rng.normal(size=(LIGHTS, 3))
@@ -79,7 +79,7 @@ def light_alarm(fault: str | None, seed: int) -> bool:
             points = reflection_points(*ends)
             normal = (points - place) / RADIUS_M
             facing = [(normal * (target - points)).sum(1) > 0.5 for target in (camera.center, shown)]
-            pixels = camera.project(points)[0] + rng.normal(0, 0.1, (LIGHTS, 2))
+            pixels = camera.project(points)[0] + rng.normal(0, 0.03, (LIGHTS, 2))
             for k in np.flatnonzero(facing[0] & facing[1]):
                 rows.append((names[k], str(b), name, *pixels[k]))
     spots = pd.DataFrame(rows, columns=["light", "position", "camera", "x", "y"])

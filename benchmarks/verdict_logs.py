@@ -63,7 +63,8 @@ def log_alarm(fault: str | None, seed: int) -> bool:
         shown[:, int(log.sum((0, 2)).argmax())] = 0
     if fault == SWAP:
         frame = int(rng.integers(2, len(log) - 2))
-        shown[frame] = log[(frame + len(log) // 2) % len(log)]
+        others = [k for k in range(len(log)) if (log[k] > 0).any() and ((log[k] > 0) != (log[frame] > 0)).any()]
+        shown[frame] = log[rng.choice(others)]
     numbers = np.arange(len(log)) + (fault == OFFSET)
     check = check_sync(brightness_model(here, log, photograph(here, shown, rng), numbers=numbers))
     lights = any(light.grade == "failed" for light in check.lights)

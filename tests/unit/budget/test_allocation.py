@@ -47,6 +47,48 @@ def test_little_time_is_spent_where_it_saves_most(tmp_path) -> None:
     assert estimate.total <= estimate.budget_s
 
 
+def test_whatever_is_chosen_fits_and_the_last_millisecond_counts(tmp_path) -> None:
+    """A budget of exactly what is estimated is kept to; a millisecond less buys less, imports and all."""
+    budget_s, chosen = 90.0, []
+    while True:
+        try:
+            _, estimate = choose(tmp_path, budget_s / 60)
+        except InputError:
+            break
+        assert estimate.total <= estimate.budget_s + 1e-9
+        _, again = choose(tmp_path, (estimate.total + 1e-6) / 60)
+        assert again.total == pytest.approx(estimate.total)
+        chosen.append(estimate.total)
+        budget_s = estimate.total - 0.001
+    assert len(chosen) > 3 and chosen == sorted(set(chosen), reverse=True)
+    # The cheapest of everything: 30 + 3 + (2 + 5) + 8, of 100 steps without supersampling and one ray.
+    assert chosen[-1] == pytest.approx(48)
+
+
+def test_packing_takes_as_long_as_there_are_pixels(tmp_path) -> None:
+    """Every pixel of every image is corrected, undistorted and written."""
+    path = write_curves(tmp_path / "curves")
+    facts = yaml.safe_load((path.parent / "subject.yaml").read_text())
+    facts["seconds"]["pack_shards"] = 10.0
+    (path.parent / "subject.yaml").write_text(yaml.safe_dump(facts))
+    read, settings = (
+        (read_curves(path), read_measured(path.parent / "subject.yaml")),
+        SubjectSettings(budget_minutes=99),
+    )
+    for size, expected in ((CaptureSize(4, 10, 2000, 1), 20.0), (CaptureSize(8, 10, 2000, 1), 40.0)):
+        _, estimate = within_budget("someone", settings, {}, size, *read)
+        assert estimate.seconds["pack_shards"] == pytest.approx(expected)
+
+
+def test_work_beyond_what_was_measured_goes_on_as_it_went_last(tmp_path) -> None:
+    key = ("training_steps", "train_avatar", "steps", "PSNR lost", 0.1)
+    bent = {key: {"100": (1.0, 12.0), "200": (0.5, 17.0), "400": (0.0, 37.0)}}
+    (curve,) = read_curves(write_curves(tmp_path / "curves", bent))
+    # Without 2 s of imports: 10, 15 and 35 s; 5 s per 100 steps before the first, 10 after the last.
+    assert curve.work(800) == pytest.approx(75)
+    assert curve.work(50) == pytest.approx(7.5)
+
+
 def test_what_takes_no_part_in_metrics_is_not_chosen(tmp_path) -> None:
     settings, estimate = choose(tmp_path, 2)
     assert settings.relight_avatar == SubjectSettings().relight_avatar
