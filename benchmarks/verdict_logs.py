@@ -19,13 +19,13 @@ CURVE, CHART, TINT, BURNT = "sRGB taken for linear", "values of another chart", 
 
 
 def color_alarm(fault: str | None, seed: int) -> bool:
-    """Charts of four cameras that differ by 3 %, patches good to 0.2 % of white; cam0 is the one that is broken."""
+    """Charts of four cameras that differ by 3 %, patches good to 0.1 % of white; cam0 is the one that is broken."""
     rng, settings, flawed, responses = np.random.default_rng(seed), CalibrateColor(), {}, {}
     order = rng.permutation(len(VALUES)) if fault == CHART else np.arange(len(VALUES))
     for name in (f"cam{c}" for c in range(4)):
         light = np.array([2.2, 1.0, 1.0]) if fault == TINT and name == "cam0" else np.ones(3)
         matrix = rng.uniform(0.7, 0.9) * np.eye(3) + rng.normal(0, 0.02, (3, 3))
-        color = (VALUES * light) @ matrix.T + rng.normal(0, 0.002, VALUES.shape)
+        color = (VALUES * light) @ matrix.T + rng.normal(0, 0.001, VALUES.shape)
         used = np.ones(len(color), bool)
         if fault == CURVE and name == "cam0":
             color = np.clip(color, 0, 1) ** (1 / 2.2)

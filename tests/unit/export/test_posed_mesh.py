@@ -101,9 +101,26 @@ def test_animation_goes_through_all_frames(made):
     view = document.bufferViews[indices.bufferView]
     faces = np.frombuffer(blob, "<u4", indices.count, view.byteOffset).reshape(-1, 3)
     targets = np.stack([column(target["POSITION"]) for target in primitive.targets])
+    turns = np.stack([column(target["NORMAL"]) for target in primitive.targets])
     for row, pose in zip(weights, poses.values(), strict=True):
         shown = column(primitive.attributes.POSITION) + np.tensordot(row, targets, 1)
         np.testing.assert_allclose(shown[faces], pose[atlas.faces], atol=1e-6)
+        # Targets are added, normals as well (glTF 2.0, 3.7.2.2): of this frame's own triangles, nearly across them.
+        normals = column(primitive.attributes.NORMAL) + np.tensordot(row, turns, 1)
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+        across = np.cross(
+            pose[atlas.faces][:, 1] - pose[atlas.faces][:, 0], pose[atlas.faces][:, 2] - pose[atlas.faces][:, 0]
+        )
+        assert ((normals[faces] * across[:, None]).sum(2) > 0).all()
+
+
+def test_numbers_start_where_their_size_divides(made):
+    """glTF 2.0, 3.6.2.4; pictures between them may have any length."""
+    document = pygltflib.GLTF2().load(str(made[0]))
+    pictures = {image.bufferView for image in document.images}
+    assert any(document.bufferViews[view].byteLength % 4 for view in pictures)
+    numbers = {accessor.bufferView for accessor in document.accessors}
+    assert numbers and all(document.bufferViews[view].byteOffset % 4 == 0 for view in numbers)
 
 
 def test_one_frame_has_no_animation(made, tmp_path):

@@ -117,6 +117,21 @@ def test_without_names_an_eighth_of_each_kind_of_training_frames_is_for_validati
     assert 0.05 < len(chosen) / 48 < 0.2
 
 
+def test_validation_frames_are_spread_over_the_take():
+    """One of every eight, so that no part of a motion is left out; of 48 fully lit frames of one light."""
+    synced = synced_frames(frames(48), images(48), white([(frame, "A", 1.0) for frame in range(48)]), ["A"])
+    chosen = synced.frame[synced.validation].to_numpy()
+    assert (chosen // 8).tolist() == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("place", range(8))
+def test_dark_frame_is_never_held_out_for_validation(place):
+    """Nothing can be scored on it: of eight partial patterns, each place in turn is dark."""
+    lit = [(frame, f"L{frame}", 1.0) for frame in range(8) if frame != place]
+    synced = synced_frames(frames(8), images(8), white(lit), [f"L{k}" for k in range(9)])
+    assert synced.lights_on[place] == 0 and not synced.validation[place]
+
+
 @pytest.mark.parametrize(("count", "spared"), [(7, 0), (8, 1), (15, 1), (16, 2)])
 def test_of_few_frames_none_is_taken_from_training(count, spared):
     patterns = white([(f, light, 1.0) for f in range(count) for light in "AB"])
