@@ -62,9 +62,10 @@ def log_alarm(fault: str | None, seed: int) -> bool:
     if fault == DARK:
         shown[:, int(log.sum((0, 2)).argmax())] = 0
     if fault == SWAP:
-        frame = int(rng.integers(2, len(log) - 2))
-        others = [k for k in range(len(log)) if (log[k] > 0).any() and ((log[k] > 0) != (log[frame] > 0)).any()]
-        shown[frame] = log[rng.choice(others)]
+        apart = np.abs(log[:, None] - log).sum((2, 3))  # of every two frames' patterns
+        pairs = np.argwhere(apart > 0.5 * log.sum((1, 2)).max())
+        frame, other = pairs[rng.integers(len(pairs))]
+        shown[frame] = log[other]
     numbers = np.arange(len(log)) + (fault == OFFSET)
     check = check_sync(brightness_model(here, log, photograph(here, shown, rng), numbers=numbers))
     lights = any(light.grade == "failed" for light in check.lights)
