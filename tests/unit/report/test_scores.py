@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pandas as pd
 
-from pipeline.report.scores import held_out_tables
+from pipeline.report.scores import differences, held_out_tables
 
 
 def test_splits_that_hold_images_have_a_table_with_the_time_of_a_picture():
@@ -31,3 +31,22 @@ def test_further_metric_has_a_column_where_it_was_scored():
     with_it, without = held_out_tables(table, costs), held_out_tables(table.drop(columns="ms_ssim"), costs)
     assert "MS-SSIM" in with_it and "0.988" in with_it
     assert "MS-SSIM" not in without and without.count("<th") == with_it.count("<th") - 1
+
+
+def words_of(metric, difference, p_holm):
+    """Columns of p (Holm) that the table of differences has for one avatar against the baseline."""
+    row = {
+        "subject": "someone", "variant": "matte", "baseline": "full", "lit": "all", "metric": metric, "subjects": 1,
+        "images": 9, "mean": 1.0, "mean_error": 0.1, "difference": difference, "difference_error": 0.01,
+        "p_value": p_holm / 2, "p_holm": p_holm,
+    }  # fmt: skip
+    return re.findall(r"<b[^>]*>(\w+)</b>", differences(pd.DataFrame([row])))
+
+
+def test_avatar_is_called_better_by_what_the_metric_means():
+    """More decibels and more similarity are better, less distance (LPIPS, FLIP) is."""
+    for metric, up in (("psnr_db", "better"), ("ssim", "better"), ("lpips", "worse"), ("flip", "worse")):
+        down = {"better": "worse", "worse": "better"}[up]
+        assert words_of(metric, 0.3, 0.01) == [up]
+        assert words_of(metric, -0.3, 0.01) == [down]
+        assert words_of(metric, -0.3, 0.2) == []
