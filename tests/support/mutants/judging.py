@@ -47,13 +47,13 @@ class Court:
             UnsoundError: if tests fail without a change.
         """
         for number, mutant in enumerate(mutants, 1):
-            digest = mutant.digest(self.tree.root)
+            digest = mutant.digest(self.tree.copy)
             if digest not in self._done:
                 self._keep(self._judge(mutant, number, digest))
             yield self._done[digest]
 
     def _judge(self, mutant: Mutant, number: int, digest: str) -> Judgement:
-        seconds, compiled, verdict, by = 0.0, mutant.is_compiled(self.tree.root), Verdict.SURVIVED, ""
+        seconds, compiled, verdict, by = 0.0, mutant.is_compiled(self.tree.copy), Verdict.SURVIVED, ""
         for tests in mutant.tests:
             allowed_s = ALLOWED_TIMES * self._sound(tests).seconds + self.patience_s + COMPILING_S * compiled
             with self.tree.planted(mutant, number):
@@ -70,7 +70,7 @@ class Court:
 
     def _sound(self, tests: str) -> Judgement:
         """The time of tests without a change."""
-        path = self.tree.root / tests.partition("::")[0]
+        path = self.tree.copy / tests.partition("::")[0]
         digest = hashlib.sha256(tests.encode())
         for file in sorted(path.rglob("test_*.py")) if path.is_dir() else [path]:
             digest.update(file.read_bytes())

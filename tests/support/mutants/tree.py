@@ -17,9 +17,8 @@ LEFT_OUT = ("results", "captures", "build", "viewer", ".*")
 
 @dataclass(frozen=True)
 class Tree:
-    """The copy, and the project that it is one of."""
+    """The copy: the project as it was when it was made, whatever is edited since."""
 
-    root: Path
     copy: Path
 
     @classmethod
@@ -38,7 +37,7 @@ class Tree:
             return left_out(folder, names) if Path(folder) == root else set()
 
         shutil.copytree(root, copy, ignore=ignored, dirs_exist_ok=True, symlinks=True)
-        return cls(root, copy)
+        return cls(copy)
 
     @contextmanager
     def planted(self, mutant: Mutant, number: int) -> Iterator[None]:
@@ -49,11 +48,12 @@ class Tree:
             number: of the mutant, from 1 on: the file's time differs by so many seconds from that of the original and
                 of every other mutant, so that nobody takes one's compiled code for the other's.
         """
-        original, target = self.root / mutant.file, self.copy / mutant.file
-        state = original.stat()
-        target.write_text(mutant.planted(self.root))
+        target = self.copy / mutant.file
+        text, state = target.read_bytes(), target.stat()
+        target.write_text(mutant.planted(self.copy))
         os.utime(target, (state.st_atime, state.st_mtime + number))
         try:
             yield
         finally:
-            shutil.copy2(original, target)
+            target.write_bytes(text)
+            os.utime(target, ns=(state.st_atime_ns, state.st_mtime_ns))

@@ -46,3 +46,25 @@ def test_missing_and_wild_observations_are_no_swaps(cameras: list) -> None:
     missing = points.copy()
     missing[1, 7] = np.nan
     assert find_left_right_swaps(cameras, observed, missing, INLIER_PX).shape == (0, 4)
+
+
+def seen_by(camera, points: np.ndarray) -> np.ndarray:
+    """Observations [1, 1, points, 2] of one camera in one frame, without noise."""
+    return camera.undistort(camera.project(points)[0])[None, None]
+
+
+def test_keypoints_that_lie_on_each_other_and_fit_are_left_alone(cameras: list) -> None:
+    """A wrist in front of an elbow: either observation would do for both, and nothing says that they changed places."""
+    points = walk(1).joints[0].copy()
+    points[4] = points[3] + [0.0, 0.01, 0.0]
+    assert find_left_right_swaps(cameras[:1], seen_by(cameras[0], points), points[None], INLIER_PX).shape == (0, 4)
+
+
+def test_keypoint_changes_places_with_the_one_that_fits_it_best(cameras: list) -> None:
+    """3 and 7 are exchanged; 4, a centimetre beside 3, was mistaken for 7 as well, and stays wrong."""
+    points = walk(1).joints[0].copy()
+    points[4] = points[3] + [0.0, 0.01, 0.0]
+    shown = points.copy()
+    shown[3], shown[7], shown[4] = points[7], points[3], points[7] + [0.0, 0.005, 0.0]
+    found = find_left_right_swaps(cameras[:1], seen_by(cameras[0], shown), points[None], INLIER_PX)
+    assert found.tolist() == [[0, 0, 3, 7]]
