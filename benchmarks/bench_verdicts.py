@@ -5,7 +5,8 @@
 
 What each function judges is made directly, so that a capture takes no more than a second. A false alarm: something of a
 sound capture is weak or failed. A miss: of a broken one, what is broken is good. Faults take turns. The table of
-verdicts is written as verdicts.csv and table.md, and put into a page if asked.
+verdicts is written as verdicts.csv, in which rows of verdicts that are measured anew are replaced, and as table.md, and
+put into a page if asked.
 """
 
 from __future__ import annotations
@@ -64,11 +65,13 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="page of docs that the table is put into")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
-    rows = []
+    table = asked.out / "verdicts.csv"
+    found = {row["verdict"]: row for row in pd.read_csv(table).to_dict("records")} if table.exists() else {}
     for name in asked.verdicts:
-        rows.append(measure(name, asked.captures))
-        print(*rows[-1].values(), sep=" | ", flush=True)
-        pd.DataFrame(rows).to_csv(asked.out / "verdicts.csv", index=False)
+        found[name] = measure(name, asked.captures)
+        print(*found[name].values(), sep=" | ", flush=True)
+        rows = [found[each] for each in JUDGED if each in found]
+        pd.DataFrame(rows).to_csv(table, index=False)
     (asked.out / "table.md").write_text(as_markdown(rows))
     if asked.page:
         head, rest = asked.page.read_text().split(BEGIN)

@@ -14,7 +14,7 @@ from pipeline.geometry.cameras import Camera
 from pipeline.geometry.rigid_alignment import align_rigid
 from tests.support.rigs.cameras import look_at
 
-RADIUS_M, BALLS, LIGHTS = 0.18, 3, 8
+RADIUS_M, BALLS, LIGHTS = 0.18, 6, 8
 UNIT, STAND, OTHER = "radius 10 % wrong", "stand in the outline", "outline of another ball"
 
 
@@ -61,7 +61,7 @@ NAMES, MOVED, DEAD, STRAY = "names of two lights exchanged", "light half a metre
 
 
 def light_alarm(fault: str | None, seed: int) -> bool:
-    """Highlights of eight lights on three balls in four cameras, good to 0.03 px; L0 is the one that is broken."""
+    """Highlights of eight lights on six balls in four cameras, good to 0.03 px; L0 is the one that is broken."""
     rng = np.random.default_rng(seed)
     cameras, places = eyes_around(rng), rng.uniform(-0.25, 0.25, (BALLS, 3))
     lights = rng.normal(size=(LIGHTS, 3))

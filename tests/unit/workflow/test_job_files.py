@@ -190,3 +190,12 @@ def test_comparison_is_of_the_subjects_that_are_named_or_of_all(project):
     assert compared_scores(loaded) == ["results/someone/metrics_per_image.parquet"]
     chosen = load_project({"compare_subjects": {"subjects": ["a", "b"]}}, {}, Path("config/subjects"))
     assert compared_scores(chosen) == [f"results/{name}/metrics_per_image.parquet" for name in ("a", "b")]
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_pictures_beside_captures_wait_for_all_images_there_are(project, beside):
+    """A picture may be of any captured image, whichever split it is in."""
+    loaded = project(relight_avatar={"beside_captured": beside})
+    found = JobFiles(loaded, "someone", chunk="0001").captured_shards()
+    every = [f"results/someone/shards/{split}/0001.arrow" for split in ("train", "validation", "test")]
+    assert found == every * beside
