@@ -5,8 +5,8 @@
 
 What each function judges is made directly, so that a capture takes no more than a second. A false alarm: something of a
 sound capture is weak or failed. A miss: of a broken one, what is broken is good. Faults take turns. The table of
-verdicts is written as verdicts.csv, in which rows of verdicts that are measured anew are replaced, and as table.md, and
-put into a page if asked.
+verdicts is written as verdicts.csv, in which rows of verdicts that are measured anew are replaced, with a page of it
+beside, and put into a page of docs if asked.
 """
 
 from __future__ import annotations
