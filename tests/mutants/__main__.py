@@ -40,6 +40,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/mutants"), help="folder for the table and the copy")
     parser.add_argument("--only", default="", help="mutants whose file or meaning has these letters")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="after which no further mutant is judged")
+    parser.add_argument("--kept", action="store_true", help="judge none: show what earlier runs have judged")
     parser.add_argument("--page", type=Path, help="page of docs that the table is put into")
     parser.add_argument("--patience", type=float, default=ALLOWED_S, help="seconds beyond what tests usually take")
     parser.add_argument("--few-imports", action="store_true", help="the project's tests need no libraries but pytest")
@@ -52,8 +53,11 @@ def main() -> None:
     chosen = [m for m in mutants if m.layer in (asked.layers or [m.layer]) and asked.only in f"{m.file}: {m.meaning}"]
     root, out = asked.root.resolve(), asked.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
-    trial.prepare(() if asked.few_imports else (*LIBRARIES, "hypothesis", "beartype", "jaxtyping", "matplotlib"))
-    found = judge(Court(Tree.made(root, out / "tree"), out, asked.patience), chosen, asked.minutes)
+    trial.prepare(
+        () if asked.few_imports or asked.kept else (*LIBRARIES, "hypothesis", "beartype", "jaxtyping", "matplotlib")
+    )
+    court = Court(Tree.made(root, out / "tree"), out, asked.patience)
+    found = court.kept(chosen) if asked.kept else judge(court, chosen, asked.minutes)
     shutil.rmtree(out / "scratch", ignore_errors=True)
     judgements = [judgement for _, judgement in found]
     (out / "table.md").write_text(records.counted(judgements))

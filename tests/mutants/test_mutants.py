@@ -81,11 +81,11 @@ def out_of(project):
     return project.parent / "out"
 
 
-def run(project, repo_root, *changes, code=0):
+def run(project, repo_root, *changes, options=(), code=0):
     """Plant bugs in the project; what was printed, and the judgements by meaning."""
     (project / "listed/base.yaml").write_text(yaml.safe_dump([ENTRY | change for change in changes]))
     command = [sys.executable, "-m", "tests.mutants", "--root", str(project), "--listed", str(project / "listed")]
-    command += ["--out", str(out_of(project)), "--patience", "3", "--few-imports"]
+    command += ["--out", str(out_of(project)), "--patience", "3", "--few-imports", *options]
     done = subprocess.run(command, cwd=repo_root, capture_output=True, text=True, timeout=300)
     assert done.returncode == code, done.stdout + done.stderr
     found = records.read(out_of(project) / "mutants.csv")
@@ -116,6 +116,8 @@ def test_what_is_judged_is_not_judged_again_until_a_test_changes(project, repo_r
     before = (out_of(project) / "mutants.csv").read_text()
     run(project, repo_root, TWICE, WHOLE, code=1)
     assert (out_of(project) / "mutants.csv").read_text() == before
+    printed, _ = run(project, repo_root, TWICE, WHOLE, ENDLESS, options=["--kept"], code=1)
+    assert "2 of 3 judged" in printed and (out_of(project) / "mutants.csv").read_text() == before
     with open(project / "tests/test_halves.py", "a") as file:
         file.write("\n\ndef test_half_of_five_is_no_whole_number():\n    assert half(5) == 2.5\n")
     _, found = run(project, repo_root, TWICE, WHOLE)

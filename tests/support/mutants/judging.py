@@ -52,6 +52,11 @@ class Court:
                 self._keep(self._judge(mutant, number, digest))
             yield self._done[digest]
 
+    def kept(self, mutants: Sequence[Mutant]) -> list[tuple[Mutant, Judgement]]:
+        """Mutants that have been judged, with their judgements."""
+        digests = [(mutant, mutant.digest(self.tree.copy)) for mutant in mutants]
+        return [(mutant, self._done[digest]) for mutant, digest in digests if digest in self._done]
+
     def _judge(self, mutant: Mutant, number: int, digest: str) -> Judgement:
         seconds, compiled, verdict, by = 0.0, mutant.is_compiled(self.tree.copy), Verdict.SURVIVED, ""
         for tests in mutant.tests:
