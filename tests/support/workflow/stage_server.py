@@ -24,6 +24,8 @@ import traceback
 from pathlib import Path
 
 if __name__ != "__main__":  # The process itself traces nothing.
+    import psutil
+
     from tests.support.network.system_calls import traced
 
 LIBRARIES = (
@@ -73,7 +75,10 @@ class StageServer:
         return self._process.pid
 
     def __exit__(self, *_: object) -> None:
-        self._process.terminate()
+        # strace heeds no signal as long as what it traces runs; what it started ends, and so does it.
+        own = psutil.Process(self._process.pid)
+        for process in [own] if self._trace is None else own.children():
+            process.terminate()
         self._process.wait()
         self._folder.cleanup()
 
