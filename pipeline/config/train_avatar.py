@@ -38,7 +38,7 @@ class TrainAvatar(Settings):
     Loss weights are those of RFGCA 17-18 and its Appendix B, or RGCA 11-15 where named.
     """
 
-    steps: int = Field(1200, ge=1, description="Optimisation steps [steps]")
+    steps: int = Field(1500, ge=1, description="Optimisation steps [steps]")
     cameras_per_step: int = Field(2, ge=1, description="Images of each frame in a step [images]")
     frames_per_step: int = Field(
         1, ge=1, description="Frames whose gradients are averaged in each step, each with its cameras_per_step [frames]"
