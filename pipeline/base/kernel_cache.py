@@ -20,7 +20,10 @@ log = logging.getLogger(__name__)
 FAST_MATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
 """fastmath without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
 
-SOURCES = ("*_kernels.py", "kernel_cache.py", "float_lanes.py", "splat_conventions.py", "vector_intrinsics.py")
+SOURCES = (
+    "*_kernels.py", "kernel_cache.py", "float_lanes.py", "splat_conventions.py", "vector_intrinsics.py",
+    "volume_conventions.py",
+)  # fmt: skip
 
 
 @cache

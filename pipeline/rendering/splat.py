@@ -26,7 +26,7 @@ from pipeline.rendering.splat_conventions import MIN_DILATION_PX2, Splatted
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, check_splat_arguments
 from pipeline.rendering.tile_kernels import depth_order, list_tiles
 
-_ONE_AT_A_TIME = threading.Lock()
+ONE_AT_A_TIME = threading.Lock()
 """numba's `workqueue` layer, the only one on some machines, aborts when two Python threads enter parallel regions."""
 
 
@@ -80,7 +80,7 @@ class _Splat(torch.autograd.Function):
         tiles_across, tiles_down = -(-width // TILE), -(-height // TILE)
         footprints, depths = np.zeros((count, FOOTPRINT_COLUMNS)), np.zeros(count)
         tiles = np.empty((count, 4), np.int32)
-        with _ONE_AT_A_TIME:
+        with ONE_AT_A_TIME:
             project(*gaussians, *view, compensate, near, footprints, depths, tiles)
             tile_start, entries, slot_start = list_tiles(
                 depth_order(depths, tiles[:, 1] >= tiles[:, 0]), tiles, tiles_across, tiles_down
@@ -110,7 +110,7 @@ class _Splat(torch.autograd.Function):
         gradients.append(np.zeros((len(channels), channels.shape[1] - 1), np.float32))
         slots = np.zeros((slot_start[-1], channels.shape[1] + MOMENT_COLUMNS), np.float32)
         incoming = (a.contiguous().numpy() for a in (grad_features, grad_depth, grad_alpha))
-        with _ONE_AT_A_TIME:
+        with ONE_AT_A_TIME:
             blend_backward(*ctx.lists, tiles, slot_start, *ctx.pixels, *incoming, slots)
             project_backward(*ctx.gaussians, *ctx.view, ctx.compensate, footprints, slot_start, slots, *gradients)
         return *(torch.from_numpy(a) for a in gradients), None, None, None, None
