@@ -29,13 +29,14 @@ from pipeline.avatar.appearance.zonal_transfer import ZonalTransfer
 from pipeline.avatar.frames.light_fields import FarField, LightField, NearField
 from pipeline.avatar.geometry.gaussians_on_texels import GaussiansInHead, GaussiansOnTexels
 from pipeline.avatar.geometry.primitives import Primitives
+from pipeline.avatar.geometry.volumes_on_texels import VolumesOnTexels
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_store import TexelStore
 
 START_ALBEDO = 0.4
 
 PRIMITIVES: dict[str, type[Primitives]] = {
-    "gaussians": GaussiansOnTexels, "gaussians_in_head": GaussiansInHead
+    "gaussians": GaussiansOnTexels, "gaussians_in_head": GaussiansInHead, "volumes": VolumesOnTexels
 }  # fmt: skip
 
 DIFFUSE: dict[str, type[DiffuseModel]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from itertools import accumulate
 
 import numpy as np
 import torch
@@ -56,8 +57,11 @@ class IntrinsicLayers:
 def intrinsic_layers(avatar: Avatar, frame: PreparedFrame, camera: CameraView) -> IntrinsicLayers:
     """Blend the layers of a prepared frame for one camera."""
     shown, layers = of_texels(avatar, frame, camera.center), avatar.layers(frame, camera.center)
-    picture = avatar.draw(frame, torch.cat([*shown.values(), layers.stacked()], -1), camera)
     widths = [values.shape[-1] for values in shown.values()]
+    starts = dict(zip(shown, accumulate(widths, initial=0), strict=False))
+    colors = [starts[name] for name in ("albedo", "diffuse", "indirect") if name in starts]
+    colors += [sum(widths) + first for first in layers.colors()]
+    picture = avatar.draw(frame, torch.cat([*shown.values(), layers.stacked()], -1), camera, colors)
     *parts, rest = picture.features.split([*widths, picture.features.shape[-1] - sum(widths)], -1)
     blended = dict(zip(shown, parts, strict=True))
 

@@ -8,7 +8,7 @@ The parts are listed in `pipeline.avatar.build`.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -70,7 +70,8 @@ class Avatar(TexelStore):
         self.spec, self.networks, self.eyes = spec, None, None
         self.built, self.fitted_eyes = build_parts(self, spec), dict(eyes or {})
         if spec.decoded:
-            build = partial(HeadNetworks, eyes=eyes or {}) if spec.head else BodyNetworks
+            boxes = self.built.primitives.network_atlas
+            build = partial(HeadNetworks, eyes=eyes or {}, boxes=boxes) if spec.head else BodyNetworks
             self.networks = build(atlas, spec, self.shared(), float(spacing.mean()))
         if spec.eyes:
             self.eyes = Eyes(atlas, eyes or {}, self.log_scale.detach().exp())
@@ -138,22 +139,28 @@ class Avatar(TexelStore):
     def view(self, frame: PreparedFrame, camera: CameraView) -> Picture:
         """Show a prepared frame to one camera."""
         layers = self.layers(frame, camera.center)
-        picture = self.draw(frame, layers.stacked(), camera)
+        picture = self.draw(frame, layers.stacked(), camera, layers.colors())
         images = layers.images(picture.features)
         rgb, of_eyes = self.shade_pixels(images, picture, frame, camera), None
         if self.eyes is not None and self.eyes.decoders is not None and layers.mirrors is not None:
             of_eyes = layers.mirrors[self.eyes.chosen, 0]
         return Picture(rgb, picture.alpha, images.normal, of_eyes)
 
-    def draw(self, frame: PreparedFrame, features: Float[Tensor, "texels channels"], camera: CameraView) -> Splatted:
-        """Blend features of the primitives, by default of those that face the camera (RFGCA 2)."""
+    def draw(
+        self, frame: PreparedFrame, features: Float[Tensor, "texels channels"], camera: CameraView,
+        colors: Collection[int] = (0,),
+    ) -> Splatted:  # fmt: skip
+        """Blend features of the primitives, by default of those that face the camera (RFGCA 2).
+
+        Colours begin at the channels `colors`.
+        """
         gaussians = frame.gaussians
-        if self.spec.cull_backs:
+        if self.spec.culls:
             # A closed surface hides its far side; thin Gaussians would let it shine through the gaps.
             toward = camera.center - gaussians.means.detach()
             facing = (frame.surface.posed.normals * toward).sum(-1) > 0
             gaussians = replace(gaussians, opacities=gaussians.opacities * facing)
-        return self.built.primitives.draw(gaussians, features, camera)
+        return self.built.primitives.draw(gaussians, features, camera, colors)
 
     def viewed(self, frame: PreparedFrame, center: Float[Tensor, "3"]) -> ViewedParameters:
         """Parameters of texels as a camera at `center` sees them (RFGCA 14, RGCA 9, 10)."""

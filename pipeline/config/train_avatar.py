@@ -27,6 +27,7 @@ CodeStart = Literal["components", "random"]
 TexelFrame = Literal["tangent", "head"]
 Bound = Literal["log", "paper"]
 EyeParameters = Literal["texels", "decoded"]
+Geometry = Literal["gaussians", "volumes"]
 Lids = Literal["traced", "learned"]
 LossSpace = Literal["srgb", "linear"]
 LossMean = Literal["subject", "picture"]
@@ -74,6 +75,13 @@ class TrainAvatar(Settings):
         description="body (RFGCA): texels turn with the limbs; head (RGCA): a latent code of vertices and mean texture "
         "changes all texels, light is unturned SH of the head's frame; auto: what the capture is of",
     )
+    geometry: Geometry = Field(
+        "gaussians",
+        description="What is drawn: a Gaussian on each texel, or, for heads, boxes of voxels on patches of texels "
+        "(MVP, rows F, G and H of RGCA), which have no explicit eyes",
+    )
+    box_voxels: int = Field(8, ge=2, le=32, description="Volumes: voxels along each side of a box [voxels]")
+    ray_step_m: float = Field(1e-3, gt=0, description="Volumes: way between two samples of a ray [m]")
     shading: Literal["auto", "transfer", "harmonics", "microfacet", "combined", "linear"] = Field(
         "auto",
         description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH (RGCA 5), Lambert and "
@@ -249,6 +257,11 @@ class TrainAvatar(Settings):
     weight_normal_orient: float = Field(
         0.0, ge=0, description="Weight of blended normals that face away from the camera (lambda_normal_orient)"
     )
+    weight_volume: float = Field(
+        0.01,
+        ge=0,
+        description="Volumes: weight of the boxes' half sizes, multiplied and summed, in quarters of a metre",
+    )
     weight_size: float = Field(0.0, ge=0, description="Weight of the L1 of Gaussian scales (L_scale) [1/m]")
     weight_alpha_sparsity: float = Field(
         0.0, ge=0, description="Weight of the L1 between alpha and the nearer of 0 and 1 (lambda_alpha_sparsity)"
@@ -318,6 +331,8 @@ class TrainAvatar(Settings):
             for name in ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
             if getattr(self, name) == "auto"
         }
+        if self.eyes == "auto" and self.geometry == "volumes":
+            modes["eyes"] = "off"
         if self.normals == "auto":
             modes["normals"] = "viewed" if avatar == "head" else "learned"
         if self.highlight == "auto":
@@ -350,6 +365,19 @@ class TrainAvatar(Settings):
     def _lids_are_learned_by_decoders(self) -> TrainAvatar:
         if self.lids == "learned" and self.eye_parameters != "decoded":
             raise ValueError("lids: learned: expected eye_parameters: decoded, which learn them, found texels")
+        return self
+
+    @model_validator(mode="after")
+    def _volumes_stand_on_skin_in_tangent_frames(self) -> TrainAvatar:
+        needed = {"eyes": "off", "texel_frame": "tangent"} if self.geometry == "volumes" else {}
+        for name, value in needed.items():
+            found = getattr(self, name)
+            if found not in (value, "auto"):
+                raise ValueError(f"geometry: volumes: expected {name}: {value}, which boxes have, found {found}")
+        if self.geometry == "volumes" and self.depth == "median":
+            raise ValueError(
+                "geometry: volumes: expected depth: traced, normalised or expected, found median: rays have no median"
+            )
         return self
 
     @model_validator(mode="after")

@@ -7,7 +7,7 @@ One Gaussian stands on each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -82,6 +82,11 @@ class Atlas:
             name: a.to(device, torch.float32 if a.is_floating_point() else torch.int64) for name, a in arrays.items()
         }
         return Atlas(self.size, **tensors)
+
+    def chosen(self, texels: Int64[np.ndarray, " chosen"]) -> Atlas:
+        """The same template with these of the texels alone."""
+        of_texels = [name for name, shape in FIELD_SHAPES.items() if shape[0] == "t"]
+        return replace(self, **{name: getattr(self, name)[texels] for name in of_texels})
 
     def to_map(self, values: Array, outside: float = 0.0) -> Array:
         """Spread values per texel [..., T] over the map [..., size, size].

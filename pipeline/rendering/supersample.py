@@ -1,8 +1,12 @@
-"""Splatting at a multiple of the resolution, then filtering down. Less blur than a wide dilation, less aliasing."""
+"""Rendering at a multiple of the resolution, then filtering down.
+
+Less blur than a wide dilation, less aliasing.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -40,16 +44,25 @@ def splat_supersampled(
     Raises:
         ValueError: for a factor below 1 or an unknown filter, and what `splat` raises.
     """
+    return supersampled(lambda large: splat(gaussians, features, large, options), view, sampling)
+
+
+def supersampled(render: Callable[[CameraView], Splatted], view: CameraView, sampling: Supersampling) -> Splatted:
+    """Render at a multiple of the resolution and filter down.
+
+    Raises:
+        ValueError: for a factor below 1 or an unknown filter, and what `render` raises.
+    """
     factor, std_px, K = sampling.factor, sampling.filter_std_px, view.K
     if factor < 1 or sampling.filter not in ("box", "gaussian") or not std_px > 0:
         found = f"{factor}, {sampling.filter!r}, {std_px}"
         raise ValueError(f"expected factor >= 1, filter 'box' or 'gaussian', filter_std_px > 0, found {found}")
-    weights = (_box(factor) if sampling.filter == "box" else _gaussian(factor, std_px)).to(features.device)
+    weights = (_box(factor) if sampling.filter == "box" else _gaussian(factor, std_px)).to(K.device)
     margin = (len(weights) - factor) // 2
     scaled = K.detach().double() * K.new_tensor([[factor], [factor], [1.0]], dtype=torch.float64)
     scaled[:2, 2] += margin
     width, height = view.width * factor + 2 * margin, view.height * factor + 2 * margin
-    large = splat(gaussians, features, CameraView(view.R, view.t, scaled, width, height), options)
+    large = render(CameraView(view.R, view.t, scaled, width, height))
     stacked = torch.cat([large.features, large.alpha[..., None], large.depth[..., None]], dim=2)
     small = filter_down(stacked, weights, factor)
     return Splatted(small[..., :-2], small[..., -2], small[..., -1])

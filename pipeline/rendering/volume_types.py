@@ -64,6 +64,18 @@ class Volumes:
         return torch.where(drawn[:, :, None], inverse, torch.zeros_like(inverse))
 
 
+@dataclass(frozen=True)
+class AnchoredVolumes:
+    """Boxes, and the points at which what their columns show is evaluated.
+
+    Attributes:
+        means: metres.
+    """
+
+    volumes: Volumes
+    means: Float[Tensor, "texels 3"]
+
+
 def check_march_arguments(
     volumes: Volumes, features: Tensor, tinted: tuple[int, ...], view: CameraView, step_m: float
 ) -> None:

@@ -91,16 +91,22 @@ def run(
     if "usd" in settings.formats:
         require_usd()
     loaded, records = load_avatar(avatar, atlas), read_frame_shards([frames or shards / "frames"])
+    splats = sorted(splat_writers(settings))
+    if splats and loaded.avatar.spec.volumes:
+        raise InputError(
+            f"{avatar}/config.json: spec: geometry: expected gaussians for {', '.join(splats)}, found volumes; export "
+            "another variant, or set export_avatar.formats to mesh, stage and usd"
+        )
     if not len(records):
         raise InputError(f"{shards}/frames: expected at least one frame, found none; run pack_shards again")
     numbers, fps = sorted(records), float(read_json(index / "capture.json")["fps"])
     animated = spread(numbers, settings.animation_frames)
     known, named = read_cameras(cameras), read_named_lights(lights, patterns)
     with written_folder(out, "export_avatar") as folder:
-        for number in progress(spread(numbers, settings.splat_frames), "frames"):
-            splats = splats_of(prepared(loaded, records[number]), settings.exposure)
+        for number in progress(spread(numbers, settings.splat_frames) if splats else [], "frames"):
+            shown = splats_of(prepared(loaded, records[number]), settings.exposure)
             for name, write in splat_writers(settings).items():
-                write(folder / f"splats/{number:06d}.{name}", splats)
+                write(folder / f"splats/{number:06d}.{name}", shown)
         if "mesh" in settings.formats:
             surface = prepared(loaded, records[numbers[0]]).surface
             axes, normals = (tensor.cpu().numpy() for tensor in (surface.posed.tangent_frames, surface.bent_normals))

@@ -85,6 +85,9 @@ def run(
     beside = captured_panel(shards, settings)
     if settings.exr_layers and settings.stills not in ("exr", "both"):
         raise InputError(f"--exr-layers: expected --stills exr or both, found {settings.stills}")
+    has_splats = not relighter.avatar.spec.volumes
+    if settings.splats != "none" and not has_splats:
+        log.info("no splats: the avatar's geometry is volumes")
     if environment is None:
         middle = sequence.middle() if settings.light_turns else np.zeros(3)
         light = ListedLights(relighter, read_light_list(lights), middle, settings.light_turns, sequence.pictures)
@@ -98,7 +101,7 @@ def run(
             codes.append(signal.code)
             if signal is not driven or not light.still:
                 driven, shaded = signal, light.frame(signal, picture)
-            if settings.splats == "all" or (settings.splats == "first" and picture == 0):
+            if has_splats and (settings.splats == "all" or (settings.splats == "first" and picture == 0)):
                 write_splats(folder / f"splats/{picture:06d}.ply", splats_of(shaded, settings.exposure))
             camera = path[picture]
             rgb, alpha = (tensor.cpu().numpy() for tensor in relighter.view(shaded, camera))

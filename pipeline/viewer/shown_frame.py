@@ -59,6 +59,8 @@ def require_analytic(spec: AvatarSpec, name: str) -> None:
     Raises:
         InputError: naming what the page cannot compute.
     """
+    if spec.volumes:
+        raise InputError(f"{name}: spec: geometry: expected gaussians, which a page can draw, found volumes")
     if spec.shading != "microfacet" or spec.shadow_net or spec.indirect == "ambient":
         raise InputError(
             f"{name}: spec: expected Lambert and GGX with traced shadows and one bounce or none, which a page can "

@@ -9,7 +9,7 @@ import torch
 
 from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS, ROUGHNESS_BOUNDS, SMALLEST_VALUE, outside
 from pipeline.avatar.networks.shadow_net import SHARE_CEILING, SHARE_FLOOR, ShadowNet
-from pipeline.avatar.training.losses import SCALE_BOUNDS_M
+from pipeline.avatar.training.shape_losses import SCALE_BOUNDS_M
 from pipeline.geometry.texels import Atlas
 from tests.support.results.hard_case import HardCase, worst
 

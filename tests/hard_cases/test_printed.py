@@ -19,7 +19,7 @@ from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.intrinsic_layers import traced_shadow
 from pipeline.avatar.networks.gaze_features import GazeFeatures
 from pipeline.avatar.networks.shadow_net import ShadowNet
-from pipeline.avatar.training.losses import SCALE_BOUNDS_M
+from pipeline.avatar.training.shape_losses import SCALE_BOUNDS_M
 from pipeline.eyes.eye_shape import turn_to
 from pipeline.lighting.environment_sh import spherical_harmonics, turned_light
 from pipeline.lighting.lobes import LOBE_CONSTANT

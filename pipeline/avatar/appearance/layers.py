@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from itertools import accumulate
 
 import torch
 from jaxtyping import Float
@@ -39,6 +40,12 @@ class Layers:
     def stacked(self) -> Float[Tensor, "*n channels"]:
         """All layers beside each other."""
         return torch.cat(list(self.named().values()), -1)
+
+    def colors(self) -> tuple[int, ...]:
+        """Channels of the stack at which what is linear RGB begins."""
+        widths = {name: layer.shape[-1] for name, layer in self.named().items()}
+        starts = dict(zip(widths, accumulate(widths.values(), initial=0), strict=False))
+        return tuple(starts[name] for name in ("color", "indirect") if name in starts)
 
     def images(self, blended: Float[Tensor, "h w channels"]) -> Layers:
         """The same layers as images, from their stack once it is blended."""

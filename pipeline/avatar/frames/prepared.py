@@ -14,6 +14,7 @@ from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.lighting.lobes import mirror_direction, unit
 from pipeline.lighting.visibility import Occluders
 from pipeline.rendering.splat_types import Gaussians
+from pipeline.rendering.volume_types import AnchoredVolumes
 
 LARGEST_LOG_VARIANCE = 20.0
 """Standard deviations stay below 2e4, five orders above those of a standard normal, and finite in float32."""
@@ -137,13 +138,13 @@ class Surface:
     """Primitives of a frame, placed.
 
     Attributes:
-        gaussians: as they are drawn.
-        axes: R_k, their rotation matrices (RFGCA 6).
+        gaussians: as they are drawn; or boxes of voxels in their place.
+        axes: R_k, rotation matrices of each texel's (RFGCA 6).
         posed: their anchors.
         bent_normals: unit normals for shading.
     """
 
-    gaussians: Gaussians
+    gaussians: Gaussians | AnchoredVolumes
     axes: Float[Tensor, "texels 3 3"]
     posed: PosedTexels
     bent_normals: Float[Tensor, "texels 3"]
@@ -183,8 +184,8 @@ class PreparedFrame:
     eyes: PosedEyes | None = None
 
     @property
-    def gaussians(self) -> Gaussians:
-        """The Gaussians as they are drawn."""
+    def gaussians(self) -> Gaussians | AnchoredVolumes:
+        """The Gaussians as they are drawn, or boxes in their place."""
         return self.surface.gaussians
 
     @property

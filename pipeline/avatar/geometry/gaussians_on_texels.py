@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -47,9 +49,12 @@ class GaussiansOnTexels(Primitives):
         means = posed.points + (posed.tangent_frames @ parameters.offset[..., None])[..., 0]
         return Gaussians(means, quaternions, parameters.log_scale.exp(), torch.sigmoid(parameters.opacity)), axes
 
-    def draw(self, gaussians: Gaussians, features: Float[Tensor, "texels d"], camera: CameraView) -> Splatted:
-        """Splat, supersampled."""
-        return splat_supersampled(gaussians, features, camera, self.options, self.sampling)
+    def draw(
+        self, primitives: Gaussians, features: Float[Tensor, "texels d"], camera: CameraView,
+        colors: Collection[int] = (0,),
+    ) -> Splatted:  # fmt: skip
+        """Splat, supersampled; all channels alike."""
+        return splat_supersampled(primitives, features, camera, self.options, self.sampling)
 
 
 class GaussiansInHead(GaussiansOnTexels):

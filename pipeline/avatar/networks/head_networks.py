@@ -15,7 +15,7 @@ All that D_ci and D_cv add starts at zero.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -32,7 +32,7 @@ from pipeline.avatar.networks.light_linear import LightLinearDecoder
 from pipeline.avatar.networks.pose_encoder import linear
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
-from pipeline.avatar.texels.texel_parameters import EXPRESSED, TexelParameters
+from pipeline.avatar.texels.texel_parameters import EXPRESSED, PLACED, TexelParameters
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment_sh import COEFFICIENTS
@@ -54,20 +54,24 @@ class HeadNetworks(nn.Module):
         parameters: their own, by name, that a code may change.
         spacing_m: a texel's size, see `pipeline.avatar.networks.body_networks`.
         eyes: of eyes.json, by name, for `gaze_features`.
+        boxes: the texels that boxes stand on, whose places are decoded there; None: a Gaussian stands on each texel.
     """
 
     def __init__(
         self, atlas: Atlas, spec: AvatarSpec, parameters: TexelParameters, spacing_m: float,
-        eyes: Mapping[str, FittedEye] = MappingProxyType({}),
+        eyes: Mapping[str, FittedEye] = MappingProxyType({}), boxes: Atlas | None = None,
     ) -> None:  # fmt: skip
         super().__init__()
         self.atlas, self.anchors, self.texel_frame = atlas, spec.anchors, spec.texel_frame
         self.gaze = GazeFeatures(atlas, eyes) if spec.gaze_features else None
         looks = GAZE_CHANNELS if spec.gaze_features else 0
         self.expression = Expression(atlas, spec)
-        sizes, expressed = (atlas, spec.code_size, spec.decoder_channels), parameters.named(EXPRESSED)
-        bounds = {name: math.log(LARGEST_FACTOR) for name in ("log_scale", "log_roughness") if name in expressed}
-        self.decoder = PoseDecoder(*sizes, expressed, {"offset": spacing_m}, bounds, looks)
+        sizes, network = (atlas, spec.code_size, spec.decoder_channels), (spec.code_size, spec.decoder_channels)
+        names = [name for name in EXPRESSED if boxes is None or name not in PLACED]
+        self.decoder = PoseDecoder(*sizes, *additions(parameters, names, spacing_m), looks)
+        self.places = None
+        if boxes is not None:
+            self.places = PoseDecoder(boxes, *network, *additions(parameters, PLACED, spacing_m), looks)
         self.outputs = view_outputs(spec)
         if self.outputs:
             self.direction = linear(3, VIEW_FEATURES)
@@ -99,6 +103,8 @@ class HeadNetworks(nn.Module):
         gaze = None if self.gaze is None else self.gaze.of_frame(inputs)
         head = HeadState(code, latent, self.expression.vertices(code), inputs.head_from_world, gaze)
         parameters = parameters.plus(self.decoder(code, gaze))
+        if self.places is not None:
+            parameters = parameters.plus(self.places(code, gaze))
         return Decoded(parameters, self.place(head, inputs), head=head)
 
     def encode(self, inputs: FrameInputs) -> Latent:
@@ -149,6 +155,15 @@ class HeadNetworks(nn.Module):
         toward = unit(motion[:, :3] @ center + motion[:, 3] - self.expression.middle.mean(0))
         view = self.direction(toward)[:, None, None].expand(-1, FIRST_SIDE, FIRST_SIDE)
         return view if head.gaze is None else torch.cat([head.gaze, view])
+
+
+def additions(
+    parameters: TexelParameters, names: Collection[str], spacing_m: float
+) -> tuple[dict[str, Tensor], dict[str, float], dict[str, float]]:
+    """Parameters of these names, units and bounds of what is added to them; see `Additions`."""
+    expressed = parameters.named(names)
+    bounds = {name: math.log(LARGEST_FACTOR) for name in ("log_scale", "log_roughness") if name in expressed}
+    return expressed, {"offset": spacing_m}, bounds
 
 
 def view_outputs(spec: AvatarSpec) -> dict[str, int]:

@@ -28,6 +28,7 @@ from pipeline.avatar.intrinsic_layers import intrinsic_layers
 from pipeline.avatar.relighting.driving_signal import DrivingSignal, as_signal
 from pipeline.avatar.relighting.sky_lobe import under_sky, works_under_sky
 from pipeline.avatar.training.checkpoint import LoadedAvatar, camera_view
+from pipeline.base.errors import InputError
 from pipeline.base.seeds import generator_for
 from pipeline.capture.records import FrameRecord
 from pipeline.config.trace_irradiance import TraceIrradiance
@@ -41,6 +42,7 @@ from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
 from pipeline.lighting.irradiance import LUMINANCE
 from pipeline.lighting.point_lights import PointLights
 from pipeline.rendering.splat_ply import Splats
+from pipeline.rendering.splat_types import Gaussians
 
 EXPRESSED_SPREAD = 1.5
 """How much rougher and smoother than at rest an expression may make a head before its panoramas run out; beyond, the
@@ -202,7 +204,13 @@ def view_independent_color(frame: PreparedFrame) -> Float[Tensor, "texels 3"]:
 
 
 def splats_of(frame: PreparedFrame, exposure: float) -> Splats:
-    """The frame's Gaussians with the colour that all sides share."""
+    """The frame's Gaussians with the colour that all sides share.
+
+    Raises:
+        InputError: for an avatar of volumes, which has none.
+    """
     rgb, gaussians = exposure * view_independent_color(frame), frame.gaussians
+    if not isinstance(gaussians, Gaussians):
+        raise InputError("expected an avatar of Gaussians, found geometry: volumes, which has no splats to write")
     shapes = (gaussians.opacities, gaussians.scales, gaussians.quaternions)
     return Splats(gaussians.means, frame.surface.posed.normals, rgb, *shapes)

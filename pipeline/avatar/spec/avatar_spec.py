@@ -12,6 +12,7 @@ from pipeline.config.train_avatar import (
     DepthSource,
     EyeParameters,
     Fresnel,
+    Geometry,
     Highlight,
     Kind,
     Lids,
@@ -63,6 +64,8 @@ class AvatarSpec:
         gaze_features: a head's decoders see where the eyes look (RGCA 3, 9).
         eye_parameters: of eyes: one value per "texels", or "decoded" for gaze, head and view (RGCA 10).
         lids: what they hide from eyes: "traced", or "learned" by the eyes' decoders.
+        geometry: "gaussians" on all texels, or "volumes", boxes of voxels on patches of them (Lombardi et al. 2021).
+        box_voxels, ray_step_m: of these, voxels along each side of a box, and the way between samples of a ray.
         eye_channels: of the map between each two layers of those; n of them end at 8 * 2^n texels a side.
         shadow_input: what the shadow network reads: the "cosine" visibility, too, or the "irradiance" alone.
         shadow_levels: times that the shadow network halves its map.
@@ -120,6 +123,9 @@ class AvatarSpec:
     eye_channels: tuple[int, ...] = (16, 8)
     shadow_input: ShadowInput = "cosine"
     shadow_levels: int = 0
+    geometry: Geometry = "gaussians"
+    box_voxels: int = 8
+    ray_step_m: float = 1e-3
 
     @property
     def degrees(self) -> int:
@@ -142,7 +148,19 @@ class AvatarSpec:
     @property
     def primitives(self) -> str:
         """Name of the primitives that stand on texels."""
+        if self.volumes:
+            return "volumes"
         return "gaussians_in_head" if self.texel_frame == "head" else "gaussians"
+
+    @property
+    def volumes(self) -> bool:
+        """Boxes of voxels stand in the place of Gaussians."""
+        return self.geometry == "volumes"
+
+    @property
+    def culls(self) -> bool:
+        """Gaussians that face away are left out; boxes hide them by themselves."""
+        return self.cull_backs and not self.volumes
 
     @property
     def lobe(self) -> bool:
@@ -228,6 +246,8 @@ class AvatarSpec:
             parts.append(INDIRECT_WORDS[self.indirect])
         if not self.near_field:
             parts.append("distant lights")
+        if self.volumes:
+            parts.append("volumetric primitives")
         if self.eyes:
             parts.append("explicit eyes")
         if self.gaze_features:

@@ -77,6 +77,8 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "weight_normal_orient": spec.pixel_depth is not None,
     }
     readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels"), spec.decoded)
+    readers |= dict.fromkeys(("box_voxels", "ray_step_m", "weight_volume"), spec.volumes)
+    readers |= dict.fromkeys(("dilation_px2", "compensate_opacity", "cull_backs", "weight_size"), not spec.volumes)
     readers |= dict.fromkeys(("shadow_input", "shadow_levels"), spec.shadow_net)
     readers |= dict.fromkeys(("anchors", "code_start", "weight_geometry", "weight_kl"), spec.head)
     readers["eye_parameters"] = spec.eyes
@@ -97,6 +99,7 @@ def require_parts(decided: TrainAvatar) -> None:
         "highlight: harmonics": decided.highlight == "harmonics",
         "normals: viewed": decided.normals == "viewed",
         "texel_frame: head": decided.texel_frame == "head",
+        "geometry: volumes": decided.geometry == "volumes",
     }
     if decided.avatar == "body" and any(asked.values()):
         found = ", ".join(name for name, is_asked in asked.items() if is_asked)

@@ -11,6 +11,9 @@ from torch import Tensor
 POSED = ("offset", "rotation", "log_scale", "opacity", "transfer_color", "transfer_mono", "normal_offset")
 """Parameters of a texel that a pose may change (RFGCA 4), if the avatar has them; albedo and roughness never do."""
 
+PLACED = ("offset", "rotation", "log_scale")
+"""Parameters of primitives, of which boxes have fewer than there are texels."""
+
 EXPRESSED = (*POSED, "log_roughness")
 """Parameters that an expression may change (RGCA 3, 9)."""
 
@@ -22,19 +25,19 @@ class TexelParameters:
     Their own, plus what networks add; None where an avatar has none.
 
     Attributes:
-        offset: of the Gaussian from its anchor, in the tangent frame, metres (RFGCA 5).
-        rotation: quaternion of the Gaussian in the tangent frame (RFGCA 6).
-        log_scale: logarithms of the standard deviations, metres.
-        opacity: logits.
+        offset: of the primitive from its anchor, in the tangent frame, metres (RFGCA 5). Gaussians: one on each texel.
+        rotation: quaternion of the primitive in the tangent frame (RFGCA 6).
+        log_scale: logarithms of the standard deviations, metres; of boxes, of the half sizes.
+        opacity: logits; of boxes, densities of a texel's layers before softplus.
         transfer_color, transfer_mono: coefficients of the diffuse transfer; see `pipeline.avatar.appearance.transfer`.
         normal_offset: dn of the shading normal (RFGCA 10, RGCA 9).
         log_roughness: logarithm of the specular lobe's width, radians.
     """
 
-    offset: Float[Tensor, "texels 3"]
-    rotation: Float[Tensor, "texels 4"]
-    log_scale: Float[Tensor, "texels 3"]
-    opacity: Float[Tensor, " texels"]
+    offset: Float[Tensor, "primitives 3"]
+    rotation: Float[Tensor, "primitives 4"]
+    log_scale: Float[Tensor, "primitives 3"]
+    opacity: Float[Tensor, "texels *layers"]
     transfer_color: Float[Tensor, "texels *color"] | None = None
     transfer_mono: Float[Tensor, "texels *mono"] | None = None
     normal_offset: Float[Tensor, "texels 3"] | None = None

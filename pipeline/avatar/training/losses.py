@@ -13,9 +13,10 @@ from pipeline.avatar.appearance.penalties import negative, outside, outside_as_p
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar, Picture
 from pipeline.avatar.training.head_losses import structural_dissimilarity
+from pipeline.avatar.training.shape_losses import shape_terms
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
-from pipeline.config.train_avatar import Bound, Edges, LossMean, LossSpace, TrainAvatar
+from pipeline.config.train_avatar import Edges, LossMean, LossSpace, TrainAvatar
 from pipeline.lighting.lobes import unit
 from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
 from pipeline.metrics.lpips import Lpips, open_lpips
@@ -24,9 +25,6 @@ from pipeline.rendering.splat_types import CameraView
 
 SMOOTH = ("albedo", "normal_offset", "log_gloss", "log_ggx_width")
 """Parameters that hardly change from a texel to the next, unless pictures say so."""
-
-SCALE_BOUNDS_M = (1e-4, 1e-2)
-"""Bounds of Gaussian scales (RFGCA Appendix B)."""
 
 
 def per_pixel(summed: Float[Tensor, ""], mask: Float[Tensor, "h w"], mean: LossMean) -> Float[Tensor, ""]:
@@ -163,18 +161,6 @@ def reconstruction(
     return terms
 
 
-def scales_outside(avatar: Avatar, scales_m: Float[Tensor, "texels 3"], bound: Bound) -> Float[Tensor, ""]:
-    """Scales outside of their bounds.
-
-    As printed in metres for bodies (RFGCA B.2), in millimetres for heads (RGCA 14).
-    """
-    low, high = SCALE_BOUNDS_M
-    if bound == "log":
-        return outside(scales_m, low, high)
-    unit_m = 1e-3 if avatar.spec.head else 1.0
-    return outside_as_printed(scales_m / unit_m, low / unit_m, high / unit_m)
-
-
 def normal_weight(weights: TrainAvatar, step: int) -> float:
     """Weight of the squared normal offset after `step` steps. Falls to zero in a straight line (Appendix B)."""
     if not weights.normal_steps:
@@ -190,17 +176,14 @@ def regularization(
     `images`: number of those that the avatar is trained on. Reconstruction is a mean over them, so a prior on
     parameters that all share (the smoothness) is divided by their number.
     """
-    size = avatar.spacing.mean(-1, keepdim=True) if weights.offset_unit == "texel" else 1.0
-    gaussians, of_albedo = frame.gaussians, weights.weight_negative_albedo
+    of_albedo = weights.weight_negative_albedo
     dark = negative(frame.shading.diffuse)
     if of_albedo is None:
         dark_terms = weights.weight_negative * (dark + negative(avatar.albedo))
     else:
         dark_terms = weights.weight_negative * dark + of_albedo * negative(avatar.albedo)
     terms = {
-        "offset": weights.weight_offset * (frame.parameters.offset / size).square().mean(),
-        "scale": weights.weight_scale * scales_outside(avatar, gaussians.scales, weights.bound),
-        "size": weights.weight_size * gaussians.scales.mean(),
+        **shape_terms(avatar, frame, weights),
         "albedo": weights.weight_albedo * avatar.albedo.abs().mean(),
         "negative": dark_terms,
     }
@@ -218,6 +201,6 @@ def regularization(
     if avatar.eyes is not None:
         # What is decoded for each camera is a term of its picture.
         shared = getattr(avatar, "visibility", None) if avatar.eyes.decoders is None else None
-        found = avatar.eyes.losses(gaussians, shared, weights.bound)
+        found = avatar.eyes.losses(frame.gaussians, shared, weights.bound)
         terms |= {name: getattr(weights, f"weight_{name}") * term for name, term in found.items()}
     return terms

@@ -14,7 +14,7 @@ from pipeline.config.train_avatar import TrainAvatar
 
 RATE_OF = {
     "albedo": "texture", "log_roughness": "texture", "visibility": "texture", "opacity": "texture",
-    "log_gloss": "texture", "log_ggx_width": "texture", "ambient": "texture",
+    "log_tint": "texture", "log_gloss": "texture", "log_ggx_width": "texture", "ambient": "texture",
     "transfer_color": "transfer", "transfer_mono": "transfer",
     "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
 }  # fmt: skip
