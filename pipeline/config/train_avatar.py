@@ -81,7 +81,7 @@ class TrainAvatar(Settings):
         "(MVP, rows F, G and H of RGCA), which have no explicit eyes",
     )
     box_voxels: int = Field(8, ge=2, le=32, description="Volumes: voxels along each side of a box [voxels]")
-    ray_step_m: float = Field(1e-3, gt=0, description="Volumes: way between two samples of a ray [m]")
+    ray_step_m: float = Field(2e-3, gt=0, description="Volumes: way between two samples of a ray [m]")
     shading: Literal["auto", "transfer", "harmonics", "microfacet", "combined", "linear"] = Field(
         "auto",
         description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH (RGCA 5), Lambert and "

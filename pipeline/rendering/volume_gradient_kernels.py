@@ -37,7 +37,7 @@ POSE_COLUMNS = 12
 """Gradients of a box's pose: of the matrix from the world, row by row, then of y, from which the centre's follows."""
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def features_backward(features, tinted, voxel, y, weight, grad, of_features, of_voxel, of_y):
     """Gradients of weight * (g . features at a place): of the features, the tint and the place.
 
@@ -67,7 +67,7 @@ def features_backward(features, tinted, voxel, y, weight, grad, of_features, of_
     return shown
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def voxel_backward(voxels, y, of_voxel, of_voxels, of_y):
     """Gradients of a box's voxels and of the place, from those of the voxel between them."""
     x0, x, x_per_unit = place_in(voxels.shape[2], y[0])
@@ -96,10 +96,10 @@ def voxel_backward(voxels, y, of_voxel, of_voxels, of_y):
         of_y[2] += upstream * z_per_unit * near
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def step_backward(
-    t, stretches, boxes, count, first, voxels, features, tinted, centers, origin, direction, grad, background, share,
-    scratch, of_features, of_voxels, of_pose,
+    t, stretches, boxes, count, first, voxels, features, tinted, spheres, direction, grad, background, share, scratch,
+    of_features, of_voxels, of_pose,
 ):  # fmt: skip
     """Gradients of all boxes at distance t: a sample of one adds share * alpha * (g . features + background)."""
     y, voxel, of_voxel, of_y = scratch[:3], scratch[3:7], scratch[7:11], scratch[11:14]
@@ -123,13 +123,13 @@ def step_backward(
         voxel_backward(voxels[box], y, of_voxel, of_voxels[box], of_y)
         for axis in range(3):
             for k in range(3):
-                of_pose[box, 3 * axis + k] += of_y[axis] * (origin[k] + t * direction[k] - centers[box, k])
+                of_pose[box, 3 * axis + k] += of_y[axis] * (t * direction[k] - spheres[box, k])
             of_pose[box, 9 + axis] += of_y[axis]
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=True)
 def march_backward(
-    inverses, centers, voxels, features, tinted, tile_start, entries, tiles_across, origin, R, K, step,
+    inverses, origins, spheres, voxels, features, tinted, tile_start, entries, tiles_across, R, K, step,
     ends, before, grad_image, grad_reached, grad_depth, of_features, of_voxels, of_pose,
 ):  # fmt: skip
     """Add gradients of features, voxels and poses, of each band to its own [bands, b, ...]."""
@@ -148,7 +148,7 @@ def march_backward(
                 for row in range(tile_row * TILE, min(tile_row * TILE + TILE, height)):
                     for column in range(tile_column * TILE, min(tile_column * TILE + TILE, width)):
                         of_depth = direction_of(R, K, row, column, direction) * grad_depth[row, column]
-                        count = find_stretches(inverses, centers, origin, direction, step, own, stretches, boxes)
+                        count = find_stretches(inverses, origins, spheres, direction, step, own, stretches, boxes)
                         for c in range(channels):
                             grad[c] = grad_image[row, column, c]
                         end, base, of_end, share = ends[row, column], grad_reached[row, column], 0.0, 0.0
@@ -169,14 +169,14 @@ def march_backward(
                                 continue
                             t = (k + 0.5) * step
                             step_backward(
-                                t, stretches, boxes, count, first, voxels, features, tinted, centers, origin, direction,
+                                t, stretches, boxes, count, first, voxels, features, tinted, spheres, direction,
                                 grad, base + of_depth * t, step, scratch, of_features[band], of_voxels[band],
                                 of_pose[band],
                             )  # fmt: skip
                             k += 1
                         if end >= 0:
                             step_backward(
-                                (end + 0.5) * step, stretches, boxes, count, 0, voxels, features, tinted, centers,
-                                origin, direction, grad, -of_end, share, scratch, of_features[band], of_voxels[band],
+                                (end + 0.5) * step, stretches, boxes, count, 0, voxels, features, tinted, spheres,
+                                direction, grad, -of_end, share, scratch, of_features[band], of_voxels[band],
                                 of_pose[band],
                             )  # fmt: skip

@@ -30,7 +30,7 @@ DENSITY, TINT = 0, 1
 """Channels of a voxel: the density, and from the second on the three of the tint."""
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def place_in(size, y):
     """The voxel below a coordinate, the share of the one above, and voxels per unit."""
     per_unit = 0.5 * (size - 1)
@@ -39,7 +39,7 @@ def place_in(size, y):
     return low, at - low, per_unit
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def fade_at(stretch, t, y):
     """Factor by which a box ends at its faces, at distance t of a ray; fills in the place there."""
     total = 0.0
@@ -49,7 +49,7 @@ def fade_at(stretch, t, y):
     return math.exp(-FADE_SCALE * total)
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def voxel_at(voxels, y, found):
     """The four channels of a box's voxels at a place."""
     x0, x, _ = place_in(voxels.shape[2], y[0])
@@ -64,7 +64,7 @@ def voxel_at(voxels, y, found):
         found[c] = (1 - z) * near + z * far
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def add_features(features, tinted, voxel, y, weight, total):
     """Add the features of a box's columns at a place, tinted and weighted."""
     x0, x, _ = place_in(features.shape[1], y[0])
@@ -77,7 +77,7 @@ def add_features(features, tinted, voxel, y, weight, total):
         total[c] += weight * factor * ((1 - v) * low + v * high)
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def add_step(t, stretches, boxes, count, first, voxels, features, tinted, scratch, total):
     """Alpha of all boxes at distance t of a ray, and in `total` their features weighted by it.
 
@@ -101,9 +101,9 @@ def add_step(t, stretches, boxes, count, first, voxels, features, tinted, scratc
     return alpha
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, fastmath=True)
 def march_forward(
-    inverses, centers, voxels, features, tinted, tile_start, entries, tiles_across, origin, R, K, step,
+    inverses, origins, spheres, voxels, features, tinted, tile_start, entries, tiles_across, R, K, step,
     image, reached, depth, ends, before,
 ):  # fmt: skip
     """Fill in features [h, w, d], opacity [h, w], depth [h, w], `ends` and `before` [h, w].
@@ -120,7 +120,7 @@ def march_forward(
         for row in range(top, min(top + TILE, height)):
             for column in range(left, min(left + TILE, width)):
                 depth_per_m = direction_of(R, K, row, column, direction)
-                count = find_stretches(inverses, centers, origin, direction, step, own, stretches, boxes)
+                count = find_stretches(inverses, origins, spheres, direction, step, own, stretches, boxes)
                 sums[:] = 0.0
                 opacity, far, end, k, first = 0.0, 0.0, -1, 0, 0
                 while True:

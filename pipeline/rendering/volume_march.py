@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from pipeline.rendering.projection_kernels import TILE
@@ -27,6 +27,10 @@ NEAREST_M = 1e-6
 
 MARGIN_PX = 1e-3
 """By which a box's outline is widened before its tiles are listed: rounding then leaves out no ray that touches it."""
+
+
+MARGIN = 1e-9
+"""The same for the spheres around boxes, as a share: far above the rounding of float64, far below any box."""
 
 
 def march(
@@ -53,13 +57,15 @@ def march(
         from pipeline.rendering.volume_torch import march_torch
 
         return march_torch(volumes, features, tinted, view, step_m)
-    camera = tuple(tensor.detach().double().contiguous().numpy() for tensor in (view.center, view.R, view.K))
+    rotation, K = (tensor.detach().double().contiguous().numpy() for tensor in (view.R, view.K))
     tiles = tiles_of(volumes, view)
     # One array of voxels: a sample finds the four numbers of a corner beside each other.
     voxels = torch.cat([volumes.density[..., None], volumes.tint], -1)
-    rest = (np.array(tinted, np.int64), tiles, camera, float(step_m), (view.height, view.width))
+    rest = (np.array(tinted, np.int64), *tiles, rotation, K, float(step_m))
     pose = volumes.map(Tensor.double)  # boxes may be thin: float32 would put a sample elsewhere in them
-    return Splatted(*_March.apply(pose.from_world(), pose.centers, voxels, features, *rest))
+    around = spheres_of(pose.map(Tensor.detach), view.center.detach().double())
+    size = (view.height, view.width)
+    return Splatted(*_March.apply(pose.from_world(), pose.centers, voxels, features, around, rest, size))
 
 
 def tiles_of(volumes: Volumes, view: CameraView) -> tuple[np.ndarray, np.ndarray, int]:
@@ -89,18 +95,30 @@ def tiles_of(volumes: Volumes, view: CameraView) -> tuple[np.ndarray, np.ndarray
     return start, entries, across
 
 
+def spheres_of(volumes: Volumes, center: Float64[Tensor, " 3"]) -> Float64[np.ndarray, "b 4"]:
+    """Spheres around boxes, as the kernels take them.
+
+    From the camera to their centres, and distance squared less radius squared, metres.
+    Radii are a little larger, so that rounding leaves out no ray that touches a box.
+    """
+    toward, radii = volumes.centers - center, volumes.half_sizes.norm(dim=1)
+    outside = toward.square().sum(1) * (1 - MARGIN) - (radii * (1 + MARGIN)).square()
+    return torch.cat([toward, outside[:, None]], 1).numpy()
+
+
 class _March(torch.autograd.Function):
     """Kernels on NumPy arrays: poses in float64, pictures in the type of the features."""
 
     @staticmethod
-    def forward(ctx, inverses, centers, voxels, features, tinted, tiles, camera, step, size):
-        boxes = [a.detach().contiguous().numpy() for a in (inverses, centers, voxels, features)]
-        kind = boxes[3].dtype
+    def forward(ctx, inverses, centers, voxels, features, spheres, rest, size):
+        matrices, voxel_array, columns = (a.detach().contiguous().numpy() for a in (inverses, voxels, features))
+        kind, origins = columns.dtype, -np.einsum("bij,bj->bi", matrices, spheres[:, :3])
         image, reached, depth = np.empty((*size, features.shape[3]), kind), np.empty(size, kind), np.empty(size, kind)
         ends, before = np.empty(size, np.int64), np.empty(size)
         with ONE_AT_A_TIME:
-            march_forward(*boxes, tinted, *tiles, *camera, step, image, reached, depth, ends, before)
-        ctx.arguments, ctx.pixels = (*boxes, tinted, *tiles, *camera, step), (ends, before)
+            ctx.arguments = (matrices, origins, spheres, voxel_array, columns, *rest)
+            march_forward(*ctx.arguments, image, reached, depth, ends, before)
+        ctx.pixels = (ends, before)
         ctx.save_for_backward(inverses, centers, voxels, features)  # complains if changed in place
         return torch.from_numpy(image), torch.from_numpy(reached), torch.from_numpy(depth)
 
@@ -108,7 +126,7 @@ class _March(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx, grad_image, grad_reached, grad_depth):
         inverses, _, voxels, features = ctx.saved_tensors
-        kind = ctx.arguments[3].dtype
+        kind = ctx.arguments[4].dtype
         of_features, of_voxels = (np.zeros((BANDS, *tensor.shape), kind) for tensor in (features, voxels))
         of_pose = np.zeros((BANDS, len(inverses), POSE_COLUMNS))
         incoming = (a.contiguous().numpy() for a in (grad_image, grad_reached, grad_depth))
@@ -117,4 +135,4 @@ class _March(torch.autograd.Function):
         pose = of_pose.sum(0)
         of_centers = -np.einsum("bij,bi->bj", ctx.arguments[0], pose[:, 9:])
         found = (pose[:, :9].reshape(-1, 3, 3), of_centers, of_voxels.sum(0), of_features.sum(0))
-        return *(torch.from_numpy(a) for a in found), None, None, None, None, None
+        return *(torch.from_numpy(a) for a in found), None, None, None

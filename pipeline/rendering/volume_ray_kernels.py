@@ -14,7 +14,7 @@ distance 0, and its change per metre, three each."""
 STRETCH_COLUMNS = 8
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def direction_of(R, K, row, column, direction):
     """Fill in the unit direction of the ray through a pixel's centre, in the world.
 
@@ -27,14 +27,16 @@ def direction_of(R, K, row, column, direction):
     return 1.0 / length
 
 
-@kernel_part()
-def stretch_of(inverse, center, origin, direction, stretch):
-    """Fill in the stretch of a ray in a box; False if there is none in front of the camera."""
+@kernel_part(fastmath=True)
+def stretch_of(inverse, origin, direction, stretch):
+    """Fill in the stretch of a ray in a box; False if there is none in front of the camera.
+
+    `origin` is the camera's place in the box.
+    """
     enters, leaves = 0.0, math.inf
     for axis in range(3):
-        start, slope = 0.0, 0.0
+        start, slope = origin[axis], 0.0
         for k in range(3):
-            start += inverse[axis, k] * (origin[k] - center[k])
             slope += inverse[axis, k] * direction[k]
         stretch[START + axis], stretch[SLOPE + axis] = start, slope
         if slope == 0.0:
@@ -47,16 +49,27 @@ def stretch_of(inverse, center, origin, direction, stretch):
     return enters <= leaves
 
 
-@kernel_part()
-def find_stretches(inverses, centers, origin, direction, step, entries, stretches, boxes):
+@kernel_part(fastmath=True)
+def find_stretches(inverses, origins, spheres, direction, step, entries, stretches, boxes):
     """Find the stretches of a ray in the boxes of `entries`; returns their number.
 
     In the order in which it enters the boxes.
+
+    Args:
+        origins: [b, 3] the camera's place in each box.
+        spheres: [b, 4] around each box: from the camera to its centre, and their distance squared less the radius
+            squared, metres.
     """
     count = 0
     for entry in range(entries.shape[0]):
         box = entries[entry]
-        if not stretch_of(inverses[box], centers[box], origin, direction, stretches[count]):
+        along = 0.0
+        for k in range(3):
+            along += direction[k] * spheres[box, k]
+        outside = spheres[box, 3]
+        if outside > 0.0 and (along < 0.0 or along * along < outside):
+            continue  # past the sphere around the box
+        if not stretch_of(inverses[box], origins[box], direction, stretches[count]):
             continue
         if stretches[count, ENTERS] > MOST_STEPS * step:
             continue
@@ -72,7 +85,7 @@ def find_stretches(inverses, centers, origin, direction, step, entries, stretche
     return count
 
 
-@kernel_part()
+@kernel_part(fastmath=True)
 def next_step(k, step, first, stretches, count):
     """The next step from k on that may be in some box, -1 if there is none.
 

@@ -27,6 +27,9 @@ REACH = (FADE_SCALE / np.log(2)) ** (1 / FADE_POWER)
 BENDING = REACH**2
 """By how much more the surface may leave a box's plane than it does within the patch: like the square of the way."""
 
+DEPTH = 0.5
+"""How far layers reach off the surface, in half sizes of a patch: layers are half as far apart as texels."""
+
 FARTHEST_TEXEL = 1.5
 """Spacings of a box's columns beyond which no texel is near enough to a column to be its own: there is no surface."""
 
@@ -76,7 +79,7 @@ def lay_boxes(atlas: Atlas, spacing_m: Float[np.ndarray, "t 2"], voxels: int) ->
     anchor = middle_texels(points, patch)
     local = np.einsum("tij,ti->tj", frames[anchor[patch]], points - points[anchor[patch]])
     low, high = extremes(local, patch)
-    deep = side * float(spacing_m.mean()) / 2  # layers reach as far off the surface as a patch does along it
+    deep = DEPTH * side * float(spacing_m.mean()) / 2
     half = REACH * ((high - low) + np.append(spacing_m[anchor], np.zeros((len(anchor), 1)), 1)) / 2
     half[:, 2] = BENDING * (high - low)[:, 2] / 2 + deep
     shift = (low + high) / 2

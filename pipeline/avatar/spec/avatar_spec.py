@@ -125,7 +125,7 @@ class AvatarSpec:
     shadow_levels: int = 0
     geometry: Geometry = "gaussians"
     box_voxels: int = 8
-    ray_step_m: float = 1e-3
+    ray_step_m: float = 2e-3
 
     @property
     def degrees(self) -> int:

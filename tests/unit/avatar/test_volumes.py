@@ -51,7 +51,7 @@ def layout_of(atlas, voxels=VOXELS):
 def test_boxes_of_a_flat_sheet_lie_on_its_squares():
     layout, texel = layout_of(SHEET), SIDE_M / 24
     assert len(layout.anchor) == (24 // PATCH) ** 2
-    half = torch.tensor([PATCH * texel / 2 * REACH] * 2 + [PATCH * texel / 2])
+    half = torch.tensor([PATCH * texel / 2 * REACH] * 2 + [PATCH * texel / 4])
     torch.testing.assert_close(layout.half_size, half.expand(16, 3).float(), atol=FLOAT32, rtol=0)
     points = SHEET.texel[:, ::-1] * (texel, -texel) + (-SIDE_M / 2 + texel / 2, SIDE_M / 2 - texel / 2)
     centers = points[layout.anchor] + layout.shift.numpy()[:, :2]
