@@ -27,8 +27,9 @@ from pipeline.rendering.volume_march import march
 from pipeline.rendering.volume_types import PLAIN, AnchoredVolumes, Volumes
 
 START_DENSE, START_CLEAR = 2.0, -6.0
-"""Opacity of the layer at the surface, before softplus, and of the others. Of a density of 1 per spacing of layers, a
-layer that is crossed head on just ends a ray; softplus(2) is twice that, softplus(-6) less than 3e-3."""
+"""Opacity of the layer at the surface and of that below it, before softplus, and of the others. Of a density of 1 per
+spacing of layers, a layer that is crossed head on just ends a ray; softplus(2) is twice that, softplus(-6) less than
+3e-3. Two layers: where the surface bends, a box's voxels are further apart than layers, and one could fall between."""
 
 
 class VolumesOnTexels(Primitives):
@@ -46,7 +47,8 @@ class VolumesOnTexels(Primitives):
         store.add("rotation", torch.tensor([1.0, 0, 0, 0]).repeat(boxes, 1))
         store.add("log_scale", layout.half_size.log())
         opacity = store.fill(START_CLEAR, layers)
-        opacity[:, (layers - 1) // 2] = START_DENSE
+        surface = (layers - 1) // 2
+        opacity[:, max(surface - 1, 0) : surface + 1] = START_DENSE
         store.add("opacity", opacity)
         store.add("log_tint", store.fill(0.0, layers, 3))
 
