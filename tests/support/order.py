@@ -15,25 +15,38 @@ LONGEST_FIRST = (
     "workflow/test_tiny.py",
     "stages/test_train_processes.py",
     "workflow/test_reruns.py",
+    "hard_cases/test_volumes.py",
     "hard_cases/test_camera_calibration.py",
-    "unit/lighting/test_stored_kernels.py",
-    "unit/calibration/cameras/test_board_identity.py",
-    "stages/test_trained_glints.py",
-    "stages/test_track_mesh.py",
-    "workflow/test_head_without_eyes.py",
-    "unit/calibration/cameras/test_knock_rates.py",
-    "unit/calibration/lights/test_mirror_lights.py",
     "stages/test_train_avatar.py",
-    "stages/test_book_patterns.py",
-    "stages/test_report_in_browser.py",
-    "workflow/test_public_set.py",
+    "stages/test_trained_glints.py",
+    "unit/rendering/test_volume_march.py",
+    "unit/avatar/training/test_light_refinement.py",
+    "unit/lighting/test_stored_kernels.py",
+    "stages/test_track_mesh.py",
+    "unit/calibration/cameras/test_board_identity.py",
+    "unit/calibration/cameras/test_knock_rates.py",
+    "workflow/test_head_without_eyes.py",
+    "stages/test_effect_scenes.py",
+    "stages/test_write_report.py",
+    "stages/test_synthesize_capture.py",
+    "stages/test_drive_avatar.py",
+    "unit/calibration/lights/test_mirror_lights.py",
     "stages/test_track_surface.py",
     "stages/test_measure_cost.py",
-    "stages/test_effect_scenes.py",
+    "stages/test_report_in_browser.py",
+    "mutants/test_mutants.py",
+    "workflow/test_public_set.py",
+    "hard_cases/test_light_calibration.py",
+    "stages/test_calibrate_lights.py",
+    "unit/calibration/cameras/test_rig_motion.py",
+    "stages/test_book_patterns.py",
+    "stages/test_index_capture.py",
+    "unit/avatar/eyes/test_eye_mirrors.py",
+    "hard_cases/test_color_calibration.py",
 )
-"""Files that take more than 15 s of a processor, longest first: what comes last is short, so that all processes end
-nearly together. A file that is missing here costs balance, nothing else. test_training comes first: in a fresh clone it
-compiles the kernels of training, a minute, and what stands before test_tiny needs none of them."""
+"""Files that take more than ten seconds of a processor, longest first: what comes last is short, so that all processes
+end nearly together. A file that is missing here costs balance, nothing else. test_training comes first: a fresh clone
+compiles the kernels of training in it, a minute, and what stands before test_tiny needs none of them."""
 
 
 def longest_first(items: list[pytest.Item]) -> list[pytest.Item]:
