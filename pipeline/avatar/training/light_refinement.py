@@ -192,7 +192,7 @@ def refine_lights(
     places, together = assembled([frames[number] for number in numbers], equations)
     refined, gained = refined_gains(places, together, gains, sigma)
     if refined is gains:
-        log.info("lights stay as calibrated: other brightness would not fit images that had no part in finding it")
+        log.info("lights stay as they are: other brightness would not fit images that had no part in finding it")
     else:
         spread = 100 * float(refined.factors.std())
         log.info("%d lights' brightness refined by %.1f %%, squared errors fall by %.0f", len(places), spread, gained)
