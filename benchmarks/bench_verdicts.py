@@ -23,9 +23,7 @@ from benchmarks.verdict_figures import IMAGES, KEYPOINTS, MASKS, TRACKED_CAMERA,
 from benchmarks.verdict_lights import BALL, LIGHT
 from benchmarks.verdict_logs import COLOR, LOG
 from benchmarks.verdict_rigs import CAMERA
-
-BEGIN, END = "<!-- verdicts: begin -->", "<!-- verdicts: end -->"
-"""Marks of a page around the table."""
+from docs.generate.markdown import put_between
 
 JUDGED: dict[str, Judged] = {
     "images": IMAGES, "camera": CAMERA, "ball": BALL, "light": LIGHT, "color": COLOR, "log": LOG,
@@ -74,8 +72,7 @@ def main() -> None:
         pd.DataFrame(rows).to_csv(table, index=False)
     (asked.out / "table.md").write_text(as_markdown(rows))
     if asked.page:
-        head, rest = asked.page.read_text().split(BEGIN)
-        asked.page.write_text(f"{head}{BEGIN}\n{as_markdown(rows)}{END}{rest.split(END)[1]}")
+        put_between(asked.page, "verdicts", as_markdown(rows))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.capture.images import write_png
 from pipeline.capture.records import FrameRecord
 from pipeline.config.train_avatar import Geometry, TrainAvatar
-from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights, unwrap_faces
+from pipeline.geometry.atlas import sampled_atlas, unwrap_faces
 from pipeline.geometry.camera_paths import look_at
 from pipeline.geometry.mesh import weld_vertices
 from pipeline.geometry.texels import Atlas
@@ -47,12 +47,7 @@ def head_atlas(size: int) -> Atlas:
     """Texels of the procedural head's skin."""
     vertices, faces = head_mesh(VERTEX_SPACING_M)
     uv, weld = unwrap_faces(vertices, faces, size, 2), weld_vertices(vertices, faces)
-    table = rasterize_faces(uv, size)
-    return Atlas(
-        size, faces.astype(np.int32), uv, weld.astype(np.int32), vertices.astype(np.float32),
-        table.texel.astype(np.int32), table.face.astype(np.int32), table.barycentric.astype(np.float32),
-        chart_ids(faces, uv, weld)[table.face].astype(np.int32), tangent_weights(uv)[table.face].astype(np.float32),
-    )  # fmt: skip
+    return sampled_atlas(vertices, faces, uv, weld, size)
 
 
 def lit_head(atlas: Atlas) -> FrameInputs:

@@ -19,7 +19,7 @@ from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.base.seeds import generator_for, seed_for
 from pipeline.base.splits import VALIDATION_FLAGS
 from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights
+from pipeline.geometry.atlas import sampled_atlas
 from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.texels import Atlas, write_atlas
 from pipeline.synthesis import mitsuba_scenes as mitsuba
@@ -237,12 +237,6 @@ def write_stage_files(
 def make_atlas(unwrapped: Unwrapped, rest: np.ndarray, size: int) -> Atlas:
     """The charts of the texture, on a smaller map."""
     uv = unwrapped.uv[unwrapped.faces].astype(np.float32)
-    table = rasterize_faces(uv, size)
     first = {vertex: index for index, vertex in reversed(list(enumerate(unwrapped.source.tolist())))}
     weld = np.array([first[vertex] for vertex in unwrapped.source.tolist()], np.int32)
-    return Atlas(
-        size, unwrapped.faces.astype(np.int32), uv, weld, rest, table.texel.astype(np.int32),
-        table.face.astype(np.int32), table.barycentric.astype(np.float32),
-        chart_ids(unwrapped.faces, uv, weld)[table.face].astype(np.int32),
-        tangent_weights(uv)[table.face].astype(np.float32),
-    )  # fmt: skip
+    return sampled_atlas(rest, unwrapped.faces, uv, weld, size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 
 def escaped(text: str) -> str:
@@ -35,3 +36,16 @@ def milliseconds(seconds: float) -> str:
 def percent(share: float) -> str:
     """Of a share, without decimals from 10 % on."""
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.1f} %"
+
+
+def parted(page: Path, name: str) -> tuple[str, str, str]:
+    """Text of a page up to the mark `<!-- NAME: begin -->`, from there to that of the end, and the rest."""
+    head, rest = page.read_text().split(begin := f"<!-- {name}: begin -->\n")
+    inside, tail = rest.split(end := f"<!-- {name}: end -->")
+    return head + begin, inside, end + tail
+
+
+def put_between(page: Path, name: str, inside: str) -> None:
+    """Replace what stands between the marks of that name."""
+    head, _, tail = parted(page, name)
+    page.write_text(head + inside + tail)

@@ -13,11 +13,12 @@ from pathlib import Path
 import pandas as pd
 import tyro
 
+from docs.generate.markdown import parted, put_between, table
 from pipeline.base.code_digest import ROOT
 from pipeline.base.files import read_json, read_table
 
-BEGIN, END = "<!-- results: begin -->", "<!-- results: end -->"
-"""What stands around the table in the README; this module rewrites all between."""
+TABLE = "results"
+"""Name of the marks around the table in the README; this module rewrites all between."""
 
 COLUMNS = ("subject", "capture", "images scored", "PSNR, dB", "fully lit", "partially lit", "SSIM", "FLIP", "minutes")
 
@@ -30,15 +31,12 @@ def run(*, results: tuple[Path, ...], variant: str = "full", page: Path = ROOT /
         variant: the avatar whose scores are shown.
         page: the page with the table.
     """
-    text = page.read_text()
-    head, rest = text.split(BEGIN)
-    table, tail = rest.split(END)
-    rows = {line.split("|")[1].strip(): line for line in table.strip().splitlines()[2:]}
+    shown = parted(page, TABLE)[1]
+    rows = {line.split("|")[1].strip(): line.strip("| ").split(" | ") for line in shown.strip().splitlines()[2:]}
     for folder in results:
         cells = row(folder, variant)
-        rows[cells[0]] = f"| {' | '.join(cells)} |"
-    lines = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * len(COLUMNS)}", *(rows[name] for name in sorted(rows))]
-    page.write_text(head + "\n".join([BEGIN, *lines, END]) + tail)
+        rows[cells[0]] = cells
+    put_between(page, TABLE, table(COLUMNS, (rows[name] for name in sorted(rows))))
 
 
 def row(results: Path, variant: str) -> list[str]:

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from pipeline.base.errors import InputError
 from pipeline.geometry.chart_packing import largest_packing
 from pipeline.geometry.mesh import area_vectors
+from pipeline.geometry.texels import Atlas
 
 UV_SLACK = 1e-4
 """How far outside [0, 1] a coordinate may lie and still be clipped: 16-bit exporters round by 1.5e-5; a fifth of a
@@ -174,3 +175,20 @@ def unwrap_faces(
             f"unwrap_atlas.size: expected a map that holds the template's charts, found {size}; make it larger"
         )
     return corners
+
+
+def sampled_atlas(
+    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"], uv: Float[np.ndarray, "faces 3 2"],
+    weld: Int[np.ndarray, " vertices"], size: int,
+) -> Atlas:  # fmt: skip
+    """The atlas of a mesh at rest that lies in a map of `size` squared by `uv`.
+
+    Vertices are in metres; see `Atlas`.
+    """
+    table = rasterize_faces(uv, size)
+    chart, weights = chart_ids(faces, uv, weld), tangent_weights(uv)
+    return Atlas(
+        size, faces.astype(np.int32), uv, weld.astype(np.int32), vertices.astype(np.float32),
+        table.texel.astype(np.int32), table.face.astype(np.int32), table.barycentric.astype(np.float32),
+        chart[table.face].astype(np.int32), weights[table.face].astype(np.float32),
+    )  # fmt: skip

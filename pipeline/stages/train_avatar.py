@@ -26,7 +26,7 @@ from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec, unr
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
-from pipeline.avatar.training.light_rounds import refine, refined_before, relight
+from pipeline.avatar.training.light_rounds import refine, refinement_step, relight
 from pipeline.avatar.training.local_processes import partners, suggested_processes
 from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.training import BrokenStep, Portion, Position, Training
@@ -163,7 +163,7 @@ def train(
         for first in progress(left, "train_avatar") if processes.is_main else left:
             if first < at.step:
                 continue  # was done in the round of those before it
-            if first in refined_before(settings):
+            if first == refinement_step(settings):
                 refine(training, images, chosen, frames, schedule, at)
             steps = range(first, min(first + settings.steps_together, settings.steps))
             groups = range(steps[0] * in_step, (steps[-1] + 1) * in_step)

@@ -23,7 +23,7 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, written_whole
 from pipeline.config.unwrap_atlas import UnwrapAtlas
-from pipeline.geometry.atlas import chart_ids, rasterize_faces, reasons_against, tangent_weights, unwrap_faces, uv_areas
+from pipeline.geometry.atlas import reasons_against, sampled_atlas, unwrap_faces, uv_areas
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh import area_vectors, is_closed, signed_volume, weld_vertices
 from pipeline.geometry.skin import Template, read_template
@@ -98,15 +98,10 @@ def build_atlas(template: Template, settings: UnwrapAtlas, path: Path) -> Atlas:
             f"{path}: expected faces that look outwards, found them all inwards; flip the normals on export"
         )
     uv = _layout(template, settings, path)
-    table = rasterize_faces(uv, settings.size)
-    if not len(table.face):
+    atlas = sampled_atlas(vertices, faces, uv, weld, settings.size)
+    if not atlas.texel_count:
         raise InputError(f"{path}: expected the surface to cover a texel, found none; make unwrap_atlas.size larger")
-    chart, weights = chart_ids(faces, uv, weld), tangent_weights(uv)
-    return Atlas(
-        settings.size, faces.astype(np.int32), uv, weld.astype(np.int32), vertices.astype(np.float32),
-        table.texel.astype(np.int32), table.face.astype(np.int32), table.barycentric.astype(np.float32),
-        chart[table.face].astype(np.int32), weights[table.face].astype(np.float32),
-    )  # fmt: skip
+    return atlas
 
 
 def _layout(template: Template, settings: UnwrapAtlas, path: Path) -> np.ndarray:

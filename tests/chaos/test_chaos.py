@@ -113,6 +113,7 @@ def test_table_goes_on_where_it_was_left_and_counts_classes(tmp_path):
     assert [record.outcome for record in records.defects(found)] == [Outcome.HANG]
     assert Outcome.NONSENSE in DEFECTS and Outcome.JUDGED not in DEFECTS
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{records.BEGIN}\nold\n{records.END}\nafter\n")
+    page.write_text("before\n<!-- attacks: begin -->\nold\n<!-- attacks: end -->\nafter\n")
     records.write_page(page, found)
-    assert page.read_text() == f"before\n{records.BEGIN}\n{records.counted(found)}{records.END}\nafter\n"
+    table = records.counted(found)
+    assert page.read_text() == f"before\n<!-- attacks: begin -->\n{table}<!-- attacks: end -->\nafter\n"

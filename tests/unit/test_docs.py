@@ -15,7 +15,7 @@ from docs.generate.flowchart import FLOW, PLACES
 from docs.generate.pages import PAGES
 from docs.generate.pictures import evening
 from docs.generate.references import entries
-from docs.generate.results_table import BEGIN, END, run
+from docs.generate.results_table import run
 from pipeline.base.files import write_json, write_table
 from pipeline.base.verdicts import COLUMNS as VERDICT_COLUMNS
 from pipeline.calibration.cameras.rig_quality import COLUMNS as QUALITY_COLUMNS
@@ -184,7 +184,7 @@ def test_row_of_results_repeats_the_scores_of_all_held_out_images(tmp_path):
     for job, seconds in jobs.items():
         (tmp_path / f"benchmarks/{job}.tsv").write_text(f"s\tcpu_time\n{seconds}\t1\n")
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{BEGIN}\n| a |\n|---|\n| `none` | kept |\n{END}\nafter\n")
+    page.write_text("before\n<!-- results: begin -->\n| a |\n|---|\n| `none` | kept |\n<!-- results: end -->\nafter\n")
     run(results=(tmp_path,), page=page)
     text = page.read_text()
     assert "| `one` | head: 3 cameras, 4 lights, 5 frames | 7 | 20.00 | 25.00 | 30.00 | 0.900 | 0.100 | 3 |" in text
@@ -224,7 +224,7 @@ def pages_of(part):
 def test_readme_is_a_door(repo_root):
     text = (repo_root / "README.md").read_text()
     assert len(text.splitlines()) <= README_LINES
-    assert text.count(BEGIN) == text.count(END) == 1
+    assert text.count("<!-- results: begin -->") == text.count("<!-- results: end -->") == 1
     for needed in (
         "make results/subjectA/metrics.csv",
         "make test",

@@ -113,20 +113,21 @@ class FrameInputs:
 
     def with_gains(self, gains: LightGains) -> FrameInputs:
         """The frame with lights of other brightness; what was traced is kept."""
-        other = replace(self, gains=gains)
-        vars(other).update({name: value for name, value in vars(self).items() if name in TRACED})
-        return other
+        return self._sharing(gains=gains)
 
     def with_light(self, number: int) -> FrameInputs:
         """The frame in the light of one of its lights alone; what was traced is kept."""
         lit, record = slice(number, number + 1), self.record
-        record = replace(
-            record, light_positions=record.light_positions[lit], light_intensities=record.light_intensities[lit]
-        )
-        other = replace(self, record=record)
-        vars(other).update({name: value for name, value in vars(self).items() if name in TRACED})
+        positions, intensities = record.light_positions[lit], record.light_intensities[lit]
+        other = self._sharing(record=replace(record, light_positions=positions, light_intensities=intensities))
         if "visibility_bits" in vars(self):
             vars(other)["visibility_bits"] = self.visibility_bits[lit]
+        return other
+
+    def _sharing(self, **changes: object) -> FrameInputs:
+        """The frame with other fields, and what was traced."""
+        other = replace(self, **changes)
+        vars(other).update({name: value for name, value in vars(self).items() if name in TRACED})
         return other
 
     @cached_property

@@ -26,8 +26,9 @@ from pipeline.capture.records import ImageRecord
 
 log = logging.getLogger("train_avatar")
 
-MOST_FRAMES, MOST_LIGHTS, IMAGES_PER_FRAME = 96, 64, 6
-"""What is looked at: partially lit frames, those of at most so many lights, and some of their images each."""
+MOST_LIGHTS, MOST_PARTS, IMAGES_PER_FRAME = 64, 512, 6
+"""What is looked at: partially lit frames of at most so many lights, so many lights of frames together, and some images
+of each frame. Every light of a frame is a picture of each of its images: time is theirs."""
 
 DARK = 0.02
 """Linear RGB added to a pixel before errors are taken relative to its root: near black, noise does not fall further."""
@@ -119,7 +120,8 @@ def frames_to_look_at(frames: Mapping[int, FrameInputs], images_of: Mapping[int,
         and 0 < len(frame.record.light_positions) <= MOST_LIGHTS
         and len(images_of.get(number, ())) > 1
     ]
-    return evenly(useful, MOST_FRAMES)
+    lights = sum(len(frames[number].record.light_positions) for number in useful)
+    return evenly(useful, max(1, len(useful) * MOST_PARTS // max(1, lights)))
 
 
 def images_to_look_at(images: Sequence[int]) -> list[int]:

@@ -10,9 +10,9 @@ from pipeline.avatar.training.training_images import Schedule
 from pipeline.capture.shards import ImageShards
 from pipeline.config.train_avatar import TrainAvatar
 
-REFINED_AFTER = (0.3, 0.5, 0.7)
-"""Shares of the steps after which the brightness of the lights is refined: once the avatar is good enough to judge by,
-and once more when it has followed; what is left of the steps is for following again."""
+REFINED_AFTER = 0.3
+"""Share of the steps after which the brightness of the lights is refined: the avatar is good enough to judge by, and
+has time to follow. Once: on a recorded body and on a head with 60 lights, a second time found nothing more."""
 
 
 def relight(frames: dict[int, FrameInputs], at: Position) -> None:
@@ -21,12 +21,14 @@ def relight(frames: dict[int, FrameInputs], at: Position) -> None:
     frames.update({number: frame.with_gains(gains) for number, frame in frames.items()})
 
 
-def refined_before(settings: TrainAvatar) -> set[int]:
-    """Steps before which the brightness of the lights is refined: each begins a round."""
+def refinement_step(settings: TrainAvatar) -> int | None:
+    """Step before which the brightness of the lights is refined; None: it never is.
+
+    It is the first of a round.
+    """
     if not settings.refine_lights:
-        return set()
-    together = settings.steps_together
-    return {round(share * settings.steps / together) * together for share in REFINED_AFTER}
+        return None
+    return round(REFINED_AFTER * settings.steps / settings.steps_together) * settings.steps_together
 
 
 def refine(

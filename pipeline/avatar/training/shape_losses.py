@@ -25,17 +25,15 @@ def shape_terms(avatar: Avatar, frame: PreparedFrame, weights: TrainAvatar) -> d
 
     Boxes shrink to what they are needed for: the sum over them of the product of their half sizes, as printed.
     """
-    size = avatar.spacing.mean(-1, keepdim=True) if weights.offset_unit == "texel" else 1.0
+    size, gaussians = 1.0, frame.gaussians
+    if weights.offset_unit == "texel":
+        size = avatar.spacing.mean(-1, keepdim=True)
+        size = size[avatar.box_anchor] if avatar.spec.volumes else size
+    terms = {"offset": weights.weight_offset * (frame.parameters.offset / size).square().mean()}
     if avatar.spec.volumes:
-        half_sizes = frame.gaussians.volumes.half_sizes
-        size = size[avatar.box_anchor] if weights.offset_unit == "texel" else size
-        return {
-            "offset": weights.weight_offset * (frame.parameters.offset / size).square().mean(),
-            "volume": weights.weight_volume * (half_sizes / SCENE_RADIUS_M).prod(-1).sum(),
-        }
-    gaussians = frame.gaussians
-    return {
-        "offset": weights.weight_offset * (frame.parameters.offset / size).square().mean(),
+        half_sizes = gaussians.volumes.half_sizes / SCENE_RADIUS_M
+        return terms | {"volume": weights.weight_volume * half_sizes.prod(-1).sum()}
+    return terms | {
         "scale": weights.weight_scale * scales_outside(avatar, gaussians.scales, weights.bound),
         "size": weights.weight_size * gaussians.scales.mean(),
     }

@@ -16,7 +16,7 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.eyes.eye_shape import EyeShape, usual_shape
-from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights, unwrap_faces
+from pipeline.geometry.atlas import sampled_atlas, unwrap_faces
 from pipeline.geometry.mesh import weld_vertices
 from pipeline.geometry.texels import Atlas
 
@@ -33,12 +33,7 @@ def make_atlas(size: int, skin: tuple[np.ndarray, np.ndarray] | None = None) -> 
         faces = np.concatenate([faces, triangles + len(vertices)])
         vertices = np.concatenate([vertices, points])
     uv, weld = unwrap_faces(vertices, faces, size, 2), weld_vertices(vertices, faces)
-    table = rasterize_faces(uv, size)
-    return Atlas(
-        size, faces.astype(np.int32), uv, weld.astype(np.int32), vertices.astype(np.float32),
-        table.texel.astype(np.int32), table.face.astype(np.int32), table.barycentric.astype(np.float32),
-        chart_ids(faces, uv, weld)[table.face].astype(np.int32), tangent_weights(uv)[table.face].astype(np.float32),
-    )  # fmt: skip
+    return sampled_atlas(vertices, faces, uv, weld, size)
 
 
 def make_eyes(shape: EyeShape = usual_shape(0.012)) -> dict[str, FittedEye]:

@@ -10,9 +10,9 @@ import trimesh
 
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.base.splits import TEST_FLAGS, VALIDATION_FLAGS
-from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights
+from pipeline.geometry.atlas import sampled_atlas
 from pipeline.geometry.cameras import Camera, write_cameras
-from pipeline.geometry.texels import Atlas, write_atlas
+from pipeline.geometry.texels import write_atlas
 
 FRAMES = [10, 11, 12, 13]
 """10 has two lights, 11 one, 12 none; 13 is tracked but not synced."""
@@ -35,12 +35,7 @@ def write_posed_capture(folder: Path, *, ball: bool = True, light_distance: floa
         faces = np.concatenate([faces, np.array(sphere.faces) + 4])
         corner = np.array([[0.99, 0.1], [0.99, 0.2], [1.0, 0.1]], np.float32)
         uv = np.concatenate([uv, np.broadcast_to(corner, (len(sphere.faces), 3, 2))])
-    table, weld = rasterize_faces(uv, 64), np.arange(len(vertices), dtype=np.int32)
-    atlas = Atlas(
-        64, faces.astype(np.int32), uv, weld, vertices.astype(np.float32), table.texel.astype(np.int32),
-        table.face.astype(np.int32), table.barycentric.astype(np.float32),
-        chart_ids(faces, uv, weld)[table.face].astype(np.int32), tangent_weights(uv)[table.face].astype(np.float32),
-    )  # fmt: skip
+    atlas = sampled_atlas(vertices, faces, uv, np.arange(len(vertices)), 64)
     paths = {name: folder / f"{name}.parquet" for name in ("lights", "patterns", "frames")}
     paths |= {"atlas": folder / "atlas.safetensors", "tracking": folder / "0000.safetensors"}
     write_atlas(paths["atlas"], atlas)

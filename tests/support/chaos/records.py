@@ -9,12 +9,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from docs.generate.markdown import put_between
 from tests.support.chaos.outcome import DEFECTS, Outcome, Result
 
 COLUMNS = ("part", "attack", "outcome", "stage", "seconds", "said")
-
-BEGIN, END = "<!-- attacks: begin -->", "<!-- attacks: end -->"
-"""Marks of a page around the table of classes."""
 
 UNPRINTABLE = re.compile(r"[^\x20-\x7e\xa0-\uffff]")
 
@@ -73,8 +71,7 @@ def counted(records: Iterable[Record]) -> str:
 
 def write_page(page: Path, records: Iterable[Record]) -> None:
     """Put the table of classes between the marks of a page."""
-    head, rest = page.read_text().split(BEGIN)
-    page.write_text(f"{head}{BEGIN}\n{counted(records)}{END}{rest.split(END)[1]}")
+    put_between(page, "attacks", counted(records))
 
 
 def defects(records: Iterable[Record]) -> list[Record]:

@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 
-BEGIN, END = "<!-- mutants: begin -->", "<!-- mutants: end -->"
-"""Marks of a page around the table of layers."""
+from docs.generate.markdown import put_between
 
 
 class Verdict(StrEnum):
@@ -88,5 +87,4 @@ def counted(judgements: Iterable[Judgement]) -> str:
 
 def write_page(page: Path, judgements: Iterable[Judgement]) -> None:
     """Put the table of verdicts between the marks of a page."""
-    head, rest = page.read_text().split(BEGIN)
-    page.write_text(f"{head}{BEGIN}\n{counted(judgements)}{END}{rest.split(END)[1]}")
+    put_between(page, "mutants", counted(judgements))

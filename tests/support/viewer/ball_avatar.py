@@ -16,7 +16,7 @@ from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.base.files import read_arrays, write_table
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import write_frame_shard, write_image_shard
-from pipeline.geometry.atlas import chart_ids, rasterize_faces, tangent_weights
+from pipeline.geometry.atlas import sampled_atlas
 from pipeline.geometry.camera_paths import orbit
 from pipeline.geometry.texels import Atlas, read_atlas, write_atlas
 from tests.support.captures.posed import write_posed_capture
@@ -48,13 +48,7 @@ def unfolded_ball(atlas: Atlas) -> Atlas:
         row, column = divmod(k, ACROSS)
         corner = np.array([0.5, 0.0]) + cell * (column, row)
         uv[2 + k] = corner + cell * np.array([[0.05, 0.05], [0.05, 0.95], [0.95, 0.05]])
-    table = rasterize_faces(uv, SIZE)
-    return Atlas(
-        SIZE, atlas.faces, uv, atlas.weld, atlas.rest_vertices,
-        table.texel.astype(np.int32), table.face.astype(np.int32),
-        table.barycentric.astype(np.float32), chart_ids(atlas.faces, uv, atlas.weld)[table.face].astype(np.int32),
-        tangent_weights(uv)[table.face].astype(np.float32),
-    )  # fmt: skip
+    return sampled_atlas(atlas.rest_vertices, atlas.faces, uv, atlas.weld, SIZE)
 
 
 def rough_avatar(atlas: Atlas, **spec) -> Avatar:
