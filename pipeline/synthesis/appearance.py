@@ -132,23 +132,41 @@ def bake(
     return color_of_label[labels]
 
 
+FACES_TOGETHER = 4096
+"""Faces that are rasterized at once: few enough for some ten megabytes of texels."""
+
+SLIVER_TEXELS = 1e-12
+"""Twice the area of a triangle, in texels, below which it has none."""
+
+
 def rasterize(
     unwrapped: Unwrapped, size: int
 ) -> tuple[Int64[np.ndarray, "k 2"], Int64[np.ndarray, "k"], Float64[np.ndarray, "k 3"]]:
     """Texels (row, column) inside triangles, their triangles, and barycentric coordinates."""
-    texels, faces, weights = [], [], []
-    for face, corners in enumerate(unwrapped.uv[unwrapped.faces] * size):
-        low = np.floor(corners.min(axis=0) - 0.5).astype(int).clip(0, size - 1)
-        high = np.ceil(corners.max(axis=0) + 0.5).astype(int).clip(1, size)
-        column, row = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
-        centers = np.stack([column.ravel() + 0.5, row.ravel() + 0.5], axis=1)
-        edges = np.stack([corners[1] - corners[0], corners[2] - corners[0]], axis=1)
-        if abs(np.linalg.det(edges)) < 1e-12:  # a sliver covers no texel
-            continue
-        along = (centers - corners[0]) @ np.linalg.inv(edges).T
-        barycentric = np.concatenate([1 - along.sum(axis=1, keepdims=True), along], axis=1)
-        inside = (barycentric >= 0).all(axis=1)
-        texels.append(np.stack([row.ravel(), column.ravel()], axis=1)[inside])
-        faces.append(np.full(inside.sum(), face))
-        weights.append(barycentric[inside])
-    return np.concatenate(texels).astype(np.int64), np.concatenate(faces).astype(np.int64), np.concatenate(weights)
+    corners = unwrapped.uv[unwrapped.faces] * size
+    blocks = np.array_split(np.arange(len(corners)), max(1, len(corners) // FACES_TOGETHER))
+    texels, faces, weights = zip(*(_rasterize(corners, block, size) for block in blocks), strict=True)
+    return np.concatenate(texels), np.concatenate(faces), np.concatenate(weights)
+
+
+def _rasterize(corners: np.ndarray, block: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`rasterize` some faces: all texels of their boxes are tried."""
+    low = np.floor(corners[block].min(axis=1) - 0.5).astype(np.int64).clip(0, size - 1)
+    high = np.ceil(corners[block].max(axis=1) + 0.5).astype(np.int64).clip(1, size)
+    width, height = (high - low).T
+    tried = width * height
+    within = np.arange(tried.sum()) - np.repeat(np.cumsum(tried) - tried, tried)
+    of, width = np.repeat(np.arange(len(block)), tried), np.repeat(width, tried)
+    row, column = low[of, 1] + within // width, low[of, 0] + within % width
+    a, b, c = corners[block].swapaxes(0, 1)
+    area = _cross(b - a, c - a)
+    area[np.abs(area) < SLIVER_TEXELS] = np.nan  # A sliver covers no texel.
+    center = np.stack([column, row], axis=1) + 0.5
+    second, third = (_cross(center - a[of], (c - a)[of]) / area[of], _cross((b - a)[of], center - a[of]) / area[of])
+    barycentric = np.stack([1 - second - third, second, third], axis=1)
+    inside = (barycentric >= 0).all(axis=1)
+    return np.stack([row, column], axis=1)[inside], block[of[inside]], barycentric[inside]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
