@@ -107,32 +107,32 @@ def spheres_of(volumes: Volumes, center: Float64[Tensor, " 3"]) -> Float64[np.nd
 
 
 class _March(torch.autograd.Function):
-    """Kernels on NumPy arrays: poses in float64, pictures in the type of the features."""
+    """Kernels on NumPy arrays, all in float64, so that they are compiled once; pictures in the type of the features."""
 
     @staticmethod
     def forward(ctx, inverses, centers, voxels, features, spheres, rest, size):
-        matrices, voxel_array, columns = (a.detach().contiguous().numpy() for a in (inverses, voxels, features))
-        kind, origins = columns.dtype, -np.einsum("bij,bj->bi", matrices, spheres[:, :3])
-        image, reached, depth = np.empty((*size, features.shape[3]), kind), np.empty(size, kind), np.empty(size, kind)
+        matrices, voxel_array, columns = (a.detach().double().contiguous().numpy() for a in (inverses, voxels, features))
+        origins = -np.einsum("bij,bj->bi", matrices, spheres[:, :3])
+        image, reached, depth = np.empty((*size, features.shape[3])), np.empty(size), np.empty(size)
         ends, before = np.empty(size, np.int64), np.empty(size)
         with ONE_AT_A_TIME:
             ctx.arguments = (matrices, origins, spheres, voxel_array, columns, *rest)
             march_forward(*ctx.arguments, image, reached, depth, ends, before)
         ctx.pixels = (ends, before)
         ctx.save_for_backward(inverses, centers, voxels, features)  # complains if changed in place
-        return torch.from_numpy(image), torch.from_numpy(reached), torch.from_numpy(depth)
+        return tuple(torch.from_numpy(a).to(features.dtype) for a in (image, reached, depth))
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, grad_image, grad_reached, grad_depth):
         inverses, _, voxels, features = ctx.saved_tensors
-        kind = ctx.arguments[4].dtype
-        of_features, of_voxels = (np.zeros((BANDS, *tensor.shape), kind) for tensor in (features, voxels))
+        of_features, of_voxels = (np.zeros((BANDS, *tensor.shape)) for tensor in (features, voxels))
         of_pose = np.zeros((BANDS, len(inverses), POSE_COLUMNS))
-        incoming = (a.contiguous().numpy() for a in (grad_image, grad_reached, grad_depth))
+        incoming = (a.double().contiguous().numpy() for a in (grad_image, grad_reached, grad_depth))
         with ONE_AT_A_TIME:
             march_backward(*ctx.arguments, *ctx.pixels, *incoming, of_features, of_voxels, of_pose)
         pose = of_pose.sum(0)
         of_centers = -np.einsum("bij,bi->bj", ctx.arguments[0], pose[:, 9:])
-        found = (pose[:, :9].reshape(-1, 3, 3), of_centers, of_voxels.sum(0), of_features.sum(0))
-        return *(torch.from_numpy(a) for a in found), None, None, None
+        of_poses = (torch.from_numpy(a) for a in (pose[:, :9].reshape(-1, 3, 3), of_centers))
+        found = (torch.from_numpy(a.sum(0)).to(features.dtype) for a in (of_voxels, of_features))
+        return *of_poses, *found, None, None, None
