@@ -32,9 +32,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = longest_first(items)
 
 
-def pytest_runtest_setup() -> None:
-    """Each test has its own first calls."""
-    first_calls.next_test()
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Each file has its own first calls."""
+    first_calls.in_file(item.path)
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,8 @@
-"""Types and shapes are checked at the first calls of each function in each test."""
+"""Types and shapes are checked at the first calls of each function in each file of tests."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +18,9 @@ def test_wrong_shapes_are_refused():
         area_vectors(np.zeros((5, 2)), np.zeros((1, 3), int))
 
 
-@pytest.mark.parametrize("test", ["a test", "the next"])
-def test_each_test_has_its_own_first_calls(test):
+@pytest.mark.parametrize("file", ["a file", "the next"])
+def test_each_file_has_its_own_first_calls(file):
+    first_calls.in_file(Path(file))
     for _ in range(first_calls.CALLS - 1):
         assert evenly("abc", 2) == ["a", "c"]
     with pytest.raises(TypeCheckError):
