@@ -37,6 +37,9 @@ FRAMES_AHEAD = 2
 """Frames traced ahead of the one that is rendered: tracing one takes about as long as rendering and scoring twice the
 pictures of it."""
 
+SCORED_LATER = 4
+"""Pictures that wait for their scores while the next is rendered; each is kept as long."""
+
 FOREGROUND_MASK = 0.5
 """A pixel counts as subject if at least half of it is."""
 
@@ -125,22 +128,30 @@ def evaluate(
     Raises:
         ValueError: if a rendering has another shape than its image, or is not finite.
     """
-    rows = []
+    rows, scores = [], []
     held_out = [(i, image.frame) for i, image in enumerate(images) if any(getattr(image, name) for name in HELD_OUT)]
     made = with_frames(held_out, lambda number: trace(frames[number]))
-    for index, frame in progress(made, "evaluate", total=len(held_out)):
-        image = images[index]
-        captured, rendered = scored_pair(render, image, frame)
-        foreground = np.asarray(image.mask) >= FOREGROUND_MASK
-        flags = {name: getattr(image, name) for name in (*HELD_OUT, "fully_lit")}
-        pair = ImagePair(rendered, captured, foreground, lpips)
-        scores = {metric.name: metric.measure(pair) for metric in metrics}
-        counts = {"foreground_pixels": int(foreground.sum())}
-        rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **scores, **counts})
+    with ThreadPoolExecutor(1) as scoring:
+        for index, frame in progress(made, "evaluate", total=len(held_out)):
+            image = images[index]
+            captured, rendered = scored_pair(render, image, frame)
+            foreground = np.asarray(image.mask) >= FOREGROUND_MASK
+            flags = {name: getattr(image, name) for name in (*HELD_OUT, "fully_lit")}
+            counts = {"foreground_pixels": int(foreground.sum())}
+            rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **counts})
+            scores.append(scoring.submit(measure, metrics, ImagePair(rendered, captured, foreground, lpips)))
+            if len(scores) > SCORED_LATER:
+                scores[-SCORED_LATER].result()
+    rows = [row | score.result() for row, score in zip(rows, scores, strict=True)]
     columns = ["index", "camera", "frame", *HELD_OUT, "fully_lit"]
     flags = dict.fromkeys(columns[3:], bool)
     names = [metric.name for metric in metrics]
     return pd.DataFrame(rows, columns=[*columns, *names, "foreground_pixels"]).astype(flags)
+
+
+def measure(metrics: Sequence[ImageMetric], pair: ImagePair) -> dict[str, float]:
+    """Scores of a pair of images by the names of their metrics."""
+    return {metric.name: metric.measure(pair) for metric in metrics}
 
 
 def with_frames(numbered: Sequence[tuple[int, int]], make: Callable[[int], Any]) -> Iterator[tuple[int, Any]]:

@@ -111,7 +111,9 @@ class _March(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, inverses, centers, voxels, features, spheres, rest, size):
-        matrices, voxel_array, columns = (a.detach().double().contiguous().numpy() for a in (inverses, voxels, features))
+        matrices, voxel_array, columns = (
+            a.detach().double().contiguous().numpy() for a in (inverses, voxels, features)
+        )
         origins = -np.einsum("bij,bj->bi", matrices, spheres[:, :3])
         image, reached, depth = np.empty((*size, features.shape[3])), np.empty(size), np.empty(size)
         ends, before = np.empty(size, np.int64), np.empty(size)

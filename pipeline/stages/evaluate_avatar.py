@@ -50,7 +50,7 @@ log = logging.getLogger("evaluate_avatar")
 LAYERS = "layers"
 """End of the names of pictures of intrinsic layers."""
 
-TIMED_IMAGES = 9
+TIMED_IMAGES = 5
 """Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
 
 

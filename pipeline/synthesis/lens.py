@@ -53,10 +53,31 @@ class LensView:
         return image
 
 
-def view_window(camera: Camera, pixels: Float64[np.ndarray, "n 2"], samples: int, margin: int = 2) -> LensView:
+def undistorted_grid(camera: Camera, samples: int, window: tuple[int, int, int, int]) -> Float64[np.ndarray, "y x 2"]:
+    """Where the look-up points of a window (x, y, width, height) lie without distortion, in the plane at depth 1."""
+    x, y, width, height = window
+    steps_x = x + (np.arange(samples * width) + 0.5) / samples
+    steps_y = y + (np.arange(samples * height) + 0.5) / samples
+    positions = np.stack(np.meshgrid(steps_x, steps_y), axis=-1)
+    return camera.undistort(positions.reshape(-1, 2)).reshape(positions.shape)
+
+
+def whole_grid(camera: Camera, samples: int) -> Float64[np.ndarray, "y x 2"]:
+    """`undistorted_grid` of a whole image, for views that share it."""
+    return undistorted_grid(camera, samples, (0, 0, camera.width, camera.height))
+
+
+def view_window(
+    camera: Camera,
+    pixels: Float64[np.ndarray, "n 2"],
+    samples: int,
+    margin: int = 2,
+    grid: Float64[np.ndarray, "y x 2"] | None = None,
+) -> LensView:
     """View whose window holds all `pixels` (image coordinates).
 
-    The window has `margin` pixels around them and is cut to the image.
+    The window has `margin` pixels around them and is cut to the image. With `grid`, a `whole_grid`, nothing has to be
+    undistorted.
     """
     low = np.floor(pixels.min(axis=0)).astype(int) - margin
     high = np.ceil(pixels.max(axis=0)).astype(int) + margin
@@ -64,10 +85,11 @@ def view_window(camera: Camera, pixels: Float64[np.ndarray, "n 2"], samples: int
     low, high = low.clip(0, size - 1), high.clip(1, size)
     high = np.maximum(high, low + 1)
     width, height = (high - low).tolist()
-    steps_x = low[0] + (np.arange(samples * width) + 0.5) / samples
-    steps_y = low[1] + (np.arange(samples * height) + 0.5) / samples
-    positions = np.stack(np.meshgrid(steps_x, steps_y), axis=-1)
-    normalized = camera.undistort(positions.reshape(-1, 2)).reshape(positions.shape)
+    if grid is None:
+        normalized = undistorted_grid(camera, samples, (*low.tolist(), width, height))
+    else:
+        rows, columns = (slice(samples * a, samples * b) for a, b in zip(low[::-1], high[::-1], strict=True))
+        normalized = grid[rows, columns]
     focal = samples * float(camera.K[0, 0] + camera.K[1, 1]) / 2
     fine = focal * normalized
     # One axis after the other: numpy is slow at extremes of pairs.
@@ -87,10 +109,16 @@ def view_window(camera: Camera, pixels: Float64[np.ndarray, "n 2"], samples: int
     )
 
 
-def view_points(camera: Camera, points: Float64[np.ndarray, "n 3"], samples: int, margin: int = 2) -> LensView:
-    """View whose window holds the image of all world points (metres).
+def view_points(
+    camera: Camera,
+    points: Float64[np.ndarray, "n 3"],
+    samples: int,
+    margin: int = 2,
+    grid: Float64[np.ndarray, "y x 2"] | None = None,
+) -> LensView:
+    """View whose window holds the image of all world points (metres); otherwise as `view_window`.
 
     They must lie in front of the camera.
     """
     pixels, _ = camera.project(points)
-    return view_window(camera, pixels, samples, margin)
+    return view_window(camera, pixels, samples, margin, grid)

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.base.seeds import generator_for
 from pipeline.geometry.cameras import Camera
 from pipeline.synthesis import mitsuba_scenes as scenes
-from pipeline.synthesis.lens import view_points
+from pipeline.synthesis.lens import view_points, whole_grid
 from pipeline.synthesis.prints import render_print
 from pipeline.synthesis.sensor_model import write_8bit, write_exr
 from pipeline.synthesis.studio import Studio
@@ -70,10 +70,11 @@ def photograph_board(job: BoardJob) -> None:
     """Write an 8-bit picture of each pose of the board that the camera sees."""
     studio = job.studio
     camera, texture = studio.rig.cameras[job.camera], board_texture(studio.settings)[..., 1:2]
+    grid = whole_grid(camera, studio.settings.supersampling)
     for index, corners in enumerate(board_poses(studio.subject, studio.settings)):
         if not sees_board(camera, corners):
             continue
-        radiance = _photograph_print(texture, corners, camera, studio.settings.supersampling)
+        radiance = _photograph_print(texture, corners, camera, studio.settings.supersampling, grid)
         random = generator_for(studio.subject, "board sensor", job.camera, index)
         image = studio.sensor_model.expose_gray(radiance[..., 0] + DARK, random)
         write_8bit(studio.root / f"calibration/charuco/{job.camera}/{index:03d}.jpg", image)
@@ -89,10 +90,12 @@ def photograph_chart(job: ChartJob) -> None:
     write_exr(studio.root / f"calibration/color_chart/{job.camera}.exr", raw)
 
 
-def _photograph_print(texture: np.ndarray, corners: np.ndarray, camera: Camera, supersampling: int) -> np.ndarray:
+def _photograph_print(
+    texture: np.ndarray, corners: np.ndarray, camera: Camera, supersampling: int, grid: np.ndarray | None = None
+) -> np.ndarray:
     edges = np.linspace(0, 1, 20)[:, None]  # distorted edges bulge: follow them
     outline = np.concatenate([a + edges * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
-    view = view_points(camera, outline, supersampling)
+    view = view_points(camera, outline, supersampling, grid=grid)
     return view.develop(render_print(texture, corners, view))
 
 
