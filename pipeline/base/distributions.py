@@ -1,11 +1,10 @@
-"""Tails and quantiles of chi-square, F, Student's t and the normal distribution.
+"""Tails and quantiles of chi-square, F and Student's t distribution.
 
 `scipy.stats` has them, and takes half a second to import; these are the functions of `scipy.special` that it calls.
 """
 
 from __future__ import annotations
 
-import numpy as np
 from scipy import special
 
 Real = int | float
@@ -34,13 +33,3 @@ def student_tail(value: Real, freedom: Real) -> float:
 def student_quantile(probability: float, freedom: Real) -> float:
     """Value that is exceeded with 1 - `probability`."""
     return float(special.stdtrit(freedom, probability))
-
-
-def normal_tail(value: Real) -> float:
-    """Probability of more than `value`, on one side."""
-    return float(special.ndtr(-value))
-
-
-def normal_density(value: np.ndarray) -> np.ndarray:
-    """Density at each value, of mean 0 and deviation 1."""
-    return np.exp(-(value**2) / 2) / np.sqrt(2 * np.pi)

@@ -8,17 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
-import scipy.spatial
-from jaxtyping import Float64, Int64
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
 from pipeline.base.verdicts import Grade
-from pipeline.calibration.cameras.rig_quality import CELLS
+from pipeline.calibration.cameras.image_coverage import count_cells
 from pipeline.figures.style import (
     BAR_INCHES,
     FAINT,
@@ -41,15 +40,6 @@ LEGEND = (
     Line2D([], [], color=INK, linewidth=1.2, label="hull of all corners"),
     Line2D([], [], color=INK, marker=".", markersize=3, linestyle="", label="corner"),
 )
-
-
-def count_cells(pixels: Float64[np.ndarray, "corners 2"], width: int, height: int) -> Int64[np.ndarray, "rows columns"]:
-    """Corners in each of the `CELLS` x `CELLS` cells of an image.
-
-    The cells are those that the cameras' verdicts count.
-    """
-    counts, _, _ = np.histogram2d(pixels[:, 1], pixels[:, 0], bins=CELLS, range=((0, height), (0, width)))
-    return counts.astype(np.int64)
 
 
 def draw_coverage(
@@ -75,11 +65,11 @@ def draw_coverage(
     ]
     with picture(path, (size[0], size[1] + BAR_INCHES), "Coverage of the image by the board", notes, LEGEND) as figure:
         for axes, name in zip(add_panels(figure, len(names), panel, columns), names, strict=True):
-            hull = scipy.spatial.ConvexHull(seen[name], qhull_options="QJ")
+            hull = cv2.convexHull(seen[name].astype(np.float32))
             _draw_cells(axes, cameras[name], counts[name], scale)
             axes.plot(*seen[name].T, ".", color=INK, markersize=2.2, alpha=0.7, markeredgewidth=0)
-            axes.add_patch(Polygon(seen[name][hull.vertices], fill=False, edgecolor=INK, linewidth=1.2))
-            hull_share = hull.volume / (cameras[name].width * cameras[name].height)
+            axes.add_patch(Polygon(hull[:, 0], fill=False, edgecolor=INK, linewidth=1.2))
+            hull_share = cv2.contourArea(hull) / (cameras[name].width * cameras[name].height)
             detail = f"{(counts[name] > 0).mean():.0%} of the cells, hull {hull_share:.0%}"
             frame_panel(axes, name, detail, grades.get(name, "good"))
         add_color_bar(figure, scale, MAP, "corners per cell")

@@ -6,6 +6,7 @@ It shows whether the noise is as the fit assumes.
 from __future__ import annotations
 
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 import pandas as pd
@@ -14,10 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pipeline.base.distributions import normal_density, normal_tail
 from pipeline.figures.style import GAP_INCHES, INK, MARGIN_INCHES, MUTED, picture
 from pipeline.geometry.least_squares import robust_sigma
 
+NORMAL = NormalDist()
 BAR = "#0072b2"
 RANGE, STEP = 5.0, 0.25
 
@@ -79,12 +80,12 @@ def _draw_panel(axes: Axes, kind: str, values: np.ndarray) -> None:
     counts, _ = np.histogram(values, edges)
     axes.stairs(counts / (len(values) * STEP), edges, fill=True, color=BAR, alpha=0.75)
     x = np.linspace(-RANGE, RANGE, 201)
-    axes.plot(x, normal_density(x), color=INK, linewidth=1.3)
+    axes.plot(x, [NORMAL.pdf(value) for value in x], color=INK, linewidth=1.3)
     axes.set(xlim=(-RANGE, RANGE), xlabel="residual / its standard deviation", yticks=[])
     axes.spines["left"].set_visible(False)
     far = float((np.abs(values) > 3).mean())
     outside = int((np.abs(values) > RANGE).sum())
     caption = {"xycoords": "axes fraction", "textcoords": "offset points"}
     axes.annotate(f"{TITLES[kind]}: {len(values)} numbers", (0, 1), (0, 17), weight="bold", **caption)
-    text = f"beyond 3 sigma: {far:.1%} (normal: {2 * normal_tail(3):.1%}); beyond {RANGE:g}: {outside} numbers"
+    text = f"beyond 3 sigma: {far:.1%} (normal: {2 * NORMAL.cdf(-3):.1%}); beyond {RANGE:g}: {outside} numbers"
     axes.annotate(text, (0, 1), (0, 6), size=7.5, color=MUTED, **caption)

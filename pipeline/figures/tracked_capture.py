@@ -21,8 +21,8 @@ from pipeline.geometry.cameras import Camera
 from pipeline.geometry.kinematics import Pose, point_positions, tracked_points
 from pipeline.geometry.skin import Template, read_template
 from pipeline.geometry.tracked import read_tracked
+from pipeline.tracking.image_cameras import image_cameras
 from pipeline.tracking.keypoint_targets import NO_TARGETS, KeypointTargets, read_keypoint_targets
-from pipeline.tracking.tracking_inputs import image_cameras
 
 
 @dataclass(frozen=True)

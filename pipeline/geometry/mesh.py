@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from pipeline.base.array_module import Array, array_module, is_tensor
 
@@ -84,6 +81,10 @@ def weld_vertices(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 
     Exporters repeat a vertex along every texture seam; normals and charts must not see those seams. Vertices whose own
     faces look in opposite directions (`BACK_TO_BACK`) stay apart. Use rest positions: in motion, surfaces touch.
     """
+    from scipy.sparse import coo_matrix  # Here, as most stages that read meshes do without: it takes long to import.
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
     pairs = cKDTree(vertices).query_pairs(WELD_TOLERANCE * extent, output_type="ndarray")
     own = vertex_normals(np.asarray(vertices, np.float64), faces, np.arange(len(vertices)))

@@ -35,6 +35,7 @@ from pipeline.tracking.color_views import read_color_views
 from pipeline.tracking.cues import Rounds, posed_vertices
 from pipeline.tracking.fit_verdicts import complain_of_misfits, fit_verdicts
 from pipeline.tracking.given_meshes import GivenTracking, read_given
+from pipeline.tracking.image_cameras import image_cameras
 from pipeline.tracking.keypoint_targets import read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
 from pipeline.tracking.mesh_tracker import Tracking, TrackingLimits, track
@@ -42,7 +43,7 @@ from pipeline.tracking.motion_prior import MotionPrior
 from pipeline.tracking.photometric_refinement import PhotometricSettings, fully_lit_frames, photometric_refinement
 from pipeline.tracking.silhouette_cue import SilhouetteCue
 from pipeline.tracking.surface_tracker import DeformationPrior, track_surface
-from pipeline.tracking.tracking_inputs import image_cameras, keypoint_observations, mask_views
+from pipeline.tracking.tracking_inputs import keypoint_observations, mask_views
 from pipeline.tracking.vertex_offsets import skinning_jacobians
 
 LOG = logging.getLogger("track_mesh")

@@ -54,7 +54,7 @@ class LensView:
 
 
 def undistorted_grid(camera: Camera, samples: int, window: tuple[int, int, int, int]) -> Float64[np.ndarray, "y x 2"]:
-    """Where the look-up points of a window (x, y, width, height) lie without distortion, in the plane at depth 1."""
+    """Look-up points of a window (x, y, width, height), undistorted, at depth 1."""
     x, y, width, height = window
     steps_x = x + (np.arange(samples * width) + 0.5) / samples
     steps_y = y + (np.arange(samples * height) + 0.5) / samples
@@ -116,9 +116,9 @@ def view_points(
     margin: int = 2,
     grid: Float64[np.ndarray, "y x 2"] | None = None,
 ) -> LensView:
-    """View whose window holds the image of all world points (metres); otherwise as `view_window`.
+    """View whose window holds the image of all world points (metres).
 
-    They must lie in front of the camera.
+    Otherwise as `view_window`. They must lie in front of the camera.
     """
     pixels, _ = camera.project(points)
     return view_window(camera, pixels, samples, margin, grid)

@@ -1,9 +1,8 @@
-"""Inputs of tracking: cameras at image resolution, undistorted keypoints, silhouettes."""
+"""Inputs of tracking: undistorted keypoints and silhouettes."""
 
 from __future__ import annotations
 
 import logging
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,33 +12,12 @@ from pipeline.base.progress import progress
 from pipeline.base.spread import evenly
 from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means, reduction
-from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.geometry.cameras import Camera
 from pipeline.geometry.signed_distance import View, view_from_masks
 from pipeline.tracking.keypoint_targets import KeypointTargets
 from pipeline.tracking.mesh_tracker import Observations
 
 LOG = logging.getLogger("track_mesh")
-
-
-def image_cameras(path: Path, images: pd.DataFrame, downsample: float, use_test_cameras: bool) -> dict[str, Camera]:
-    """Calibrated cameras of the index at image resolution, sorted by name.
-
-    Held-out ones are left out unless `use_test_cameras`.
-    Raises:
-        InputError: if one is not calibrated, or fewer than two are left.
-    """
-    calibrated = read_cameras(path)
-    wanted = images if use_test_cameras else images[~images.test_camera]
-    names = sorted(wanted.camera.unique())
-    missing = [name for name in names if name not in calibrated]
-    if missing:
-        raise InputError(f"{path}: cameras: expected every camera of the capture, found none for {', '.join(missing)}")
-    if len(names) < 2:
-        raise InputError(
-            f"index/images.parquet: expected at least 2 cameras for triangulation, found {len(names)} "
-            f"({'' if use_test_cameras else 'without held-out ones; '}add cameras, or hold fewer out)"
-        )
-    return {name: calibrated[name].downsampled(float(downsample)) for name in names}
 
 
 def keypoint_observations(

@@ -10,14 +10,12 @@ from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import listed
 from pipeline.base.verdicts import Verdict
+from pipeline.calibration.cameras.image_coverage import covered_share
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection, Movement, choose_distortion
 from pipeline.calibration.cameras.rig_misfit import describe_movement, too_many_gross_outliers
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import PINHOLE_TERMS
-
-CELLS = 8
-"""Cells along either side of the grid that corners should cover: one is about as large as a square of the board."""
 
 PARALLEL_DEG = 20.0
 """Views turned less against each other are called parallel. It only words a reason (what decides is the focal length's
@@ -49,16 +47,10 @@ def quality_table(calibrated: Calibrated, names: Sequence[str], shot: Int64[np.n
         views = np.unique(observations.view[mine])
         rows.append((
             name, len(np.unique(shot[views])), int(mine.sum()), _rms(rig.residual[mine]), rig.focal_sigma[c],
-            rig.center_sigma_m[c], coverage(observations.pixel[mine], camera.width, camera.height),
+            rig.center_sigma_m[c], covered_share(observations.pixel[mine], camera.width, camera.height),
             largest_turn(camera.R @ rig.rig_from_board[views, :3, :3]), calibrated.distortion[c],
         ))  # fmt: skip
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def coverage(pixels: Float64[np.ndarray, "corners 2"], width: int, height: int) -> float:
-    """Share of the image's `CELLS` x `CELLS` cells in which there are corners."""
-    cell = np.clip(pixels / [width, height] * CELLS, 0, CELLS - 1).astype(int)
-    return len(np.unique(cell, axis=0)) / CELLS**2
 
 
 def largest_turn(cam_from_board_R: Float64[np.ndarray, "views 3 3"]) -> float:

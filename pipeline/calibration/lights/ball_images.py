@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import scipy.ndimage
 from jaxtyping import Float32, Float64
 
 from pipeline.base.conventions import PIXEL_CENTER
@@ -59,6 +58,8 @@ def _dark_pixels(gray: np.ndarray) -> np.ndarray:
 
 def _refine_outline(gray: np.ndarray, rough: np.ndarray, level: float) -> np.ndarray:
     """The edge near a rough outline (OpenCV's pixels) where brightness rises through `level`, at equal angles."""
+    from scipy.ndimage import map_coordinates  # Here, as the review does without: it takes long to import.
+
     middle = (rough.min(0) + rough.max(0)) / 2
     offset = rough - middle
     rough_angle = np.arctan2(offset[:, 1], offset[:, 0])
@@ -69,7 +70,7 @@ def _refine_outline(gray: np.ndarray, rough: np.ndarray, level: float) -> np.nda
     steps = np.arange(-band, band + EDGE_STEP_PX, EDGE_STEP_PX)
     ray = np.stack([np.cos(angle), np.sin(angle)], 1)
     x, y = np.moveaxis(middle + (radius[:, None] + steps)[..., None] * ray[:, None], -1, 0)
-    profile = scipy.ndimage.map_coordinates(gray, [y, x], order=1, mode="nearest")
+    profile = map_coordinates(gray, [y, x], order=1, mode="nearest")
     in_image = ((x >= 0) & (y >= 0) & (x <= gray.shape[1] - 1) & (y <= gray.shape[0] - 1)).all(1)
     edge = radius - band + EDGE_STEP_PX * _crossing(profile, level)
     good = in_image & np.isfinite(edge)

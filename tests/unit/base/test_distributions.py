@@ -17,7 +17,6 @@ def test_tails_are_those_of_scipy(value, freedom):
     np.testing.assert_array_equal(distributions.chi2_tail(value, freedom), stats.chi2.sf(value, freedom))
     np.testing.assert_array_equal(distributions.f_tail(value, freedom, 7), stats.f.sf(value, freedom, 7))
     np.testing.assert_array_equal(distributions.student_tail(value, freedom), stats.t.sf(value, freedom))
-    np.testing.assert_array_equal(distributions.normal_tail(value), stats.norm.sf(value))
 
 
 @pytest.mark.parametrize("freedom", FREEDOM)
@@ -25,8 +24,3 @@ def test_tails_are_those_of_scipy(value, freedom):
 def test_quantiles_are_those_of_scipy(probability, freedom):
     assert distributions.f_quantile(probability, freedom, 7) == stats.f.ppf(probability, freedom, 7)
     assert distributions.student_quantile(probability, freedom) == stats.t.ppf(probability, freedom)
-
-
-def test_normal_density_is_that_of_scipy():
-    x = np.linspace(-5, 5, 11)
-    np.testing.assert_array_equal(distributions.normal_density(x), stats.norm.pdf(x))

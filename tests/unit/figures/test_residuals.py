@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.calibration.cameras.image_coverage import count_cells
 from pipeline.figures.corners import worst_view
-from pipeline.figures.coverage import count_cells
 from pipeline.figures.residual_arrows import magnification, round_length
 from pipeline.figures.residual_histogram import normalised
 

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.calibration.cameras.rig_quality import coverage, describe_focal, largest_turn
+from pipeline.calibration.cameras.image_coverage import covered_share
+from pipeline.calibration.cameras.rig_quality import describe_focal, largest_turn
 
 
 def test_coverage_is_the_share_of_the_image_that_has_corners():
     """Of a wide image: everywhere, in its left half, in its upper quarter, at one place."""
     x, y = np.meshgrid(np.arange(5.0, 1280, 10), np.arange(5.0, 480, 10))
     pixels = np.stack([x.ravel(), y.ravel()], 1)
-    assert coverage(pixels, 1280, 480) == 1
-    assert coverage(pixels[pixels[:, 0] < 640], 1280, 480) == 0.5
-    assert coverage(pixels[pixels[:, 1] < 120], 1280, 480) == 0.25
-    assert coverage(pixels[:1], 1280, 480) == 1 / 64
+    assert covered_share(pixels, 1280, 480) == 1
+    assert covered_share(pixels[pixels[:, 0] < 640], 1280, 480) == 0.5
+    assert covered_share(pixels[pixels[:, 1] < 120], 1280, 480) == 0.25
+    assert covered_share(pixels[:1], 1280, 480) == 1 / 64
 
 
 def test_largest_turn_is_the_angle_between_boards_in_degrees():
