@@ -119,14 +119,29 @@ def wait_for_checkpoint(process, out):
         time.sleep(0.01)
 
 
-def stop_on_the_way(subject, out, processes, number):
-    """Send a signal once the first checkpoint lies there, and return how the training ended."""
+def stop_on_the_way(subject, out, processes, number, look=lambda process: None):
+    """Send a signal once the first checkpoint lies there; return how the training ended, and what `look` saw before."""
     process = start(subject, out, processes)
     wait_for_checkpoint(process, out)
+    seen = look(process)
     process.send_signal(number)
     code, printed = finish(process)
     assert not (out / "avatar.safetensors").exists(), "the training was over before it was stopped"
-    return code, printed
+    return code, printed, seen
+
+
+def listening(process):
+    """Addresses at which a process or its children wait for connections."""
+    family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+    found = [open_ for member in family for open_ in member.net_connections() if open_.status == "LISTEN"]
+    return [open_.laddr.ip for open_ in found]
+
+
+@pytest.fixture(scope="module")
+def stopped(subject, tmp_path_factory):
+    """Training of two processes that was ended by SIGTERM: its folder, how it ended, and where it had listened."""
+    out = tmp_path_factory.mktemp("stopped")
+    return out, *stop_on_the_way(subject, out, 2, signal.SIGTERM, listening)
 
 
 def test_what_breaks_in_one_process_stops_both(tmp_path):
@@ -147,15 +162,10 @@ def test_what_breaks_in_one_process_stops_both(tmp_path):
     assert np.isfinite(read_arrays(tmp_path / "out/broken.safetensors")["avatar.albedo"]).all()
 
 
-def test_processes_listen_where_no_other_machine_reaches(subject, tmp_path):
-    process = start(subject, tmp_path, 2)
-    wait_for_checkpoint(process, tmp_path)
-    family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
-    listening = [open_ for member in family for open_ in member.net_connections() if open_.status == "LISTEN"]
-    process.terminate()
-    finish(process)
-    assert len(listening) >= 2
-    assert {open_.laddr.ip for open_ in listening} == {"127.0.0.1"}
+def test_processes_listen_where_no_other_machine_reaches(stopped):
+    addresses = stopped[3]
+    assert len(addresses) >= 2
+    assert set(addresses) == {"127.0.0.1"}
 
 
 def test_interface_of_the_processes_is_the_loopback():
@@ -177,18 +187,18 @@ def test_the_end_of_the_other_process_is_told(subject, tmp_path):
 
 
 def test_a_killed_training_goes_on_to_the_same_bits(subject, tmp_path, alone):
-    code, _ = stop_on_the_way(subject, tmp_path, 1, signal.SIGKILL)
+    code, _, _ = stop_on_the_way(subject, tmp_path, 1, signal.SIGKILL)
     assert code == -signal.SIGKILL
     again, _, printed = train(subject, tmp_path)
     assert int(re.search(r"continuing after (\d+) steps", printed)[1]) % SETTINGS.checkpoint_every == 0
     assert_same(again, alone[0])
 
 
-def test_one_process_goes_on_to_the_same_bits_where_two_were_stopped(subject, tmp_path, alone):
-    code, printed = stop_on_the_way(subject, tmp_path, 2, signal.SIGTERM)
+def test_one_process_goes_on_to_the_same_bits_where_two_were_stopped(subject, stopped, alone):
+    out, code, printed, _ = stopped
     assert code == 128 + signal.SIGTERM, printed
     step = int(re.search(rf"^stopped after (\d+) of {STEPS} steps; the same command goes on", printed, re.M)[1])
-    again, table, printed = train(subject, tmp_path)
+    again, table, printed = train(subject, out)
     assert f"continuing after {step} steps" in printed
     assert_same(again, alone[0])
     pd.testing.assert_frame_equal(table.drop(columns="seconds"), alone[1].drop(columns="seconds"))
