@@ -16,6 +16,9 @@ from pipeline.base.errors import InputError
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv")
 
+MEAN = np.full((1, 3), 1 / 3, np.float32)
+"""Matrix that takes the mean of three channels. OpenCV rounds it; thirds never lie halfway."""
+
 _opened = threading.local()
 """Of each thread, the video that it reads, and the number of the next frame: frames in order cost one pass."""
 
@@ -54,4 +57,4 @@ def read_video_gray(path: Path, frame: int) -> UInt8[np.ndarray, "height width"]
     _opened.video = (str(path), video, following + 1)
     if not there:
         raise InputError(f"{path}: expected a frame {frame}, found none")
-    return np.round(picture.mean(-1, dtype=np.float32)).astype(np.uint8)
+    return cv2.transform(picture, MEAN)
