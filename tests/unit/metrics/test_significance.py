@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.stats import nct, ttest_1samp
 from scipy.stats import t as student
 
@@ -55,17 +56,42 @@ def test_without_an_effect_at_most_five_percent_are_found(frames):
     assert naive > 4 * LEVEL
 
 
-@pytest.mark.parametrize("frames", [24, 48])
-def test_frames_that_resemble_their_neighbours_do_not_pass_for_many(frames):
-    """Neighbours are correlated by 0.5; a test per frame is fooled. Blocks of three frames are still a little alike."""
+def share_found(frame: np.ndarray, memory: float) -> float:
+    """Share of draws without an effect in which the blocks' test finds one, exactly.
+
+    It does if m^2 > c^2 B / (B - 1) sum (u_b / n)^2: if a quadratic form of normal numbers is positive, whose
+    distribution Imhof (1961, "Computing the distribution of quadratic forms in normal variables", eq. 3.2) integrates.
+    """
+    count, images = frame.max() + 1, len(frame)
+    spread = np.where(np.arange(count) < count // 2, 1.0, 3.0)
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    shared = spread[:, None] * np.where(apart == 0, 1.0, memory**apart) * spread
+    covariance = shared[np.ix_(frame, frame)] + 0.25 * np.eye(images)
+    sums = np.eye(BLOCKS)[:, frame_blocks(frame)] @ (np.eye(images) - 1 / images)
+    critical = student.isf(LEVEL / 2, BLOCKS - 1)
+    form = np.full((images, images), 1.0) - critical**2 * BLOCKS / (BLOCKS - 1) * sums.T @ sums
+    weights = np.linalg.eigvals(form @ covariance).real
+    weights = weights[np.abs(weights) > 1e-9 * np.abs(weights).max()] / np.abs(weights).max()
+
+    def integrand(u: float) -> float:
+        turn = 0.5 * np.arctan(weights * u).sum()
+        return math.sin(turn) / u * math.exp(-0.25 * np.log1p((weights * u) ** 2).sum())
+
+    return 0.5 + quad(integrand, 0, np.inf, limit=500)[0] / math.pi
+
+
+@pytest.mark.parametrize(("frames", "memory"), [(24, 0.0), (24, 0.5), (48, 0.5)])
+def test_chance_passes_for_an_effect_as_often_as_theory_says(frames, memory):
+    """Neighbours that are correlated by 0.5 fool a test per frame; blocks of three of them are still a little alike."""
     rng, frame = np.random.default_rng(1), held_out_frames(frames)
-    drawn = [differences(rng, frame, memory=0.5) for _ in range(DRAWS)]
+    drawn = [differences(rng, frame, memory=memory) for _ in range(DRAWS)]
     found = np.mean([mean_over_images(d, frame).p_value < LEVEL for d in drawn])
-    per_frame = np.stack([np.bincount(frame, d) for d in drawn]) / np.bincount(frame)
-    naive = np.mean(ttest_1samp(per_frame, 0, axis=1).pvalue < LEVEL)
-    print(found, naive)
-    assert found < 0.08 + CHANCE
-    assert naive > 3 * LEVEL
+    exact = share_found(frame, memory)
+    assert found == pytest.approx(exact, abs=4 * math.sqrt(exact * (1 - exact) / DRAWS))
+    assert exact < (LEVEL if memory == 0 else 2 * LEVEL)
+    if memory:
+        per_frame = np.stack([np.bincount(frame, d) for d in drawn]) / np.bincount(frame)
+        assert np.mean(ttest_1samp(per_frame, 0, axis=1).pvalue < LEVEL) > 3 * LEVEL
 
 
 def test_a_known_difference_is_found_as_often_as_theory_says():
