@@ -214,24 +214,44 @@ def test_light_behind_the_head(case: HardCase) -> None:
     case.check(max(part.detach().abs().max() for part in middle), 0.0, 0.0 if finite else math.nan, 0.0)
 
 
+def naive_entries(origin: np.ndarray, rays: np.ndarray, centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Rays that the quadratic formula says meet a ball: at its nearer root, or the other if that lies behind."""
+    toward = centers - origin
+    along = rays @ toward.T
+    root = np.sqrt(along**2 - (toward**2).sum(1) + radii**2)
+    return (np.where(along - root > 0, along - root, along + root) > 0).any(1)
+
+
 @pytest.mark.parametrize("where", ["centre of an eye", "inside", "on the cornea", "a hair before it"])
 def test_camera_at(case: HardCase, where: str) -> None:
-    """From inside no ray enters the eye; from a hair before it, those straight ahead do, at once."""
+    """From inside no ray enters the eye; from a hair before it, those that look at it do, at once.
+
+    From the cornea itself rounding decides which enter, there or at the ball below it; the one that looks away never.
+    """
     shape = make_eyes()["eye_l"].shape
     apex = shape.cornea_offset_m + shape.cornea_radius_m
     depth = {"centre of an eye": 0.0, "inside": 0.006, "on the cornea": apex, "a hair before it": apex + 1e-4}[where]
     centers = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.0, shape.cornea_offset_m]], requires_grad=True)
     radii = torch.tensor([shape.radius_m, shape.cornea_radius_m], requires_grad=True)
     rays = torch.tensor([[0.0, 0.0, -1.0], [0.0, 0.6, -0.8], [0.6, 0.0, 0.8]])
-    rows, _, points, normals = trace_spheres(torch.tensor([0.0, 0.0, depth]), rays, centers, radii)
-    expected = {"a hair before it": [0, 1]}.get(where, [])
+    rows, inside, points, normals = trace_spheres(torch.tensor([0.0, 0.0, depth]), rays, centers, radii)
     gradients = torch.autograd.grad(points.sum() + normals.sum() + 0 * radii.sum(), [centers, radii], allow_unused=True)
     finite = all(gradient is None or torch.isfinite(gradient).all() for gradient in gradients)
-    entered = [row for row in rows.tolist() if row in expected or where != "on the cornea"]  # there rounding decides
-    error = worst(points[:1, 2], [apex], apex) if expected else 0.0
-    case.check(error + (entered != expected), 1e-6 if expected else 0.0, 0.0 if finite else math.nan, 0.0)
-    if where in ("centre of an eye", "inside"):  # the nearer of two roots, in front of the camera or not
-        case.naive_fails(3 - len(expected))
+    entered = rows.tolist()
+    if where == "on the cornea":
+        ball = radii.double()[inside].detach()[:, None] * normals.detach().double() + centers.detach().double()[inside]
+        expected, at = [row for row in entered if row != 2], ball
+    elif where == "a hair before it":  # 0.8 away - root((0.8 away)^2 - away^2 + r^2) down the oblique ray
+        away = shape.cornea_radius_m + 1e-4
+        oblique = 0.8 * away - math.sqrt(shape.cornea_radius_m**2 - (0.6 * away) ** 2)
+        expected, at = [0, 1], np.array([[0, 0, apex], [0, 0.6 * oblique, depth - 0.8 * oblique]])
+    else:
+        expected, at = [], np.zeros((0, 3))
+    error = worst(points, at, apex) if entered == expected else 1.0
+    case.check(error, 1e-6, 0.0 if finite else math.nan, 0.0)
+    if where in ("centre of an eye", "inside"):
+        arrays = [array.detach().double().numpy() for array in (rays, centers, radii)]
+        case.naive_fails(naive_entries(np.array([0.0, 0.0, depth]), *arrays).sum() - len(entered))
 
 
 def test_ray_that_touches_the_eye(case: HardCase) -> None:

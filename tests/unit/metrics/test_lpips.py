@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,8 +94,18 @@ def test_layouts_are_torchvisions():
         assert len(features) == taps
 
 
+LINEAR_SHA256 = {
+    "alex": "c66ca9e1e9f2e55c4a95545c98e1ab4a16bd950cc577d25347a508c2a6648825",
+    "vgg": "f59790242c340514f08cadf7d6533cbe5a1db0477350496bb4c6f3671d85f13e",
+}
+"""Of what was converted from version 0.1 of the authors' package, see weights/LICENSE."""
+
+
 def test_linear_weights_are_the_published_ones():
-    # Non-negative by construction of the metric; one per channel of the compared layers.
+    """To the byte: non-negative by construction of the metric, one per channel of the compared layers."""
+    folder = Path(lpips_module.__file__).with_name("weights")
+    for net, digest in LINEAR_SHA256.items():
+        assert hashlib.sha256((folder / f"lpips_linear_{net}.safetensors").read_bytes()).hexdigest() == digest
     assert [len(w) for _, w in sorted(linear_weights("alex").items())] == [64, 192, 384, 256, 256]
     assert [len(w) for _, w in sorted(linear_weights("vgg").items())] == [64, 128, 256, 512, 512]
     assert all((w >= 0).all() for net in ("alex", "vgg") for w in linear_weights(net).values())
