@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.kernel_cache import sources_digest
 from pipeline.rendering.splat_conventions import MIN_ALPHA, check_splat_inputs
+from pipeline.rendering.splat_types import CameraView
 from tests.support.avatars.splat_by_names import compare_with_reference, splat, splat_reference
 
 FLOAT32_IMAGE = 1e-5
@@ -295,3 +296,9 @@ def test_any_changed_kernel_source_changes_the_stamp_of_all_binaries(tmp_path):
     (tmp_path / "one_kernels.py").write_text("LIMIT = 2\n")
     sources_digest.cache_clear()
     assert sources_digest(tmp_path) != before
+
+
+def test_camera_stands_where_its_own_coordinates_are_zero():
+    view = camera(20, 20)
+    center = CameraView(view["R"], view["t"], view["K"], 20, 20).center
+    np.testing.assert_allclose(view["R"] @ center + view["t"], np.zeros(3), atol=1e-15)
