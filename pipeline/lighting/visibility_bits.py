@@ -4,7 +4,7 @@ Traced once per pose, then any pattern costs no rays.
 
 A light's bits say which texels see it. Changing which lights are on, or how bright they are, then is a masked sum
 (`irradiance_from_bits`); only moving the mesh or a light calls for new rays. Bits may be kept in files, found again by
-what they were traced from: never stale, and safe to delete.
+what they were traced from, and the code that did: never stale, and safe to delete.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
 
+from pipeline.base.code_digest import code_digest
 from pipeline.base.files import digest_bytes, read_arrays, write_arrays
 from pipeline.lighting.irradiance import IrradianceMap, Lights, exact_map, light_scene, unlit_map
 from pipeline.lighting.ray_kernels import add_seen_bits
@@ -105,12 +106,13 @@ def bits_are_cheaper(lights: int, lit: list[int], samples: int | None) -> bool:
 
 
 def visibility_key(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, places: np.ndarray) -> str:
-    """Digest of all that visibility depends on. Points and mesh, lights, and the offsets of the rays."""
+    """Digest of all that visibility depends on. Points and mesh, lights, the offsets of the rays, and the code here."""
     offsets = np.array([ORIGIN_OFFSET, LIGHT_CLEARANCE])
     parts = [np.ascontiguousarray(array, dtype) for array, dtype in (
         (points, np.float64), (vertices, np.float64), (faces, np.int64), (places, np.float64), (offsets, np.float64)
     )]  # fmt: skip
-    return digest_bytes(b"".join(str(part.shape).encode() + part.tobytes() for part in parts))
+    content = b"".join(str(part.shape).encode() + part.tobytes() for part in parts)
+    return digest_bytes(code_digest(__name__).encode() + content)
 
 
 def load_bits(folder: Path, key: str) -> VisibilityBits | None:

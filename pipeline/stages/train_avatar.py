@@ -2,8 +2,8 @@
 
 Adam on the per-texel parameters and the shadow network of `pipeline.avatar.model`, against the training images of the
 shards (losses: RFGCA 17, 18, Appendix B). A checkpoint is written as it goes, and when a signal asks to stop; a run
-that was stopped continues from it to the same result, provided that settings, shards, atlas and plan are what they
-were. Several processes work side by side, on one machine by themselves; on several, `python -m torch.distributed.run
+that was stopped continues from it to the same result, provided that code, settings, shards, atlas and plan are what
+they were. Several processes work side by side, on one machine by themselves; on several, `python -m torch.distributed.run
 ... -m pipeline.stages.train_avatar ...` starts them.
 """
 
@@ -32,6 +32,7 @@ from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.training import BrokenStep, Portion, Position, Training
 from pipeline.avatar.training.training_images import Schedule, chosen_images, require_no_held_out
 from pipeline.avatar.training.training_log import TrainingLog
+from pipeline.base.code_digest import code_digest
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, write_table
@@ -240,11 +241,13 @@ def write_state(training: Training, path: Path, at: Position, fingerprint: str) 
 
 
 def fingerprint_of(settings: TrainAvatar, spec: AvatarSpec, inputs: list[Path]) -> str:
-    """Fingerprint of a checkpoint: settings, what is built, and the content of all inputs.
+    """Fingerprint of a checkpoint: code, settings, what is built, and the content of all inputs.
 
-    Of settings only those count that change the result.
+    Of settings only those count that change the result. A run that goes on with other code than it began with would end
+    as neither does from the start.
     """
-    parts = [settings.model_dump_json(exclude=WATCHED_BY), str(spec), *(digest_file(path) for path in inputs)]
+    parts = [code_digest("pipeline.stages.train_avatar"), settings.model_dump_json(exclude=WATCHED_BY), str(spec)]
+    parts += [digest_file(path) for path in inputs]
     return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
 
 

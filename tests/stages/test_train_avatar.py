@@ -203,6 +203,16 @@ def test_every_setting_that_matters_voids_a_checkpoint():
     assert {name for name, found in fingerprints.items() if found == same} == stage.WATCHED_BY
 
 
+def test_checkpoint_of_older_code_is_not_used(inputs, tmp_path, monkeypatch):
+    """Half of a training by one code and half by another ends where neither does from the start."""
+    taken = step_and(monkeypatch, 4, die)
+    with pytest.raises(Death):
+        stage.run(**inputs, out=tmp_path / "out")
+    monkeypatch.setattr(stage, "code_digest", lambda module: f"{module}, edited")
+    stage.run(**inputs, out=tmp_path / "out")
+    assert taken == [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 5]
+
+
 @pytest.mark.parametrize("read", ["shards/train/0000.arrow", "shards/frames/0000.arrow", "atlas.safetensors"])
 def test_checkpoint_of_other_inputs_is_not_used(inputs, tmp_path, monkeypatch, read):
     taken = step_and(monkeypatch, 4, die)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.base.code_digest import imported_modules
+from pipeline.lighting import visibility_bits
 from pipeline.lighting.irradiance import Lights, trace_irradiance
 from pipeline.lighting.visibility_bits import (
     bits_are_cheaper,
@@ -74,3 +76,17 @@ def test_cache_finds_only_what_was_traced_from_the_same(tmp_path: Path) -> None:
         visibility_key(points, vertices, faces, LIGHTS[::-1]),
     ]
     assert len({key, *others}) == 5
+
+
+def test_bits_of_another_tracer_are_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor those of other offsets of its rays."""
+    arrays = np.zeros((2, 3)), np.eye(3), np.array([[0, 1, 2]]), LIGHTS
+    keys = [visibility_key(*arrays)]
+    monkeypatch.setattr(visibility_bits, "LIGHT_CLEARANCE", 2 * visibility_bits.LIGHT_CLEARANCE)
+    keys.append(visibility_key(*arrays))
+    monkeypatch.setattr(visibility_bits, "code_digest", lambda module: f"{module}, edited")
+    keys.append(visibility_key(*arrays))
+    assert len(set(keys)) == 3
+    assert {"pipeline.lighting.visibility", "pipeline.lighting.ray_kernels"} <= set(
+        imported_modules("pipeline.lighting.visibility_bits")
+    )

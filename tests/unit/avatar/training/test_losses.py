@@ -31,6 +31,15 @@ def gradient(term, value):
     return found
 
 
+def test_colours_are_compared_as_srgb_encodes_them():
+    """Linear 0.18 and 0.5 are 0.4614 and 0.7354 in IEC 61966-2-1; equal greys differ by nothing."""
+    mask, gray = torch.ones(4, 4), torch.full((4, 4, 3), 0.18)
+    assert losses.photometric(gray, gray, mask, "captured").item() == 0
+    half = torch.full((4, 4, 3), 0.5)
+    assert losses.photometric(half, gray, mask, "captured").item() == pytest.approx(0.7354 - 0.4614, abs=1e-4)
+    assert losses.photometric(half, gray, mask, "captured", "linear").item() == pytest.approx(0.32, rel=1e-6)
+
+
 def test_alpha_sparsity_is_the_distance_to_0_or_1_away_from_the_edge():
     mask = torch.zeros(8, 8)
     mask[1:7, 1:7] = 1
