@@ -18,6 +18,7 @@ from pipeline.workflow.termination import running_stages
 from tests.support.chaos.sound_run import differences, digests
 from tests.support.network import system_calls
 from tests.support.viewer.relit_page import CHROMIUM, lamp, launch, open_page, page_picture, psnr_db
+from tests.support.workflow.read_files import declared, read_results, undeclared
 from tests.support.workflow.stage_server import StageServer
 
 TARGET = "results/tiny/metrics.csv"
@@ -108,14 +109,14 @@ def test_every_stage_ran_once_and_killed_training_went_on(made):
 
 @pytest.fixture(scope="module")
 def again(copy_of_project, tmp_path_factory):
-    """A second run, from nothing and on one core, and strace's file of its connections; none where it cannot trace."""
+    """A second run, from nothing and on one core, strace's file of it, none where it cannot trace, and what it printed."""
     folder = tmp_path_factory.mktemp("again")
     trace = None if system_calls.why_not() else folder / "trace"
     with StageServer(trace) as server:
         project = copy_of_project(folder / "project").with_stages_of(server)
         run = project.snakemake("--cores", "1", "--", TARGET)
     assert run.returncode == 0, run.stdout
-    return project.folder, trace
+    return project.folder, trace, run.stdout
 
 
 def test_one_core_from_nothing_gives_the_same_bytes(workflow, again):
@@ -130,6 +131,16 @@ def test_no_stage_opens_a_connection(again):
     trace = again[1].read_text()
     assert "AF_UNIX" in trace  # Of the server that forks the stages.
     assert not system_calls.beyond_this_machine(trace)
+
+
+def test_stages_read_no_file_that_their_rules_do_not_declare(again):
+    """Whatever else they read could change, and nothing would run again."""
+    if reason := system_calls.why_not():
+        pytest.skip(reason)
+    folder, trace, printed = again
+    read, known = read_results(trace.read_text(), folder, STAGES), declared(printed)
+    assert set(read) >= STAGES - {"synthesize_capture", "index_capture"}
+    assert undeclared(read, known) == []
 
 
 def test_metrics_have_a_row_per_variant_split_and_light(workflow):

@@ -1,4 +1,4 @@
-"""System calls of processes that open connections, as strace prints them."""
+"""System calls of processes that open connections or files, as strace prints them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-TRACE = ("strace", "--follow-forks", "--seccomp-bpf", "--quiet=attach,exit", "--signal=none",
-         "--trace=connect,bind,sendto,sendmsg,sendmmsg")  # fmt: skip
+TRACE = ("strace", "--follow-forks", "--seccomp-bpf", "--quiet=attach,exit", "--signal=none", "--decode-pids=comm",
+         "--trace=connect,bind,sendto,sendmsg,sendmmsg,openat")  # fmt: skip
 
 CALL = re.compile(r"\b(connect|bind|sendto|sendmsg|sendmmsg)\((.*)")
 FAMILY = re.compile(r"sa_family=(AF_\w+)")
@@ -31,7 +31,7 @@ def why_not() -> str:
 
 
 def traced(command: list[str], log: Path) -> list[str]:
-    """Words of a command whose connections, and those of all that it starts, are written to a file."""
+    """Words of a command whose connections and files, and those of all that it starts, are written to a log."""
     return [*TRACE, "--output", str(log), *command]
 
 

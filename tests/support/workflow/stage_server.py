@@ -51,7 +51,7 @@ sys.exit(code[0] if code else 1)
 class StageServer:
     """The other end of the process; a context manager. Workflows are to be run with its `python`.
 
-    With `trace`, a file, strace writes the connections of the process and of all stages there.
+    With `trace`, a file, strace writes there what the process and all stages connect to and open.
     """
 
     def __init__(self, trace: Path | None = None) -> None:
@@ -116,6 +116,8 @@ def _answer(caller: socket.socket) -> None:
     os.environ.update(environment)
     os.chdir(folder)
     sys.path[0], sys.argv = folder, ["-m", *flags]
+    with contextlib.suppress(OSError):  # Traces say which stage this is; Linux keeps 15 letters.
+        Path("/proc/self/comm").write_text(module.rpartition(".")[2][:15])
     code = 1
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)

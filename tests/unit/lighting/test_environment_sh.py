@@ -11,7 +11,12 @@ from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
 from pipeline.lighting.environment import Environment
-from pipeline.lighting.environment_sh import gather_environment, project_environment, spherical_harmonics
+from pipeline.lighting.environment_sh import (
+    gather_environment,
+    project_environment,
+    spherical_harmonics,
+    turned_light,
+)
 from pipeline.lighting.zonal import clamped_cosine_coefficients, gather_light_reference
 
 FAR_M = 1e6
@@ -39,6 +44,15 @@ def test_harmonics_are_scipys() -> None:
     expected = [[scipys(n, m, *d) for n in range(9) for m in range(-n, n + 1)] for d in directions]
     found = spherical_harmonics(torch.from_numpy(directions))
     np.testing.assert_allclose(found.numpy(), np.array(expected), atol=1e-13)
+
+
+def test_turned_light_is_that_of_turned_lamps() -> None:
+    """Lamps of two colours in directions w have harmonics Y(w); turned ones those of R w, and none of R^T w."""
+    turn = torch.from_numpy(Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix())
+    directions = torch.nn.functional.normalize(torch.randn(3, 3, generator=torch.Generator().manual_seed(0)).double())
+    colors = torch.tensor([[1.0, 0.2], [0.5, 3.0], [2.0, 0.0]]).double()
+    found = turned_light(spherical_harmonics(directions).T @ colors, turn)
+    np.testing.assert_allclose(found, spherical_harmonics(directions @ turn.T).T @ colors, atol=1e-12)
 
 
 def test_gradient_is_finite_at_the_poles() -> None:

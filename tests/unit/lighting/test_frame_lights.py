@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from pipeline.base.files import write_table
+from pipeline.lighting.frame_irradiance import read_stage_lights
 from pipeline.lighting.frame_lights import read_frame_lights
 
 PLACES = {"C": (3.0, 0.0, 1.0), "A": (1.0, 5.0, 0.0), "B": (2.0, -1.0, 4.0)}
@@ -24,3 +26,9 @@ def test_positions_and_strengths_belong_to_one_light_in_any_order(tmp_path: Path
     for frame, each in found.items():
         expected = {PLACES[name]: (red, 2 * red, 0.0) for f, name, red in lit if f == frame}
         assert dict(zip(map(tuple, each.positions), map(tuple, each.intensities), strict=True)) == expected
+    stage = read_stage_lights(tmp_path / "lights.parquet", tmp_path / "patterns.parquet")
+    for frame in found:
+        at = stage.at(frame)
+        shown = dict(zip(map(tuple, at.places), at.luminances, strict=True))
+        gray = {PLACES[name]: (0.2126 + 2 * 0.7152) * red for f, name, red in lit if f == frame}
+        assert shown == pytest.approx(dict.fromkeys(PLACES.values(), 0.0) | gray, rel=1e-6)
