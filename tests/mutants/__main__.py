@@ -59,11 +59,11 @@ def main() -> None:
     court = Court(Tree.made(root, out / "tree"), out, asked.patience)
     found = court.kept(chosen) if asked.kept else judge(court, chosen, asked.minutes)
     shutil.rmtree(out / "scratch", ignore_errors=True)
-    judgements = [judgement for _, judgement in found]
-    (out / "table.md").write_text(records.counted(judgements))
-    print(records.counted(judgements))
+    table = records.counted(chosen, found)
+    (out / "table.md").write_text(table)
+    print(table)
     if asked.page:
-        records.write_page(asked.page, judgements)
+        records.write_page(asked.page, table)
     sys.exit(bool(complaints(found, len(chosen))))
 
 

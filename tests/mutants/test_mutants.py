@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 
@@ -9,7 +10,7 @@ import pytest
 import yaml
 
 from tests.support.mutants import records
-from tests.support.mutants.mutant import read_mutants
+from tests.support.mutants.mutant import Mutant, read_mutants
 from tests.support.mutants.records import Verdict
 
 LEAST_MUTANTS, LEAST_OF_A_LAYER = 150, 4
@@ -147,15 +148,18 @@ def test_list_that_is_not_true_is_refused(project, change, message):
         mutant.require_change(project)
 
 
-def test_table_counts_by_layer_and_in_all(tmp_path):
-    table = tmp_path / "mutants.csv"
-    for layer, verdict, seconds in (
-        ("base", Verdict.KILLED, 2.0), ("sync", Verdict.SURVIVED, 4.0), ("sync", Verdict.STOPPED, 60.0),
-        ("", Verdict.SOUND, 9.0),
-    ):  # fmt: skip
-        records.append(table, records.Judgement(layer, "x", f"{layer}{verdict}", verdict, seconds, ""))
-    lines = records.counted(records.read(table)).splitlines()
-    assert lines[2:] == [
-        "| base | 1 | 1 | 0 | 0 | 2.0 | 0.0 |", "| sync | 2 | 0 | 1 | 1 | 32.0 | 1.1 |",
-        "| all | 3 | 1 | 1 | 1 | 4.0 | 1.1 |",
-    ]  # fmt: skip
+def test_table_has_each_listed_bug_in_one_column(tmp_path):
+    """A test that passes without a change is no bug's row; one that did not run judged nothing."""
+    listed = [Mutant(layer, str(number), "", "", "", ()) for number, layer in enumerate(["base", *["sync"] * 5])]
+    listed[3] = dataclasses.replace(listed[3], survives="equal")
+    judged = [Verdict.KILLED, Verdict.SURVIVED, Verdict.STOPPED, Verdict.SURVIVED, Verdict.UNJUDGED]
+    for mutant, verdict, seconds in zip(listed, judged, (2.0, 4.0, 60.0, 8.0, 1.0), strict=False):
+        records.append(
+            tmp_path / "mutants.csv", records.Judgement(mutant.layer, "x", mutant.file, verdict, seconds, "")
+        )
+    found = list(zip(listed, records.read(tmp_path / "mutants.csv"), strict=False))
+    assert records.counted(listed, found).splitlines()[2:] == [
+        "| base | 1 | 1 | 0 | 0 | 0 | 0 | 2.0 | 0.0 |",
+        "| sync | 5 | 0 | 1 | 1 | 1 | 2 | 6.0 | 1.2 |",
+        "| all | 6 | 1 | 1 | 1 | 1 | 2 | 4.0 | 1.2 |",
+    ]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import statistics
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 
 from docs.generate.markdown import put_between
+from tests.support.mutants.mutant import Mutant
 
 
 class Verdict(StrEnum):
@@ -72,19 +73,32 @@ def append(path: Path, judgement: Judgement) -> None:
         writer.writerow(asdict(judgement) | {"seconds": f"{judgement.seconds:.2f}"})
 
 
-def counted(judgements: Iterable[Judgement]) -> str:
-    """The table of verdicts by layer, in Markdown."""
-    judged = [judgement for judgement in judgements if judgement.layer]
-    lines = [["layer", "mutants", "killed", "out of time", "survived", "median s", "minutes"], ["---"] * 7]
-    for layer in [*sorted({judgement.layer for judgement in judged}), ""]:
-        rows = [judgement for judgement in judged if layer in ("", judgement.layer)]
-        counts = [sum(row.verdict is verdict for row in rows) for verdict in (*SEEN, Verdict.SURVIVED)]
-        seconds = [row.seconds for row in rows] or [0.0]
+COLUMNS = (
+    "layer", "listed", "killed", "out of time", "argued", "survived", "not judged", "median s", "minutes"
+)  # fmt: skip
+"""Of the table by layer; a bug that survives with a reason in its list is argued."""
+
+
+def counted(listed: Sequence[Mutant], found: Sequence[tuple[Mutant, Judgement]]) -> str:
+    """The table of verdicts by layer, in Markdown. Each listed bug counts in one column.
+
+    Args:
+        listed: all bugs.
+        found: those that were judged, with their judgements.
+    """
+    lines: list[Sequence[str]] = [COLUMNS, ["---"] * len(COLUMNS)]
+    for layer in [*sorted({mutant.layer for mutant in listed}), ""]:
+        total = sum(layer in ("", mutant.layer) for mutant in listed)
+        rows = [(mutant, judgement) for mutant, judgement in found if layer in ("", mutant.layer)]
+        alive = [bool(mutant.survives) for mutant, judgement in rows if judgement.verdict is Verdict.SURVIVED]
+        counts = [sum(judgement.verdict is verdict for _, judgement in rows) for verdict in SEEN]
+        counts += [sum(alive), len(alive) - sum(alive)]
+        seconds = [judgement.seconds for _, judgement in rows] or [0.0]
         times = [f"{statistics.median(seconds):.1f}", f"{sum(seconds) / 60:.1f}"]
-        lines.append([layer or "all", str(len(rows)), *map(str, counts), *times])
+        lines.append([layer or "all", *map(str, [total, *counts, total - sum(counts)]), *times])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-def write_page(page: Path, judgements: Iterable[Judgement]) -> None:
+def write_page(page: Path, table: str) -> None:
     """Put the table of verdicts between the marks of a page."""
-    put_between(page, "mutants", counted(judgements))
+    put_between(page, "mutants", table)
