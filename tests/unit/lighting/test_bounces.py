@@ -23,7 +23,14 @@ UP, DOWN = np.array([0.0, 0, 1]), np.array([0.0, 0, -1])
 
 @pytest.fixture(scope="module")
 def room():
-    """Floor in the left half of the map, ceiling in the right; u grows along x, v along y in both."""
+    return make_room(DOWN)
+
+
+def make_room(ceiling_faces, rays=RAYS):
+    """Floor in the left half of the map, ceiling in the right; u grows along x, v along y in both.
+
+    Returns points, whether they are the ceiling's, and texels that their rays hit.
+    """
     half = SIDE / 2
     floor = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
     ceiling = floor + HEIGHT * UP
@@ -45,7 +52,8 @@ def room():
     )  # fmt: skip
     vertices = np.concatenate([floor, ceiling])
     frames = np.where(above[:, None, None], np.diag([1.0, -1, -1]), np.eye(3))
-    hits = trace_bounces(atlas, Occluders(vertices, faces), points, frames, np.array([UP, UP, DOWN, DOWN]), RAYS)
+    normals = np.array([UP, UP, ceiling_faces, ceiling_faces])
+    hits = trace_bounces(atlas, Occluders(vertices, faces), points, frames, normals, rays)
     return points, above, torch.as_tensor(hits)
 
 
@@ -76,6 +84,13 @@ def test_light_does_not_come_from_the_floor_itself_nor_from_outside(room):
     assert on_floor[~above].abs().max() == 0
     assert on_floor[above].min() > 0
     assert (hits[center_of(points, ~above)] == len(points)).any(), "some rays leave between floor and ceiling"
+
+
+def test_inside_of_a_surface_hides_and_does_not_shine():
+    """A ceiling whose outside looks up: the floor below it sees no sky, and no light from it either."""
+    points, above, hits = make_room(UP, 64)
+    shining = bounced_irradiance(torch.as_tensor(above, dtype=torch.float32)[:, None], hits)
+    assert shining[~above].abs().max() == 0
 
 
 def test_directions_follow_the_cosine():
