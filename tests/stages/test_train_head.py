@@ -91,3 +91,19 @@ def test_fewer_cameras_are_what_it_learns_from(inputs, tmp_path, monkeypatch):
     assert len(every) > 1 and len(seen) == 1
     with pytest.raises(InputError, match="cameras: expected at most"):
         stage.run(**changed(inputs, cameras=99), out=tmp_path / "many")
+
+
+def test_frame_without_a_training_image_leaves_every_buffer_as_it_is(inputs, tmp_path):
+    """A test frame of a grimace: no mean, component or length of the encoder knows of it."""
+    inputs = changed(inputs, steps=1)
+    stage.run(**inputs, out=tmp_path / "before")
+    frames = list(read_frame_shards([inputs["shards"] / "frames"]).values())
+    grimace = dataclasses.replace(
+        frames[0], frame=99, vertices=frames[0].vertices + np.float32([0, 0, 0.5]), texture=9 * frames[0].texture
+    )
+    write_frame_shard(inputs["shards"] / "frames/0000.arrow", [*frames, grimace])
+    stage.run(**inputs, out=tmp_path / "after")
+    before, after = (read_arrays(tmp_path / name / "avatar.safetensors") for name in ("before", "after"))
+    assert before.keys() == after.keys()
+    for name in before:
+        np.testing.assert_array_equal(before[name], after[name], err_msg=name)

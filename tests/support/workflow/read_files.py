@@ -6,11 +6,14 @@ import re
 from collections import defaultdict
 from pathlib import Path
 
-OPENED = re.compile(r'^\d+<([^>]+)> openat\(AT_FDCWD, "([^"]+)", O_RDONLY', re.MULTILINE)
-"""Name of the process, path. Whether the call came to something may stand in a later line."""
+OPENED = re.compile(r'^(\d+)<([^>]+)> openat\(AT_FDCWD, "([^"]+)", O_RDONLY', re.MULTILINE)
+"""Number of the process, its name, path. Whether the call came to something may stand in a later line."""
+
+BEGINS = "/stage/"
+"""Folder, which is not there, of the path that a process tries to open as it becomes a stage; its threads are named
+after the stage, as far as Linux keeps names."""
 
 NAME_SIZE = 15
-"""Characters of a process's name that Linux keeps."""
 
 JOB = re.compile(r"^(?:local)?(?:rule|checkpoint) (\w+):\n((?:    .*\n)+)", re.MULTILINE)
 FILES = re.compile(r"^    (?:input|output): (.*)$", re.MULTILINE)
@@ -28,11 +31,13 @@ def declared(printed: str) -> dict[str, set[str]]:
 def read_results(trace: str, project: Path, stages: set[str]) -> dict[str, set[str]]:
     """Files below results/ that stages opened and that are still there, by stage, relative to the project."""
     stage_of, found = {stage[:NAME_SIZE]: stage for stage in stages}, defaultdict(set)
-    results = project.resolve() / "results"
-    for name, text in OPENED.findall(trace):
-        path = (project / text).resolve()
-        if name in stage_of and path.is_relative_to(results) and path.is_file():
-            found[stage_of[name]].add(str(path.relative_to(project.resolve())))
+    project = project.resolve()
+    for number, name, text in OPENED.findall(trace):
+        if text.startswith(BEGINS):
+            stage_of[number] = text.removeprefix(BEGINS)
+        path, stage = (project / text).resolve(), stage_of.get(number, stage_of.get(name))
+        if stage and path.is_relative_to(project / "results") and path.is_file():
+            found[stage].add(str(path.relative_to(project)))
     return found
 
 

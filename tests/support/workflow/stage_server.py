@@ -116,8 +116,11 @@ def _answer(caller: socket.socket) -> None:
     os.environ.update(environment)
     os.chdir(folder)
     sys.path[0], sys.argv = folder, ["-m", *flags]
-    with contextlib.suppress(OSError):  # Traces say which stage this is; Linux keeps 15 letters.
-        Path("/proc/self/comm").write_text(module.rpartition(".")[2][:15])
+    stage = module.rpartition(".")[2]
+    with contextlib.suppress(OSError):  # Traces name threads so; Linux keeps 15 letters.
+        Path("/proc/self/comm").write_text(stage[:15])
+    with contextlib.suppress(OSError):  # Nothing is there: traces show which stage this process is from here on.
+        open(f"/stage/{stage}")
     code = 1
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)
