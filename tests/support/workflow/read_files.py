@@ -1,12 +1,14 @@
-"""Files that the stages of a run opened, as strace prints them, against what Snakemake says that their rules declare."""
+"""Files that the stages of a run opened, as strace prints them, against those that their rules declare."""
 
 from __future__ import annotations
 
+import base64
+import json
 import re
 from collections import defaultdict
 from pathlib import Path
 
-OPENED = re.compile(r'^(\d+)<([^>]+)> openat\(AT_FDCWD, "([^"]+)", O_RDONLY', re.MULTILINE)
+OPENED = re.compile(r'(\d+)<([^>]+)> openat\(AT_FDCWD, "([^"]+)", O_RDONLY')
 """Number of the process, its name, path. Whether the call came to something may stand in a later line."""
 
 BEGINS = "/stage/"
@@ -15,16 +17,15 @@ after the stage, as far as Linux keeps names."""
 
 NAME_SIZE = 15
 
-JOB = re.compile(r"^(?:local)?(?:rule|checkpoint) (\w+):\n((?:    .*\n)+)", re.MULTILINE)
-FILES = re.compile(r"^    (?:input|output): (.*)$", re.MULTILINE)
 
-
-def declared(printed: str) -> dict[str, set[str]]:
-    """Inputs and outputs of a run's jobs, by rule, from what Snakemake printed."""
+def declared(project: Path) -> dict[str, set[str]]:
+    """Inputs and outputs of the jobs of a finished run by rule, as Snakemake keeps them for each output."""
     found: dict[str, set[str]] = defaultdict(set)
-    for rule, job in JOB.findall(printed):
-        for files in FILES.findall(job):
-            found[rule] |= set(re.sub(r" \(.*?\)", "", files).split(", "))
+    kept = project / ".snakemake/metadata"
+    for path in kept.rglob("*"):
+        if path.is_file():
+            record, name = json.loads(path.read_text()), "".join(path.relative_to(kept).parts).replace("@", "")
+            found[record["rule"]] |= {base64.urlsafe_b64decode(name).decode(), *record["input"]}
     return found
 
 
@@ -32,7 +33,11 @@ def read_results(trace: str, project: Path, stages: set[str]) -> dict[str, set[s
     """Files below results/ that stages opened and that are still there, by stage, relative to the project."""
     stage_of, found = {stage[:NAME_SIZE]: stage for stage in stages}, defaultdict(set)
     project = project.resolve()
-    for number, name, text in OPENED.findall(trace):
+    for line in trace.splitlines():
+        opened = OPENED.match(line) if BEGINS in line or "results/" in line else None
+        if opened is None:
+            continue
+        number, name, text = opened.groups()
         if text.startswith(BEGINS):
             stage_of[number] = text.removeprefix(BEGINS)
         path, stage = (project / text).resolve(), stage_of.get(number, stage_of.get(name))

@@ -7,11 +7,21 @@ import scipy.spatial.transform
 
 from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_join import BoardImage
+from pipeline.calibration.cameras.rig_model import RigModel
 from pipeline.calibration.cameras.rig_start import connected_groups, start_camera, usable_views, view_rows
 from pipeline.geometry.cameras import Camera, project_with_jacobian
 from pipeline.geometry.lenses import BROWN_CONRADY
 from pipeline.geometry.rotations import left_jacobian
-from tests.support.rigs.cameras import BOARD, SIZE, boards_in_stage, center_errors, observe, planted_cameras, solve
+from tests.support.rigs.cameras import (
+    BOARD,
+    SIZE,
+    boards_in_stage,
+    center_errors,
+    observe,
+    planted_cameras,
+    solve,
+    without_small_views,
+)
 
 
 def distances(rig, cameras):
@@ -109,6 +119,22 @@ def test_projection_and_its_derivatives():
             pixels = [project_with_jacobian(BROWN_CONRADY, *each)[0] for each in pair]
             numeric = (pixels[0] - pixels[1]) / (2 * step)
             assert jacobian[..., k] == pytest.approx(numeric, rel=1e-5, abs=1e-4)
+
+
+def test_derivatives_of_corners_are_those_of_differences(rig_of_six):
+    """By lenses, poses of cameras and poses of boards, away from where their rotations start."""
+    cameras, boards = rig_of_six[0][:2], rig_of_six[1][:6]
+    seen, views = without_small_views(observe(cameras, boards, 0.0, np.random.default_rng(0)))
+    model = RigModel(seen, BOARD.corners_m()[seen.corner], cameras, boards[views], [5, 5], np.arange(2))
+    x = model.start()
+    x[model.free] += np.random.default_rng(1).normal(0, 0.03, len(model.free))
+    jacobian = model.residuals(x)[1].toarray()
+    assert jacobian.any(0).all() and len(views) > 2
+    for position, column in enumerate(model.free):
+        step = np.zeros_like(x)
+        step[column] = 1e-6 * max(1.0, abs(x[column]))
+        difference = (model.residuals(x + step)[0] - model.residuals(x - step)[0]).ravel() / (2 * step[column])
+        assert jacobian[:, position] == pytest.approx(difference, rel=1e-5, abs=1e-3)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.0099, 0.0101, 1.0, 3.1, 6.0])

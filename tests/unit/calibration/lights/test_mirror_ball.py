@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.calibration.lights.ball_images import measure_outline, why_no_ball
+from pipeline.calibration.lights.length_units import radius_in_rig
 from pipeline.calibration.lights.mirror_ball import (
     locate_ball,
     reflected_rays,
@@ -131,6 +132,15 @@ def test_ball_from_exact_outlines(cameras):
     ball = locate_ball([CAMERAS[c] for c in cameras], [outline(BALLS[1], CAMERAS[c]) for c in cameras], RADIUS)
     assert ball.center == pytest.approx(BALLS[1], abs=1e-7)
     assert ball.rms_px < 1e-5
+
+
+def test_radius_of_a_ball_is_that_of_its_tangent_cones():
+    """Two positions in three cameras; a third position that a single camera sees says nothing of its size."""
+    cameras = {str(number): camera for number, camera in enumerate(CAMERAS)}
+    seen = {(place, name): outline(BALLS[int(place)], cameras[name]) for place in "01" for name in cameras}
+    alone = {("2", "0"): outline(BALLS[0], cameras["0"])}
+    assert radius_in_rig(cameras, seen | alone) == pytest.approx(RADIUS, rel=1e-6)
+    assert radius_in_rig(cameras, alone) is None
 
 
 def test_ball_with_noise_and_a_hidden_part():
