@@ -3,7 +3,9 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+from pipeline.calibration.cameras import moved_cameras
 from pipeline.calibration.cameras.moved_cameras import find_moved
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig, inspect_rig
 from pipeline.calibration.cameras.rig_inputs import Observations
@@ -83,3 +85,19 @@ def test_a_camera_alone_cannot_have_moved():
     observations, numbers = record({0: (5, 3.0, 0.1)}, count=1)
     calibrated = calibrate_rig(observations, BOARD.corners_m(), [SIZE], "auto")
     assert find_moved(calibrated.rig, numbers) is None
+
+
+@pytest.mark.parametrize(("places", "suspected"), [(1, True), (3, True), (5, False), (1000, False)])
+def test_one_in_a_million_is_the_chance_of_any_alarm_not_of_one_place(monkeypatch, places, suspected):
+    """Bonferroni: a gain that noise has once in four million times, at one of so many places to look at."""
+    observations, numbers = record({}, count=2)
+    rig = calibrate_rig(observations, BOARD.corners_m(), [SIZE] * 2, "auto").rig
+
+    def planted(rig, camera, time):
+        sizes = [chi2.isf(0.25e-6, 6)] + [1.0] * (places - 1)
+        return [(k, moved_cameras._Gain(float(size), 6, 0.0, 0, 0.1)) for k, size in enumerate(sizes) if camera == 1]
+
+    monkeypatch.setattr(moved_cameras, "_gains", planted)
+    found = find_moved(rig, numbers)
+    assert (found is not None) == suspected
+    assert not suspected or (found.suspects, found.time) == ([1], 0)

@@ -118,6 +118,17 @@ def test_velocities_are_those_of_a_parabola():
     assert (moving.motion.acceleration[~middle] == 0).all()
 
 
+def test_lag_that_no_image_tells_is_known_to_three_images_of_an_ordinary_camera(filmed):
+    """30 images a second; a mean of zero, as none is late by more than another before anything is seen."""
+    cameras, views, times, _ = filmed
+    seen = views.moving(times).observations
+    boards = np.tile(np.eye(4), (SHOTS, 1, 1))
+    model = RigModel(seen, BOARD.corners_m()[seen.corner], cameras, boards, [5] * 3, np.arange(3))
+    mean, sigma = model.priors()
+    assert mean[model.lag_columns].tolist() == [0, 0, 0]
+    assert sigma[model.lag_columns] == pytest.approx(np.full(3, 3 / 30))
+
+
 def test_the_derivative_by_times_is_that_of_differences(filmed):
     cameras, views, times, _ = filmed
     seen = views.moving(times).observations
