@@ -28,6 +28,8 @@ rule evaluate_avatar:
         frames=lambda wildcards: job(wildcards).frame_shards(),
         avatars=lambda wildcards: job(wildcards).avatars("avatar.safetensors"),
         configs=lambda wildcards: job(wildcards).avatars("config.json"),
+        # Times alone are read from them: a training that ends in the same avatar is not scored again.
+        logs=lambda wildcards: ancient(job(wildcards).avatars("log.parquet")),
     output:
         **SCORES,
         images=directory("results/{subject}/images"),

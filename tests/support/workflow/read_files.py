@@ -47,10 +47,12 @@ def read_results(trace: str, project: Path, stages: set[str]) -> dict[str, set[s
 
 
 def undeclared(read: dict[str, set[str]], known: dict[str, set[str]]) -> list[tuple[str, str]]:
-    """Stage and file of what was read and is neither declared nor in a declared folder."""
-    return sorted(
-        (stage, path)
-        for stage, paths in read.items()
-        for path in paths
-        if not {path, *map(str, Path(path).parents)} & known.get(stage, set())
-    )
+    """Stage and file of what was read and is neither declared nor in a declared folder.
+
+    A table of digests stands for the folder of the same name beside it.
+    """
+    found = []
+    for stage, paths in read.items():
+        allowed = known.get(stage, set()) | {path.removesuffix(".parquet") for path in known.get(stage, set())}
+        found += [(stage, path) for path in paths if not {path, *map(str, Path(path).parents)} & allowed]
+    return sorted(found)

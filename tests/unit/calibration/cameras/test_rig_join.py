@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
+from pipeline.calibration.cameras.rig_join import Sighting, place_board
 from pipeline.calibration.cameras.rig_start import possible_starts, start_rig
 from tests.support.rigs.cameras import (
     BOARD,
@@ -60,3 +62,20 @@ def test_what_no_loop_decides_stays_open():
     starts = possible_starts(open_ring, BOARD.corners_m(), [SIZE] * (CAMERAS - 1))
     assert len(starts) > 1
     assert min(farthest(start.cameras, cameras[:-1]) for start in starts) < 0.6
+
+
+def test_board_stands_in_front_of_its_camera_though_one_behind_fits_as_well():
+    """A flat board whose points are all negated is another one, turned by half a turn, behind: with the same pixels."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec([0.4, -0.3, 0.2]).as_matrix()
+    pose[:3, 3] = 0.1, -0.2, 2.0
+    behind = pose * np.array([-1.0, -1.0, 1.0, -1.0])
+    behind[3, 3] = 1.0
+    points = BOARD.corners_m()
+    in_camera, in_back = (points @ each[:3, :3].T + each[:3, 3] for each in (pose, behind))
+    np.testing.assert_allclose(in_back, -in_camera, atol=1e-15)
+    for candidates in ([pose, behind], [behind, pose]):
+        seen = Sighting(points, np.eye(3), in_camera[:, :2] / in_camera[:, 2:], 700.0, np.stack(candidates))
+        found, cost = place_board({0: {0: seen}}, {0: np.eye(4)}, 0)
+        np.testing.assert_allclose(found, pose, atol=1e-12)
+        assert cost < 1e-9
