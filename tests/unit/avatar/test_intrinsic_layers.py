@@ -83,6 +83,13 @@ def test_each_layer_shows_what_was_planted():
     assert not layers.albedo[~covered & (avatar.view(frame, CAMERA).alpha == 0)].any()
 
 
+def test_roughness_of_a_pixel_does_not_depend_on_how_much_is_covered():
+    """Blending weighs it with the opacity: a surface of 0.12 that covers half of the pixel adds up to 0.06."""
+    alpha = torch.tensor([0.02, 0.5, 1.0])
+    found = built(shading="transfer", deferred="on").built.specular.of_pixels(0.12 * alpha, alpha)
+    assert found.tolist() == pytest.approx([0.12] * 3, rel=1e-6)
+
+
 def test_traced_shadow_is_the_share_that_nothing_hides():
     """Of one lamp: all of it, or nothing where the lifted corner is in the way."""
     avatar = built(shading="microfacet", specular="off", indirect="none")

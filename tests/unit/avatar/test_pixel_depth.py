@@ -7,6 +7,7 @@ import pytest
 import torch
 import trimesh
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 from pipeline.avatar.appearance.glossy import GlossySamples, shade_specular
 from pipeline.avatar.frames.inputs import FrameInputs
@@ -18,6 +19,7 @@ from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.geometry.camera_paths import look_at
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.lighting.point_lights import PointLights
+from pipeline.rendering.splat_types import CameraView
 from tests.support.avatars.sheet import make_frame, make_sheet
 from tests.support.avatars.splat_by_names import splat_supersampled
 
@@ -26,6 +28,9 @@ SIDE = 64
 RADIUS_M, SPHERE_TEXELS = 0.3, 20000
 SIGMA = 0.03
 """Lobe width, radians: wide enough for the glint to cover some pixels, too narrow for falloff to shift it."""
+
+ROUNDING = 2e-6
+"""Of float32, in which places of pixels are: some operations on numbers that are a hundred times the result."""
 
 CAMERA = look_at(np.array([0.0, 0.0, 1.2]), np.zeros(3), 34.0, SIDE, SIDE)
 EYE = torch.tensor(CAMERA.center, dtype=torch.float32)
@@ -182,6 +187,19 @@ def test_beside_the_mesh_the_splatted_depth_is_taken_and_nothing_has_a_gradient(
     assert torch.equal(traced[corner], plain[corner])
     assert float((plain[corner] - 1.6).abs().max()) < 5e-3
     assert not torch.equal(traced, plain)
+
+
+def test_points_of_pixels_project_back_to_their_centres():
+    """Of a camera that is turned about all its axes: x = R p + t, then K x / z at depth z."""
+    R = torch.from_numpy(Rotation.from_rotvec([0.3, -0.7, 1.1]).as_matrix())
+    K = torch.tensor([[70.0, 0, 30.5], [0, 90.0, 21.0], [0, 0, 1]]).double()
+    view = CameraView(R, torch.tensor([0.2, -0.4, 1.5]).double(), K, 60, 40)
+    row, column = torch.tensor([0, 7, 39]), torch.tensor([59, 3, 0])
+    depth = torch.tensor([0.5, 1.2, 3.0]).double()
+    seen = points_of_pixels(row, column, depth, view) @ R.T + view.t
+    np.testing.assert_allclose(seen[:, 2], depth, rtol=ROUNDING)
+    pixels = (seen @ K.T)[:, :2] / seen[:, 2:]
+    np.testing.assert_allclose(pixels, np.stack([column + 0.5, row + 0.5], 1), rtol=ROUNDING)
 
 
 @pytest.mark.parametrize("source", SOURCES)
