@@ -18,6 +18,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, write_json
 from pipeline.capture.head_data import read_textures
 from pipeline.capture.images import read_image, write_exr
+from pipeline.figures.atlas_sheet import BORDER_PX, CAPTION_PX
 from pipeline.geometry.cameras import read_cameras, write_cameras
 from pipeline.geometry.texels import read_atlas
 from pipeline.stages.bake_textures import run
@@ -97,7 +98,11 @@ def test_fully_lit_texels_show_albedo_times_falling_light(ball, tmp_path):
         assert abs(np.median(ratio) - 1) < 0.01
         assert np.sqrt(np.mean((ratio - 1) ** 2)) < 2 * NOISE
         assert np.corrcoef(textures[frame][seen].ravel(), expected[seen].ravel())[0, 1] > 0.98
-    assert cv2.imread(str(tmp_path / "0000.png")).std() > 20
+    linear = textures[0].astype(np.float64).clip(0, 1)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    row, column = read_atlas(ball[1]["atlas"]).texel.T
+    shown = cv2.imread(str(tmp_path / "0000.png"))[CAPTION_PX + row, BORDER_PX + column, ::-1]
+    assert np.abs(shown - 255 * encoded).max() <= 1 + 255 * HALF
 
 
 def test_other_frames_lie_between_fully_lit_ones(ball, tmp_path):
