@@ -204,10 +204,14 @@ def test_a_dead_light_and_a_wrong_frame_are_booked_as_they_were(stage, tmp_path)
 
 
 def test_a_fault_is_ignored_on_demand(stage, tmp_path):
-    index = stage.index(tmp_path / "index", first=2)
+    """All frames stay; the one whose light the log does not have is said to be suspicious."""
+    log = stage.log.copy()
+    log[19] = log[1]
+    index = stage.index(tmp_path / "index", log, first=2)
     frames, patterns, sync = book(stage, tmp_path / "out", index, on_desync="ignore")
     assert (sync["offset_frames"], sync["fixed"]) == (2, False)
     assert len(frames) == FRAMES
+    assert frames.frame[frames.suspicious].tolist() == [19]
     assert patterns.frame.min() == 2
 
 

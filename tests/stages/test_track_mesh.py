@@ -115,6 +115,7 @@ def test_frames_without_keypoints_are_interpolated_and_say_so(captured: dict, mo
     run(**paths, chunk=0, settings=TrackMesh(outline_rounds=2))
     table = read_table(paths["out"] / "0000.parquet")
     assert table.status.tolist() == ["interpolated"] + ["tracked"] * 4 + ["interpolated"] * 2 + ["tracked"] * 5
+    assert table.frame[table.rms_px.isna()].tolist() == [0, 5, 6]  # nothing was measured, so nothing fits
     result = read_arrays(paths["out"] / "0000.safetensors")
     assert np.isfinite(result["vertices"]).all()
     assert np.array_equal(result["vertices"][0], result["vertices"][1])
