@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 from tests.support import first_calls
+from tests.support.named_skips import NamedSkips
 from tests.support.network import guard
 from tests.support.order import longest_first
 
@@ -24,6 +25,12 @@ guard.install()
 
 # Stages that tests start as processes share the cores with the tests.
 os.environ.setdefault("OMP_NUM_THREADS", "2")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Have the process that sees all results look why tests are skipped."""
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(NamedSkips())
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
