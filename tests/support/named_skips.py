@@ -40,7 +40,7 @@ class NamedSkips:
             self._take(report)
 
     def _take(self, report: pytest.CollectReport | pytest.TestReport) -> None:
-        if report.skipped and isinstance(report.longrepr, tuple) and not is_known(report.longrepr[2]):
+        if report.skipped and isinstance(report.longrepr, (tuple, list)) and not is_known(report.longrepr[2]):
             self.unknown.append(f"{report.nodeid}: {report.longrepr[2]}")
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
