@@ -30,9 +30,9 @@ WRITTEN_BY = ".written_by"
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a temporary path for a file that becomes `path` only on success.
 
-    It lies in a hidden folder beside `path`, on the same file system, and is renamed: a reader never sees half a file,
-    and a killed stage leaves nothing under the final name. What a killed process left is removed by the next one that
-    writes into the same folder.
+    It lies in a hidden folder beside `path`, on the same file system, and is renamed once its content is on the disk: a
+    reader never sees half a file, and neither a killed stage nor a power cut leaves one under the final name. What a
+    killed process left is removed by the next one that writes into the same folder.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,9 @@ def written_whole(path: Path) -> Iterator[Path]:
         temporary = place / path.name
         yield temporary
         require_own_output()
+        _flush(temporary)
         os.replace(temporary, path)
+        _flush(path.parent)
 
 
 @contextmanager
@@ -66,9 +68,12 @@ def written_folder(path: Path, writer: str) -> Iterator[Path]:
         yield temporary
         require_own_output()
         require_own_folder(path, writer)
+        for content in [*temporary.rglob("*"), temporary]:
+            _flush(content)
         if target.exists():
             os.rename(target, place / ".replaced")
         os.rename(temporary, target)
+        _flush(target.parent)
 
 
 def require_own_folder(path: Path, writer: str) -> None:
@@ -110,6 +115,20 @@ def _workplace(folder: Path) -> Iterator[Path]:
             yield place
         finally:
             shutil.rmtree(place, onerror=_raise_unless_gone)
+
+
+def _flush(path: Path) -> None:
+    """Have a file's content, or the names in a folder, on the disk before anything else happens; 2 ms each."""
+    if path.is_symlink():
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError:
+        if not path.is_dir():  # Some file systems flush no folders.
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def _raise_unless_gone(call: object, path: str, error: tuple) -> None:

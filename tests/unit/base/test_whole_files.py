@@ -44,6 +44,32 @@ def test_no_other_folder_takes_part(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
+def test_content_is_on_the_disk_before_its_name_is_and_then_the_name(tmp_path: Path, monkeypatch) -> None:
+    """After a power cut a name without content would pass for a finished file."""
+    done: list[object] = []
+    renames = {name: getattr(os, name) for name in ("replace", "rename")}
+    for name, call in renames.items():
+
+        def renamed(source: Path, target: Path, call=call) -> None:
+            if not Path(target).name.startswith("."):  # that of the hidden workplace
+                done.append(Path(target).name)
+            call(source, target)
+
+        monkeypatch.setattr(os, name, renamed)
+    monkeypatch.setattr(os, "fsync", lambda descriptor: done.append(os.fstat(descriptor).st_ino))
+    with written_whole(tmp_path / "a.txt") as temporary:
+        temporary.write_text("whole")
+    file, folder = (path.stat().st_ino for path in (tmp_path / "a.txt", tmp_path))
+    assert done == [file, "a.txt", folder]
+    done.clear()
+    with written_folder(tmp_path / "maps", "stage") as temporary:
+        (temporary / "of").mkdir()
+        (temporary / "of/one.exr").write_text("light")
+    within = {path.stat().st_ino for path in [tmp_path / "maps", *(tmp_path / "maps").rglob("*")]}
+    assert set(done[: done.index("maps")]) == within and len(within) == 4
+    assert done[done.index("maps") :] == ["maps", folder]
+
+
 CHANGES = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "shutil.rmtree"}
 
 
