@@ -33,3 +33,13 @@ def test_every_stage_asks_for_memory_and_time_by_its_own_size(stage):
     (rule,) = [rule for rule in rules if f'"python -m pipeline.stages.{stage} ' in rule]
     assert f'mem_mb=memory_for("{stage}")' in rule and f'runtime=minutes_for("{stage}")' in rule
     assert f'threads: threads_for("{stage}")' in rule or "threads: all_cores" in rule
+
+
+@pytest.mark.parametrize("stage", CALLS)
+def test_edit_of_a_stages_code_or_of_its_settings_is_a_parameter_of_its_rule(stage):
+    """Neither is a file that Snakemake compares: what is no parameter reruns nothing."""
+    rules = [rule for path in RULES for rule in re.split(r"(?m)^(?:rule|checkpoint) ", path.read_text())]
+    (rule,) = [rule for rule in rules if f'"python -m pipeline.stages.{stage} ' in rule]
+    alone, among = f'code=code_for("{stage}")', f'code_for(stage)(wildcards) for stage in ("{stage}", *'
+    assert alone in rule or f"code=lambda wildcards: [{among}" in rule
+    assert f'settings=settings_for("{stage}")' in rule or f"settings=flags(project.settings.{stage})" in rule
