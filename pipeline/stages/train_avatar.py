@@ -3,8 +3,8 @@
 Adam on the per-texel parameters and the shadow network of `pipeline.avatar.model`, against the training images of the
 shards (losses: RFGCA 17, 18, Appendix B). A checkpoint is written as it goes, and when a signal asks to stop; a run
 that was stopped continues from it to the same result, provided that code, settings, shards, atlas and plan are what
-they were. Several processes work side by side, on one machine by themselves; on several, `python -m torch.distributed.run
-... -m pipeline.stages.train_avatar ...` starts them.
+they were. Several processes work side by side, on one machine by themselves; on several, `python -m
+torch.distributed.run ... -m pipeline.stages.train_avatar ...` starts them.
 """
 
 from __future__ import annotations

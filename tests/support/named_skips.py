@@ -1,6 +1,7 @@
-"""Skipped tests: a run fails if one has no reason that lies in the machine, as a package that cannot be imported has not.
+"""Skipped tests: a run fails if one has no reason that lies in the machine.
 
-A declared dependency that is broken would else take its tests with it, and nobody would look.
+A package that cannot be imported is none: a dependency that is broken would else take its tests with it, and nobody
+would look.
 """
 
 from __future__ import annotations

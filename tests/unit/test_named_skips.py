@@ -29,7 +29,7 @@ def test_what_a_machine_may_lack_is_a_reason(reason):
     assert is_known(reason) and is_known(f"Skipped: {reason}")
 
 
-@pytest.mark.parametrize("reason", ["could not import 'mitsuba': No module named 'mitsuba'", "flaky", "", "unconditional"])
+@pytest.mark.parametrize("reason", ["could not import 'mitsuba': No module named 'mitsuba'", "flaky", ""])
 def test_a_package_or_a_mood_is_none(reason):
     assert not is_known(reason) and not is_known(f"Skipped: {reason}")
 
@@ -38,9 +38,7 @@ def test_a_package_or_a_mood_is_none(reason):
 def test_run_fails_if_a_package_takes_its_tests_with_it(repo_root, tmp_path, package, code):
     (tmp_path / "conftest.py").write_text(CONFTEST)
     (tmp_path / "test_some.py").write_text(TESTS)
-    (tmp_path / "test_others.py").write_text(
-        f"import pytest\npytest.importorskip('{package}')\ndef test_it(): pass\n"
-    )
+    (tmp_path / "test_others.py").write_text(f"import pytest\npytest.importorskip('{package}')\ndef test_it(): pass\n")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "/dev/null", "--rootdir", tmp_path]
     done = subprocess.run([*command, tmp_path], cwd=repo_root, capture_output=True, text=True)
     assert done.returncode == code, done.stdout + done.stderr

@@ -119,8 +119,9 @@ def _answer(caller: socket.socket) -> None:
     stage = module.rpartition(".")[2]
     with contextlib.suppress(OSError):  # Traces name threads so; Linux keeps 15 letters.
         Path("/proc/self/comm").write_text(stage[:15])
-    with contextlib.suppress(OSError):  # Nothing is there: traces show which stage this process is from here on.
-        open(f"/stage/{stage}")
+    # Nothing is there: traces show which stage this process is from here on.
+    with contextlib.suppress(OSError), open(f"/stage/{stage}"):
+        pass
     code = 1
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)

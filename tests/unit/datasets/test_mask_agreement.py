@@ -13,9 +13,7 @@ from pipeline.geometry.cameras import Camera
 from pipeline.geometry.mesh_files import decode_mesh
 
 FOCAL, SIDE = 50.0, 60
-CAMERA = Camera(
-    np.eye(3), np.zeros(3), np.array([[FOCAL, 0, 30], [0, FOCAL, 30], [0, 0, 1]]), np.zeros(5), SIDE, SIDE
-)
+CAMERA = Camera(np.eye(3), np.zeros(3), np.array([[FOCAL, 0, 30], [0, FOCAL, 30], [0, 0, 1]]), np.zeros(5), SIDE, SIDE)
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
 
 

@@ -77,7 +77,7 @@ def test_lights_that_are_two_millimetres_off_are_off_by_two_millimetres(subject,
     places = np.random.default_rng(1).normal(size=(5, 3))
     files = []
     for name, shift in (("found", 0.002), ("expected", 0.0)):
-        table = pd.DataFrame(places + [0, shift, 0], columns=["x", "y", "z"]).assign(light=list("abcde"))
+        table = pd.DataFrame(places + np.array([0, shift, 0]), columns=["x", "y", "z"]).assign(light=list("abcde"))
         write_table(tmp_path / name / "lights.parquet", table)
         write_cameras(tmp_path / name / "cameras.json", ring_of_cameras(5))
         files.append({"lights": tmp_path / name / "lights.parquet", "rig": tmp_path / name / "cameras.json"})

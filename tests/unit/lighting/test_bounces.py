@@ -88,7 +88,7 @@ def test_light_does_not_come_from_the_floor_itself_nor_from_outside(room):
 
 def test_inside_of_a_surface_hides_and_does_not_shine():
     """A ceiling whose outside looks up: the floor below it sees no sky, and no light from it either."""
-    points, above, hits = make_room(UP, 64)
+    _, above, hits = make_room(UP, 64)
     shining = bounced_irradiance(torch.as_tensor(above, dtype=torch.float32)[:, None], hits)
     assert shining[~above].abs().max() == 0
 

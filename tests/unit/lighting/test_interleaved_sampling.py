@@ -78,7 +78,7 @@ def test_more_draws_come_nearer() -> None:
 def test_lamps_that_hardly_glow_change_nothing() -> None:
     """A thousand more, each a billionth as bright: neither what is drawn nor how far neighbours lend their rays."""
     ring = ring_of_lights()
-    faint = np.random.default_rng(0).normal(size=(1000, 3)) + [0, 9, 0]
+    faint = np.random.default_rng(0).normal(size=(1000, 3)) + np.array([0, 9, 0])
     more = Lights(np.concatenate([ring.places, faint]), np.concatenate([ring.luminances, np.full(1000, 1e-9)]))
     alone, among = shared(*floor_map(), ring), shared(*floor_map(), more)
     assert np.mean(np.abs(among.values - alone.values) > 1e-5) < 0.01  # a uniform number may fall between two lamps
