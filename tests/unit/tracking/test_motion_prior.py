@@ -35,9 +35,7 @@ def prior_of(times: np.ndarray, takes: np.ndarray | None = None) -> MotionPrior:
 
 
 @pytest.mark.parametrize("steps", [[0.1] * 6, [0.04, 0.1, 0.05, 0.2, 0.06, 0.15], [0.25, 0.05, 0.05, 0.25]])
-def test_constant_acceleration_costs_what_it_lasts_however_frames_are_spaced(
-    points: TrackedPoints, steps: list
-) -> None:
+def test_constant_acceleration_costs_what_it_lasts_at_any_spacing(points: TrackedPoints, steps: list) -> None:
     """A fall: half of (g / sigma)^2 for each decorrelation time between the middles of the first and last step."""
     times = np.cumsum([0.0, *steps])
     fall = 0.5 * times[:, None] ** 2 * np.array([0.0, -9.81, 0.0])
