@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import os
 import shutil
@@ -68,8 +69,7 @@ def written_folder(path: Path, writer: str) -> Iterator[Path]:
         yield temporary
         require_own_output()
         require_own_folder(path, writer)
-        for content in [*temporary.rglob("*"), temporary]:
-            _flush(content)
+        _flush_all(temporary)
         if target.exists():
             os.rename(target, place / ".replaced")
         os.rename(temporary, target)
@@ -127,6 +127,21 @@ def _flush(path: Path) -> None:
     except OSError:
         if not path.is_dir():  # Some file systems flush no folders.
             raise
+    finally:
+        os.close(descriptor)
+
+
+def _flush_all(folder: Path) -> None:
+    """Have all that a folder holds on the disk: at once where Linux' syncfs is, for 2 ms each add up."""
+    syncfs = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
+    if syncfs is None:
+        for content in [*folder.rglob("*"), folder]:
+            _flush(content)
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        if syncfs(descriptor):
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), str(folder))
     finally:
         os.close(descriptor)
 
