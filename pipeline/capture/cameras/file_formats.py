@@ -17,6 +17,7 @@ from pipeline.capture.cameras.caliscope_cameras import is_caliscope, read_calisc
 from pipeline.capture.cameras.camera_formats import SourceImage
 from pipeline.capture.cameras.metashape_cameras import is_metashape, read_metashape
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
+from pipeline.capture.cameras.qualisys_cameras import is_qualisys, read_qualisys
 from pipeline.geometry.cameras import read_cameras
 
 log = logging.getLogger(__name__)
@@ -80,6 +81,7 @@ FORMATS: dict[str, CameraFormat] = {
     "nerfstudio": CameraFormat("a .json with the key frames", _has_key("frames", list), read_nerfstudio, "image"),
     "caliscope": CameraFormat("a .toml with sections cameras.0 or cam_0", is_caliscope, read_caliscope),
     "metashape": CameraFormat("an .xml with the root document", is_metashape, read_metashape, "image"),
+    "qualisys": CameraFormat("QTM's .txt or .xml with the root calibration", is_qualisys, read_qualisys),
 }
 
 

@@ -26,6 +26,7 @@ CAMERA_SUFFIXES: dict[str, tuple[str, ...] | None] = {
     "nerfstudio": (".json",),
     "caliscope": (".toml",),
     "metashape": (".xml",),
+    "qualisys": (".txt", ".xml"),
     "auto": None,
 }
 """Formats of cameras calibrated elsewhere, and how names of such files end; None: a folder, or any name."""
@@ -39,6 +40,7 @@ class CameraFile(Section):
         description="cameras_json: R, t, K, dist, width, height per camera, and lens: fisheye where dist is k1 to k4; "
         "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json; caliscope: its "
         ".toml of cameras; metashape: its .xml of exported cameras; "
+        "qualisys: the calibration that QTM exports, .txt or .xml, cameras named by serial number, in mm; "
         "auto: the one of these that it is. All at sensor resolution",
     )
     path: Annotated[str, AfterValidator(check_relative)] = Field(description="the file, or the folder of a model")
