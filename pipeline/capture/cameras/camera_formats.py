@@ -55,7 +55,9 @@ def finite_numbers(values: Mapping[str, Any], key: str, shape: tuple[int, ...]) 
         numbers = numbers.reshape(shape)
     if numbers.shape != shape or not np.isfinite(numbers).all():
         expected = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
-        raise InputError(f"{key}: expected {expected}, found {values.get(key, 'none')}")
+        found = values.get(key, "none")
+        found = found.tolist() if isinstance(found, np.ndarray) else found
+        raise InputError(f"{key}: expected {expected}, found {found}")
     return numbers
 
 

@@ -15,6 +15,7 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json
 from pipeline.capture.cameras.caliscope_cameras import is_caliscope, read_caliscope
 from pipeline.capture.cameras.camera_formats import SourceImage
+from pipeline.capture.cameras.easymocap_cameras import is_easymocap, read_easymocap
 from pipeline.capture.cameras.metashape_cameras import is_metashape, read_metashape
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
 from pipeline.capture.cameras.qualisys_cameras import is_qualisys, read_qualisys
@@ -82,6 +83,7 @@ FORMATS: dict[str, CameraFormat] = {
     "caliscope": CameraFormat("a .toml with sections cameras.0 or cam_0", is_caliscope, read_caliscope),
     "metashape": CameraFormat("an .xml with the root document", is_metashape, read_metashape, "image"),
     "qualisys": CameraFormat("QTM's .txt or .xml with the root calibration", is_qualisys, read_qualisys),
+    "easymocap": CameraFormat("a folder with intri.yml and extri.yml", is_easymocap, read_easymocap),
 }
 
 

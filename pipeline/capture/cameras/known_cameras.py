@@ -28,7 +28,7 @@ AGREEMENT_PX = 0.1
 AGREEMENT_DISTANCES_M = (0.5, 5.0)
 """Where that is measured: a stage's subjects and walls are between these."""
 
-FOLDERS = {"colmap": "the folder of a COLMAP model"}
+FOLDERS = {"colmap": "the folder of a COLMAP model", "easymocap": "the folder of intri.yml and extri.yml"}
 """Formats that are folders, and what to expect there."""
 
 
@@ -69,7 +69,8 @@ def read_known_cameras(
         images = camera_format.read(root / section.path, sizes, inner)
     except InputError as error:
         images = None
-        inner.messages.append(str(error).removeprefix(f"{root / section.path}: "))
+        path = str(root / section.path)
+        inner.messages.append(str(error).removeprefix(f"{path}: ").removeprefix(f"{path}/"))
     complaints.messages += [f"{section.path}: {message}" for message in dict.fromkeys(inner.messages)]
     if images is None:
         return {}

@@ -27,6 +27,7 @@ CAMERA_SUFFIXES: dict[str, tuple[str, ...] | None] = {
     "caliscope": (".toml",),
     "metashape": (".xml",),
     "qualisys": (".txt", ".xml"),
+    "easymocap": None,
     "auto": None,
 }
 """Formats of cameras calibrated elsewhere, and how names of such files end; None: a folder, or any name."""
@@ -41,6 +42,7 @@ class CameraFile(Section):
         "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json; caliscope: its "
         ".toml of cameras; metashape: its .xml of exported cameras; "
         "qualisys: the calibration that QTM exports, .txt or .xml, cameras named by serial number, in mm; "
+        "easymocap: a folder of intri.yml and extri.yml; "
         "auto: the one of these that it is. All at sensor resolution",
     )
     path: Annotated[str, AfterValidator(check_relative)] = Field(description="the file, or the folder of a model")
