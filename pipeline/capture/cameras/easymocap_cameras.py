@@ -58,7 +58,10 @@ def read_easymocap(folder: Path, cameras: Mapping[str, tuple[int, int]], complai
 def _contents(file: Path) -> dict[str, Any]:
     if not file.is_file():
         raise InputError(f"expected {INTRINSICS} and {EXTRINSICS} in the folder, found no {file.name}")
-    return values(open_storage(file))
+    try:
+        return values(open_storage(file))
+    except InputError as error:
+        raise InputError(f"{file.name}: {error}") from error
 
 
 def _camera(

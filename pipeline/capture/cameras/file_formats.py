@@ -18,6 +18,7 @@ from pipeline.capture.cameras.camera_formats import SourceImage
 from pipeline.capture.cameras.easymocap_cameras import is_easymocap, read_easymocap
 from pipeline.capture.cameras.metashape_cameras import is_metashape, read_metashape
 from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
+from pipeline.capture.cameras.opencv_cameras import is_opencv, read_opencv
 from pipeline.capture.cameras.qualisys_cameras import is_qualisys, read_qualisys
 from pipeline.geometry.cameras import read_cameras
 
@@ -84,6 +85,7 @@ FORMATS: dict[str, CameraFormat] = {
     "metashape": CameraFormat("an .xml with the root document", is_metashape, read_metashape, "image"),
     "qualisys": CameraFormat("QTM's .txt or .xml with the root calibration", is_qualisys, read_qualisys),
     "easymocap": CameraFormat("a folder with intri.yml and extri.yml", is_easymocap, read_easymocap),
+    "opencv": CameraFormat("FileStorage of a rig, or a folder of a file per camera", is_opencv, read_opencv),
 }
 
 

@@ -42,7 +42,7 @@ def open_storage(file: Path) -> cv2.FileStorage:
         found = str(error)
     except UNREADABLE as error:
         found = str(error.__cause__ or error).strip().splitlines()[0]
-    raise InputError(f"{file}: expected a .yml, .xml or .json of OpenCV's FileStorage, found: {found}")
+    raise InputError(f"expected a .yml, .xml or .json of OpenCV's FileStorage, found: {found}")
 
 
 def keys(storage: cv2.FileStorage) -> list[str]:

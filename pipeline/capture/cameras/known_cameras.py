@@ -69,8 +69,7 @@ def read_known_cameras(
         images = camera_format.read(root / section.path, sizes, inner)
     except InputError as error:
         images = None
-        path = str(root / section.path)
-        inner.messages.append(str(error).removeprefix(f"{path}: ").removeprefix(f"{path}/"))
+        inner.messages.append(str(error).removeprefix(f"{root / section.path}: "))
     complaints.messages += [f"{section.path}: {message}" for message in dict.fromkeys(inner.messages)]
     if images is None:
         return {}

@@ -28,6 +28,7 @@ CAMERA_SUFFIXES: dict[str, tuple[str, ...] | None] = {
     "metashape": (".xml",),
     "qualisys": (".txt", ".xml"),
     "easymocap": None,
+    "opencv": None,
     "auto": None,
 }
 """Formats of cameras calibrated elsewhere, and how names of such files end; None: a folder, or any name."""
@@ -43,6 +44,7 @@ class CameraFile(Section):
         ".toml of cameras; metashape: its .xml of exported cameras; "
         "qualisys: the calibration that QTM exports, .txt or .xml, cameras named by serial number, in mm; "
         "easymocap: a folder of intri.yml and extri.yml; "
+        "opencv: a rig's .yml, .xml or .json as OpenCV's programs write it, or a folder of one per camera; "
         "auto: the one of these that it is. All at sensor resolution",
     )
     path: Annotated[str, AfterValidator(check_relative)] = Field(description="the file, or the folder of a model")
