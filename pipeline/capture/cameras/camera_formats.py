@@ -33,12 +33,14 @@ class SourceImage:
         camera: its pose and lens, in the file's frame and unit of length; R as it stands there, perhaps no rotation.
             None if they are of no use, which is complained of.
         posed: False if the file has a lens alone; R and t then mean nothing.
+        on_rig: the same in the frame of the one rig that all cameras of the file sit on; None without such a rig.
     """
 
     owner: str
     name: str
     camera: Camera | None
     posed: bool = True
+    on_rig: Camera | None = None
 
 
 def finite_numbers(values: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:

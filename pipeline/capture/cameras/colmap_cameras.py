@@ -2,6 +2,8 @@
 
 COLMAP's conventions are this project's: poses are camera-from-world, x right, y down, z forward, and the first pixel's
 centre is (0.5, 0.5). Its perspective lenses and those of its fisheyes that are named here distort as OpenCV does.
+Cameras on a rig are sensors: a frame has the rig's pose at one moment, and sensor-from-rig is the same in all frames
+(COLMAP's documentation, Rig support).
 """
 
 from __future__ import annotations
@@ -51,16 +53,27 @@ def read_colmap(folder: Path, cameras: Collection[str], complaints: Complaints) 
     Raises:
         InputError: if the folder is no model, or not a whole one.
     """
-    found = []
-    for image in sorted(_read_model(folder).images.values(), key=lambda image: image.name):
-        owner, camera = None, None
+    found, model = [], _read_model(folder)
+    on_one_rig = len(model.rigs) == 1 and all(_camera_count(rig) > 1 for rig in model.rigs.values())
+    for image in sorted(model.images.values(), key=lambda image: image.name):
+        owner, camera, on_rig = None, None, None
         with complaints.collecting():
             owner = resolve_owner(image.name, cameras)
             if owner is not None and image.has_pose:
-                camera = _camera(image)
+                camera = _camera(image, image.cam_from_world())
+                on_rig = _camera(image, _sensor_from_rig(image)) if on_one_rig else None
         if owner is not None and image.has_pose:
-            found.append(SourceImage(owner, image.name, camera))
+            found.append(SourceImage(owner, image.name, camera, on_rig=on_rig))
     return found
+
+
+def _camera_count(rig: pycolmap.Rig) -> int:
+    return sum(sensor.type == pycolmap.SensorType.CAMERA for sensor in rig.sensor_ids())
+
+
+def _sensor_from_rig(image: pycolmap.Image) -> pycolmap.Rigid3d:
+    rig, sensor = image.frame.rig, image.camera.sensor_id
+    return pycolmap.Rigid3d() if rig.is_ref_sensor(sensor) else rig.sensor_from_rig(sensor)
 
 
 def _read_model(folder: Path) -> pycolmap.Reconstruction:
@@ -87,8 +100,8 @@ def _read_model(folder: Path) -> pycolmap.Reconstruction:
             raise InputError(f"expected a whole COLMAP model, found: {error}") from error
 
 
-def _camera(image: pycolmap.Image) -> Camera:
-    lens, pose = image.camera, np.asarray(image.cam_from_world().matrix())
+def _camera(image: pycolmap.Image, from_frame: pycolmap.Rigid3d) -> Camera:
+    lens, pose = image.camera, np.asarray(from_frame.matrix())
     where = f"image {image.name}: COLMAP camera {lens.camera_id}"
     if lens.model_name not in MODELS:
         hint = "calibrate with one of those, or undistort the images"

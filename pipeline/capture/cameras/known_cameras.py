@@ -73,6 +73,8 @@ def read_known_cameras(
     complaints.messages += [f"{section.path}: {message}" for message in dict.fromkeys(inner.messages)]
     if images is None:
         return {}
+    if section.frame == "own":
+        images = _of_moved_rig(images)
     cameras = {}
     for name, size in sizes.items():
         mine = [image for image in images if image.owner == name]
@@ -84,6 +86,8 @@ def read_known_cameras(
         # A list: every image is to be checked.
         if mine and False not in [_check(section.path, image, size, posed, complaints) for image in mine]:
             scaled = [replace(image, camera=_in_metres(image.camera, section.scale_to_m)) for image in mine]
+            if not posed:
+                scaled = [replace(image, camera=replace(image.camera, R=np.eye(3), t=np.zeros(3))) for image in scaled]
             _check_agreement(section.path, scaled, complaints)
             cameras[name] = scaled[0].camera
     return cameras
@@ -100,6 +104,20 @@ def read_known_lenses(
             hint = "set calibration.cameras.lens to the lens of the file"
             complaints.add(file.path, f"{name}: lens", expected=lens, found=camera.lens.name, hint=hint)
     return cameras
+
+
+def _of_moved_rig(images: list[SourceImage]) -> list[SourceImage]:
+    """Images in the frame of their rig, if it moved while they were taken: its cameras then have no place in the world.
+
+    A rig that stood still is left in the world that the file has.
+    """
+    mine = [image for image in images if image.camera is not None]
+    if not mine or any(image.on_rig is None for image in mine):
+        return images
+    first = {image.owner: image for image in reversed(mine)}
+    if max(_difference_px(first[image.owner].camera, image.camera) for image in mine) <= AGREEMENT_PX:
+        return images
+    return [replace(image, camera=image.on_rig) for image in images]
 
 
 def _complain_missing(
@@ -152,6 +170,7 @@ def _check_agreement(path: str, images: list[SourceImage], complaints: Complaint
         expected = f"one pose and lens for all of its {len(images)} images"
         found = f"{images[0].name} and {images[worst].name} {differences[worst]:.2f} px apart"
         hint = "calibrate the stage's cameras as a rig that does not move, or keep one image per camera"
+        hint += "; a rig that moved needs frame: own" if images[0].on_rig is not None else ""
         complaints.add(path, images[0].owner, expected=expected, found=found, hint=hint)
 
 
