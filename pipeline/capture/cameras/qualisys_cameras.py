@@ -7,7 +7,7 @@ edge. Programs that hand `centerPointU` / 64 to OpenCV put it half a pixel furth
 
 `x`, `y`, `z` are the camera's place, and the rows r11 r12 r13, r21 r22 r23, r31 r32 r33 its axes in the world: right,
 up and backward. So Pose2Sim reads them (read_qca, then half a turn about x), and so the optical axes of six published
-cameras (QTM 2020.3) pass one point, 1.3 to 1.7 m ahead, within 97 mm; with columns for rows they miss it by 652 mm.
+cameras (of QTM in 2020) pass one point, 1.3 to 1.7 m ahead, within 97 mm; with columns for rows they miss it by 652 mm.
 Distortion is OpenCV's k1 k2 p1 p2 k3 and has no unit: to divide it by 64, too, as Pose2Sim does, loses it.
 """
 
