@@ -125,15 +125,67 @@ def write_colmap(folder: Path, cameras: Mapping[str, Camera], kind: Literal["bin
     """
     made = pycolmap.Reconstruction()
     for number, (name, camera) in enumerate(cameras.items(), 1):
-        model = WRITTEN_MODELS[camera.lens]
-        if model == "FULL_OPENCV" and camera.dist[-1] == 0:
-            model = "OPENCV"
-        lens = pycolmap.Camera(camera_id=number, model=model, width=camera.width, height=camera.height)
-        terms = dict(zip(("fx", "fy", "cx", "cy"), camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
-        terms |= dict(zip(camera.lens.terms, camera.dist, strict=True))
-        lens.params = [float(terms.get(term, 0.0)) for term in lens.params_info.split(", ")]
-        made.add_camera_with_trivial_rig(lens)
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(camera.R), camera.t)
-        made.add_image_with_trivial_frame(pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number), pose)
+        made.add_camera_with_trivial_rig(_lens(number, camera))
+        image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number)
+        made.add_image_with_trivial_frame(image, _pose(camera))
+    _write(made, folder, kind)
+
+
+def write_colmap_rig(
+    folder: Path,
+    cameras: Mapping[str, Camera],
+    images: Mapping[int, Mapping[str, str]],
+    kind: Literal["binary", "text"] = "binary",
+) -> None:
+    """Write a COLMAP model without points whose cameras are the sensors of one rig.
+
+    The rig stands still: each frame has the same pose of it.
+
+    Args:
+        cameras: the first is the rig's reference.
+        images: name of each camera's image, by frame: a frame of the model each.
+    """
+    made, rig, numbers = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1), {}
+    rig_from_world = _pose(next(iter(cameras.values())))
+    for number, (name, camera) in enumerate(cameras.items(), 1):
+        made.add_camera(_lens(number, camera))
+        numbers[name] = number
+        if number == 1:
+            rig.add_ref_sensor(made.camera(number).sensor_id)
+        else:
+            rig.add_sensor(made.camera(number).sensor_id, _pose(camera) * rig_from_world.inverse())
+    made.add_rig(rig)
+    image_id = 0
+    for frame_id, named in enumerate((images[number] for number in sorted(images)), 1):
+        frame = pycolmap.Frame(frame_id=frame_id, rig_id=1, rig_from_world=rig_from_world)
+        ids = {name: image_id + k for k, name in enumerate(named, 1)}
+        image_id += len(named)
+        for name, key in ids.items():
+            frame.add_data_id(pycolmap.data_t(made.camera(numbers[name]).sensor_id, key))
+        made.add_frame(frame)
+        for name, key in ids.items():
+            image = pycolmap.Image(name=named[name], camera_id=numbers[name], image_id=key)
+            image.frame_id = frame_id
+            made.add_image(image)
+        made.register_frame(frame_id)
+    _write(made, folder, kind)
+
+
+def _lens(number: int, camera: Camera) -> pycolmap.Camera:
+    model = WRITTEN_MODELS[camera.lens]
+    if model == "FULL_OPENCV" and camera.dist[-1] == 0:
+        model = "OPENCV"
+    lens = pycolmap.Camera(camera_id=number, model=model, width=camera.width, height=camera.height)
+    terms = dict(zip(("fx", "fy", "cx", "cy"), camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
+    terms |= dict(zip(camera.lens.terms, camera.dist, strict=True))
+    lens.params = [float(terms.get(term, 0.0)) for term in lens.params_info.split(", ")]
+    return lens
+
+
+def _pose(camera: Camera) -> pycolmap.Rigid3d:
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(camera.R), camera.t)
+
+
+def _write(made: pycolmap.Reconstruction, folder: Path, kind: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     getattr(made, f"write_{kind}")(folder)
