@@ -23,7 +23,7 @@ from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.errors import InputError, listed
 from pipeline.base.files import write_json
 from pipeline.base.progress import progress
-from pipeline.datasets.goliath import BLACK_LEVEL, SHIPPED_FPS, SUBJECT_LABELS, WHITE_BALANCE
+from pipeline.datasets.goliath import BLACK_LEVEL, SHIPPED_FPS, SUBJECT_LABELS, TEST_CAMERAS, WHITE_BALANCE
 from pipeline.datasets.goliath_cameras import DOWNSAMPLE, METRES_PER_UNIT, MODELS
 from pipeline.export.archives import write_zip
 from pipeline.export.goliath_motion import write_motion
@@ -116,6 +116,10 @@ def _write_lists(root: Path, recording: Recording) -> None:
     fps = SHIPPED_FPS * (int(steps.mode().iloc[0]) if len(steps) else 1)
     if fps != recording.facts["fps"]:
         log.warning("the layout has no frames per second: readers will take %g, not %g", fps, recording.facts["fps"])
+    example = sorted(set(recording.cameras) & set(TEST_CAMERAS))
+    if example != list(recording.test_cameras):
+        told = [listed(names) or "none" for names in (example, recording.test_cameras)]
+        log.warning("the layout names no test cameras: readers will take %s, not %s", *told)
 
 
 def _avif(linear: Float32[np.ndarray, "h w 3"]) -> bytes:

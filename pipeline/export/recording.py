@@ -5,7 +5,7 @@ It has frames, images in linear light, and cameras of their size.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ class Recording:
         images: camera, frame, path, mask_path, of these frames.
         source: where the images are, and how they store light.
         colors: corrected-from-raw of cameras that have one.
+        test_cameras: those that are held out.
     """
 
     facts: Mapping[str, Any]
@@ -42,6 +43,7 @@ class Recording:
     images: pd.DataFrame
     source: ImageSource
     colors: Mapping[str, Float64[np.ndarray, "3 columns"]]
+    test_cameras: Sequence[str]
 
     def linear(self, camera: str, path: str) -> Float32[np.ndarray, "h w 3"]:
         """An image in linear light, in the colours of the average camera.
@@ -93,4 +95,5 @@ def read_recording(capture: Path, index: Path, cameras: Path, color: Path, frame
         images[["camera", "frame", "path", "mask_path"]],
         ImageSource.from_index(capture, facts["images"]),
         read_colors(color),
+        sorted(set(images.camera.astype(str)[images.test_camera])),
     )

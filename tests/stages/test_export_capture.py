@@ -305,6 +305,15 @@ def test_lights_without_a_place_are_named(imported, tmp_path):
     assert "expected the place of every light, found none of L005" in message
 
 
+def test_what_goliath_layout_cannot_say_is_in_the_log(imported, tmp_path, caplog):
+    index = copied_index(imported, tmp_path, fps=24.0)
+    images = pd.read_parquet(index / "images.parquet")
+    images.assign(test_camera=images.camera == "400017").to_parquet(index / "images.parquet")
+    run(**inputs(imported) | {"index": index}, layout="goliath", out=tmp_path / "out")
+    assert "readers will take 10, not 24" in caplog.text
+    assert "the layout names no test cameras: readers will take 401645, not 400017" in caplog.text
+
+
 def test_frames_without_meshes_are_named(imported, tmp_path):
     for name in ("0000.safetensors", "0000.parquet"):
         shutil.copy(imported[1] / f"tracking/{name}", tmp_path / name)

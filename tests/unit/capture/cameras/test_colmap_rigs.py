@@ -7,6 +7,7 @@ import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.capture.cameras.colmap_cameras import write_colmap_rig
 from tests.support.rigs.camera_files import (
     CENTERS,
     LENSES,
@@ -128,6 +129,21 @@ def test_tables_by_hand(tmp_path):
     for name, center in CENTERS.items():
         assert cameras[name].center == pytest.approx(center)
     same_projections(cameras, pycolmap.Reconstruction(write_points(tmp_path)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_rig_that_is_written_is_read_back(tmp_path, kind):
+    write_model(tmp_path / "given", rig_model())
+    known, _ = read(tmp_path, format="colmap", path="given")
+    images = {number: {name: f"{name}/{number}.png" for name in known} for number in (4, 7, 9)}
+    del images[7]["cam00"]
+    write_colmap_rig(tmp_path / "sparse", known, images, kind)
+    cameras, complaints = read(tmp_path, format="colmap", path="sparse")
+    assert not complaints
+    for name, camera in known.items():
+        assert np.abs(cameras[name].project(POINTS)[0] - camera.project(POINTS)[0]).max() < SAME_PX
+    written = pycolmap.Reconstruction(tmp_path / "sparse")
+    assert (written.num_rigs(), written.num_reg_frames(), written.num_images()) == (1, 3, 5)
 
 
 def write_points(folder):
