@@ -15,6 +15,7 @@ wildcard_constraints:
     variant="[A-Za-z0-9_][A-Za-z0-9_-]*",
     chunk=r"\d{4}",
     light="[A-Za-z0-9_][A-Za-z0-9_-]*",
+    layout="colmap|nerfstudio|goliath",
 
 
 # Validates the configuration of all subjects, and the subjects named in the targets.

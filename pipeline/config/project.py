@@ -20,6 +20,7 @@ from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.export_avatar import ExportAvatar
+from pipeline.config.export_capture import ExportCapture
 from pipeline.config.export_viewer import ExportViewer
 from pipeline.config.fit_eyes import FitEyes
 from pipeline.config.import_capture import ImportCapture
@@ -92,6 +93,7 @@ class SubjectSettings(Settings):
     relight_avatar: RelightAvatar = RelightAvatar()
     export_viewer: ExportViewer = ExportViewer()
     export_avatar: ExportAvatar = ExportAvatar()
+    export_capture: ExportCapture = ExportCapture()
     check_budget: CheckBudget = CheckBudget()
     measure_cost: MeasureCost = MeasureCost()
     budget_errors: BudgetErrors = BudgetErrors()

@@ -69,6 +69,8 @@ ARGUMENTS = {
     "export_viewer": "subject atlas avatar shards frames=frame_shards lights patterns out=viewer",
     "export_avatar": "capture atlas avatar shards frames=frame_shards index cameras lights patterns tracking "
     "out=export",
+    "export_capture": "subject layout capture index cameras color lights=lights_of_layout patterns=patterns_of_layout "
+    "tracking out=exported",
     "check_budget": "results capture estimate chunk_size out=budget",
     "measure_cost": "results capture out=results chunk_size variant stage_settings",
     "budget_errors": "results capture out=error_budget chunk_size variant stage_settings",

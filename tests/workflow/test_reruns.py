@@ -45,6 +45,7 @@ ON_REQUEST = {
     "relight_avatar",
     "export_viewer",
     "export_avatar",
+    "export_capture",
     "write_report",
     "compare_subjects",
 }

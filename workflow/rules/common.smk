@@ -175,6 +175,16 @@ def each_chunk(pattern):
     return lambda wildcards: job(wildcards).each_chunk(pattern)
 
 
+def of_goliath(path):
+    """A function of wildcards: a file that Goliath's layout alone holds; none of the other layouts."""
+    return lambda wildcards: [path.format(subject=wildcards.subject)] if wildcards.layout == "goliath" else []
+
+
+def tracking_of_layout(pattern):
+    """A function of wildcards: files of all chunks of tracked meshes, which Goliath's layout alone holds."""
+    return lambda wildcards: job(wildcards).each_chunk(pattern) if wildcards.layout == "goliath" else []
+
+
 def planned_effects(wildcards):
     """The effects that plan_effects turned on."""
     return read_planned(checkpoints.plan_effects.get(subject=wildcards.subject).output.effects)

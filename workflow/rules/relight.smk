@@ -124,3 +124,46 @@ rule export_avatar:
     shell:
         "python -m pipeline.stages.export_avatar --capture {params.capture:q} {params.arguments:q} "
         "{params.settings:q} > {log:q} 2>&1"
+
+
+# The capture itself, calibrated, in the layout of another program: colmap, nerfstudio or goliath.
+rule export_capture:
+    input:
+        images="results/{subject}/index/images.parquet",
+        frames="results/{subject}/index/frames.parquet",
+        index="results/{subject}/index/capture.json",
+        cameras="results/{subject}/calibration/cameras.json",
+        color="results/{subject}/calibration/color.json",
+        lights=of_goliath("results/{subject}/calibration/lights.parquet"),
+        patterns=of_goliath("results/{subject}/patterns.parquet"),
+        tracking=tracking_of_layout("tracking/{chunk}.safetensors"),
+        statuses=tracking_of_layout("tracking/{chunk}.parquet"),
+    output:
+        directory("results/{subject}/exports/{layout}"),
+    log:
+        "results/{subject}/logs/export_capture.{layout}.log",
+    benchmark:
+        "results/{subject}/benchmarks/export_capture.{layout}.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: threads_for("export_capture")
+    resources:
+        mem_mb=memory_for("export_capture"),
+        runtime=minutes_for("export_capture"),
+    params:
+        code=code_for("export_capture"),
+        capture=capture_folder,
+        arguments=arguments_for(
+            "export_capture",
+            layout=lambda wildcards: wildcards.layout,
+            lights_of_layout=of_goliath("results/{subject}/calibration/lights.parquet"),
+            patterns_of_layout=of_goliath("results/{subject}/patterns.parquet"),
+            tracking=tracking_of_layout("tracking/{chunk}.safetensors"),
+            exported=lambda wildcards: job(wildcards).path("exports", wildcards.layout),
+        ),
+        settings=settings_for("export_capture"),
+    message:
+        "{wildcards.subject}: writing the capture in the layout of {wildcards.layout}"
+    shell:
+        "python -m pipeline.stages.export_capture --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"

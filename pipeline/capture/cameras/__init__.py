@@ -1,1 +1,1 @@
-"""Cameras calibrated elsewhere: COLMAP, nerfstudio and this project's own format."""
+"""Cameras calibrated elsewhere, in the formats that `file_formats` lists."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.errors import Complaints, InputError
-from pipeline.capture.cameras.camera_formats import SourceImage, SourceLens, camera_from_lens
+from pipeline.capture.cameras.camera_formats import SourceImage, SourceLens, camera_from_lens, finite_numbers
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.lenses import BROWN_CONRADY, FISHEYE
 
@@ -49,6 +49,16 @@ def read_caliscope(file: Path, cameras: Collection[str], complaints: Complaints)
     return found
 
 
+def is_caliscope(path: Path) -> bool:
+    """Tell whether this is a file of caliscope's."""
+    if path.suffix.lower() != ".toml":
+        return False
+    try:
+        return bool(_entries(path))
+    except InputError:
+        return False
+
+
 def _entries(file: Path) -> dict[str, Any]:
     try:
         content = tomllib.loads(file.read_text("utf-8"))
@@ -68,8 +78,8 @@ def _camera(where: str, entry: Any) -> Camera:
             hint = "calibrate without turning the pictures, or give the camera in another format"
             raise InputError(f"rotation_count: expected 0, found {entry['rotation_count']}; {hint}")
         model = FISHEYE if entry.get("fisheye", False) else BROWN_CONRADY
-        K, t = _numbers(entry, "matrix", (3, 3)), _numbers(entry, "translation", (3,))
-        dist, size = _numbers(entry, "distortions", (len(model.terms),)), _numbers(entry, "size", (2,))
+        K, t = finite_numbers(entry, "matrix", (3, 3)), finite_numbers(entry, "translation", (3,))
+        dist, size = finite_numbers(entry, "distortions", (len(model.terms),)), finite_numbers(entry, "size", (2,))
         if np.any(size % 1) or np.any(K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] != [0, 0, 0, 0, 1]):
             raise InputError(f"size, matrix: expected whole pixels and no skew, found {size.tolist()}, {K.tolist()}")
         terms = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2] + PIXEL_CENTER, "cy": K[1, 2] + PIXEL_CENTER}
@@ -84,19 +94,5 @@ def _rotation(entry: Mapping[str, Any]) -> np.ndarray:
     """The rotation, from a Rodrigues vector (a list or a column) or a matrix."""
     rows = entry.get("rotation")
     if isinstance(rows, list) and len(rows) == 3 and all(isinstance(row, list) and len(row) == 3 for row in rows):
-        return _numbers(entry, "rotation", (3, 3))
-    return cv2.Rodrigues(_numbers(entry, "rotation", (3,)))[0]
-
-
-def _numbers(entry: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers of an entry; columns count as lists."""
-    try:
-        numbers = np.asarray(entry[key], np.float64)
-    except (KeyError, TypeError, ValueError):  # none, text, or rows of unequal length
-        numbers = np.array([np.nan])
-    if len(shape) == 1 and numbers.size == shape[0]:
-        numbers = numbers.reshape(shape)
-    if numbers.shape != shape or not np.isfinite(numbers).all():
-        expected = " x ".join(map(str, shape))
-        raise InputError(f"{key}: expected {expected} finite numbers, found {entry.get(key, 'none')}")
-    return numbers
+        return finite_numbers(entry, "rotation", (3, 3))
+    return cv2.Rodrigues(finite_numbers(entry, "rotation", (3,)))[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -31,11 +32,35 @@ class SourceImage:
         name: what the file calls it.
         camera: its pose and lens, in the file's frame and unit of length; R as it stands there, perhaps no rotation.
             None if they are of no use, which is complained of.
+        posed: False if the file has a lens alone; R and t then mean nothing.
+        on_rig: the same in the frame of the one rig that all cameras of the file sit on; None without such a rig.
     """
 
     owner: str
     name: str
     camera: Camera | None
+    posed: bool = True
+    on_rig: Camera | None = None
+
+
+def finite_numbers(values: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers of an entry, float64; a column counts as a list.
+
+    Raises:
+        InputError: if there are none, others, or too few or many.
+    """
+    try:
+        numbers = np.asarray(values[key], np.float64)
+    except (KeyError, TypeError, ValueError):  # none, text, or rows of unequal length
+        numbers = np.array([np.nan])
+    if len(shape) == 1 and numbers.size == shape[0]:
+        numbers = numbers.reshape(shape)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        expected = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
+        found = values.get(key, "none")
+        found = found.tolist() if isinstance(found, np.ndarray) else found
+        raise InputError(f"{key}: expected {expected}, found {found}")
+    return numbers
 
 
 def resolve_owner(image: str, cameras: Collection[str]) -> str | None:

@@ -2,6 +2,8 @@
 
 COLMAP's conventions are this project's: poses are camera-from-world, x right, y down, z forward, and the first pixel's
 centre is (0.5, 0.5). Its perspective lenses and those of its fisheyes that are named here distort as OpenCV does.
+Cameras on a rig are sensors: a frame has the rig's pose at one moment, and sensor-from-rig is the same in all frames
+(COLMAP's documentation, Rig support).
 """
 
 from __future__ import annotations
@@ -51,16 +53,27 @@ def read_colmap(folder: Path, cameras: Collection[str], complaints: Complaints) 
     Raises:
         InputError: if the folder is no model, or not a whole one.
     """
-    found = []
-    for image in sorted(_read_model(folder).images.values(), key=lambda image: image.name):
-        owner, camera = None, None
+    found, model = [], _read_model(folder)
+    on_one_rig = len(model.rigs) == 1 and all(_camera_count(rig) > 1 for rig in model.rigs.values())
+    for image in sorted(model.images.values(), key=lambda image: image.name):
+        owner, camera, on_rig = None, None, None
         with complaints.collecting():
             owner = resolve_owner(image.name, cameras)
             if owner is not None and image.has_pose:
-                camera = _camera(image)
+                camera = _camera(image, image.cam_from_world())
+                on_rig = _camera(image, _sensor_from_rig(image)) if on_one_rig else None
         if owner is not None and image.has_pose:
-            found.append(SourceImage(owner, image.name, camera))
+            found.append(SourceImage(owner, image.name, camera, on_rig=on_rig))
     return found
+
+
+def _camera_count(rig: pycolmap.Rig) -> int:
+    return sum(sensor.type == pycolmap.SensorType.CAMERA for sensor in rig.sensor_ids())
+
+
+def _sensor_from_rig(image: pycolmap.Image) -> pycolmap.Rigid3d:
+    rig, sensor = image.frame.rig, image.camera.sensor_id
+    return pycolmap.Rigid3d() if rig.is_ref_sensor(sensor) else rig.sensor_from_rig(sensor)
 
 
 def _read_model(folder: Path) -> pycolmap.Reconstruction:
@@ -87,8 +100,8 @@ def _read_model(folder: Path) -> pycolmap.Reconstruction:
             raise InputError(f"expected a whole COLMAP model, found: {error}") from error
 
 
-def _camera(image: pycolmap.Image) -> Camera:
-    lens, pose = image.camera, np.asarray(image.cam_from_world().matrix())
+def _camera(image: pycolmap.Image, from_frame: pycolmap.Rigid3d) -> Camera:
+    lens, pose = image.camera, np.asarray(from_frame.matrix())
     where = f"image {image.name}: COLMAP camera {lens.camera_id}"
     if lens.model_name not in MODELS:
         hint = "calibrate with one of those, or undistort the images"
@@ -112,15 +125,67 @@ def write_colmap(folder: Path, cameras: Mapping[str, Camera], kind: Literal["bin
     """
     made = pycolmap.Reconstruction()
     for number, (name, camera) in enumerate(cameras.items(), 1):
-        model = WRITTEN_MODELS[camera.lens]
-        if model == "FULL_OPENCV" and camera.dist[-1] == 0:
-            model = "OPENCV"
-        lens = pycolmap.Camera(camera_id=number, model=model, width=camera.width, height=camera.height)
-        terms = dict(zip(("fx", "fy", "cx", "cy"), camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
-        terms |= dict(zip(camera.lens.terms, camera.dist, strict=True))
-        lens.params = [float(terms.get(term, 0.0)) for term in lens.params_info.split(", ")]
-        made.add_camera_with_trivial_rig(lens)
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(camera.R), camera.t)
-        made.add_image_with_trivial_frame(pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number), pose)
+        made.add_camera_with_trivial_rig(_lens(number, camera))
+        image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number)
+        made.add_image_with_trivial_frame(image, _pose(camera))
+    _write(made, folder, kind)
+
+
+def write_colmap_rig(
+    folder: Path,
+    cameras: Mapping[str, Camera],
+    images: Mapping[int, Mapping[str, str]],
+    kind: Literal["binary", "text"] = "binary",
+) -> None:
+    """Write a COLMAP model without points whose cameras are the sensors of one rig.
+
+    The rig stands still: each frame has the same pose of it.
+
+    Args:
+        cameras: the first is the rig's reference.
+        images: name of each camera's image, by frame: a frame of the model each.
+    """
+    made, rig, numbers = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1), {}
+    rig_from_world = _pose(next(iter(cameras.values())))
+    for number, (name, camera) in enumerate(cameras.items(), 1):
+        made.add_camera(_lens(number, camera))
+        numbers[name] = number
+        if number == 1:
+            rig.add_ref_sensor(made.camera(number).sensor_id)
+        else:
+            rig.add_sensor(made.camera(number).sensor_id, _pose(camera) * rig_from_world.inverse())
+    made.add_rig(rig)
+    image_id = 0
+    for frame_id, named in enumerate((images[number] for number in sorted(images)), 1):
+        frame = pycolmap.Frame(frame_id=frame_id, rig_id=1, rig_from_world=rig_from_world)
+        ids = {name: image_id + k for k, name in enumerate(named, 1)}
+        image_id += len(named)
+        for name, key in ids.items():
+            frame.add_data_id(pycolmap.data_t(made.camera(numbers[name]).sensor_id, key))
+        made.add_frame(frame)
+        for name, key in ids.items():
+            image = pycolmap.Image(name=named[name], camera_id=numbers[name], image_id=key)
+            image.frame_id = frame_id
+            made.add_image(image)
+        made.register_frame(frame_id)
+    _write(made, folder, kind)
+
+
+def _lens(number: int, camera: Camera) -> pycolmap.Camera:
+    model = WRITTEN_MODELS[camera.lens]
+    if model == "FULL_OPENCV" and camera.dist[-1] == 0:
+        model = "OPENCV"
+    lens = pycolmap.Camera(camera_id=number, model=model, width=camera.width, height=camera.height)
+    terms = dict(zip(("fx", "fy", "cx", "cy"), camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
+    terms |= dict(zip(camera.lens.terms, camera.dist, strict=True))
+    lens.params = [float(terms.get(term, 0.0)) for term in lens.params_info.split(", ")]
+    return lens
+
+
+def _pose(camera: Camera) -> pycolmap.Rigid3d:
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(camera.R), camera.t)
+
+
+def _write(made: pycolmap.Reconstruction, folder: Path, kind: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     getattr(made, f"write_{kind}")(folder)

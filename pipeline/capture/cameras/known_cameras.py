@@ -5,7 +5,7 @@ Read in the format they are in, checked, and brought to metres.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +13,11 @@ import numpy as np
 
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.base.files import digest_bytes, digest_file
-from pipeline.capture.cameras.caliscope_cameras import read_caliscope
 from pipeline.capture.cameras.camera_formats import SourceImage
-from pipeline.capture.cameras.nerfstudio_cameras import read_nerfstudio
+from pipeline.capture.cameras.file_formats import AUTO, CameraFormat, resolve_format
 from pipeline.capture.paths import locate
-from pipeline.capture.schema.camera_schema import CameraFile, KnownCameras
-from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.capture.schema.camera_schema import CAMERA_SUFFIXES, CameraFile, KnownCameras
+from pipeline.geometry.cameras import Camera
 
 ROTATION_TOLERANCE = 1e-4
 """Largest entry of R R^T - I: a rotation written with five digits passes, a scaled or mirrored one does not."""
@@ -29,43 +28,66 @@ AGREEMENT_PX = 0.1
 AGREEMENT_DISTANCES_M = (0.5, 5.0)
 """Where that is measured: a stage's subjects and walls are between these."""
 
+FOLDERS = {"colmap": "the folder of a COLMAP model", "easymocap": "the folder of intri.yml and extri.yml"}
+"""Formats that are folders, and what to expect there."""
+
 
 def digest_known_cameras(root: Path, section: CameraFile) -> str:
-    """Digest of the file, or of the names and contents of all files of a COLMAP model.
+    """Digest of the file, or of the names and contents of all files of a folder.
 
     Raises:
         InputError: if there is nothing of this name in the capture.
     """
-    if section.format != "colmap":
-        return digest_file(locate(root, section.path))
     if not (root / section.path).is_dir():
-        raise InputError(f"{section.path}: expected the folder of a COLMAP model, found none")
+        if section.format in FOLDERS:
+            raise InputError(f"{section.path}: expected {FOLDERS[section.format]}, found none")
+        return digest_file(locate(root, section.path))
+    if section.format != AUTO and CAMERA_SUFFIXES[section.format] is not None:
+        raise InputError(f"{section.path}: expected a file, found a folder")
     names = sorted(file.name for file in (root / section.path).iterdir() if not file.is_dir())
     lines = [f"{digest_file(locate(root, f'{section.path}/{name}'))} {name}" for name in names]
     return digest_bytes("\n".join(lines).encode())
 
 
 def read_known_cameras(
-    root: Path, section: KnownCameras, sizes: Mapping[str, tuple[int, int]], complaints: Complaints
+    root: Path,
+    section: KnownCameras,
+    sizes: Mapping[str, tuple[int, int]],
+    complaints: Complaints,
+    *,
+    posed: bool = True,
 ) -> dict[str, Camera]:
     """The capture's cameras, in metres, their frame as it is given.
 
     Args:
         sizes: width and height of the sensor of every camera of the capture, pixels.
+        posed: whether poses count; otherwise a lens is enough.
     """
-    images = _read_images(root, section, sizes, complaints)
+    inner = Complaints(section.path)
+    try:
+        camera_format = resolve_format(section.format, root / section.path)
+        images = camera_format.read(root / section.path, sizes, inner)
+    except InputError as error:
+        images = None
+        inner.messages.append(str(error).removeprefix(f"{root / section.path}: "))
+    complaints.messages += [f"{section.path}: {message}" for message in dict.fromkeys(inner.messages)]
     if images is None:
         return {}
+    if section.frame == "own":
+        images = _of_moved_rig(images)
     cameras = {}
     for name, size in sizes.items():
         mine = [image for image in images if image.owner == name]
         if not mine:
-            _complain_missing(section, name, [image.name for image in images if image.owner not in sizes], complaints)
+            others = [image.name for image in images if image.owner not in sizes]
+            _complain_missing(camera_format, section.path, name, others, complaints)
             continue
         mine = [image for image in mine if image.camera is not None]
         # A list: every image is to be checked.
-        if mine and False not in [_check(section.path, image, size, complaints) for image in mine]:
+        if mine and False not in [_check(section.path, image, size, posed, complaints) for image in mine]:
             scaled = [replace(image, camera=_in_metres(image.camera, section.scale_to_m)) for image in mine]
+            if not posed:
+                scaled = [replace(image, camera=replace(image.camera, R=np.eye(3), t=np.zeros(3))) for image in scaled]
             _check_agreement(section.path, scaled, complaints)
             cameras[name] = scaled[0].camera
     return cameras
@@ -76,7 +98,7 @@ def read_known_lenses(
 ) -> dict[str, Camera]:
     """Cameras of `sizes` from a file of which only the lenses count, all of one model."""
     file = KnownCameras(method="known", **section.model_dump())
-    cameras = read_known_cameras(root, file, sizes, complaints)
+    cameras = read_known_cameras(root, file, sizes, complaints, posed=False)
     for name, camera in cameras.items():
         if camera.lens.name != lens:
             hint = "set calibration.cameras.lens to the lens of the file"
@@ -84,47 +106,42 @@ def read_known_lenses(
     return cameras
 
 
-def _read_images(
-    root: Path, section: KnownCameras, cameras: Collection[str], complaints: Complaints
-) -> list[SourceImage] | None:
-    """None if nothing can be read; complaints name the file."""
-    path, inner = root / section.path, Complaints(section.path)
-    try:
-        if section.format == "colmap":
-            # Imports pycolmap, which loads all of COLMAP.
-            from pipeline.capture.cameras.colmap_cameras import read_colmap
+def _of_moved_rig(images: list[SourceImage]) -> list[SourceImage]:
+    """Images in the frame of their rig, if it moved while they were taken: its cameras then have no place in the world.
 
-            images = read_colmap(path, cameras, inner)
-        elif section.format == "nerfstudio":
-            images = read_nerfstudio(path, cameras, inner)
-        elif section.format == "caliscope":
-            images = read_caliscope(path, cameras, inner)
-        else:
-            images = [SourceImage(name, name, camera) for name, camera in read_cameras(path).items()]
-    except InputError as error:
-        images = None
-        inner.messages.append(str(error).removeprefix(f"{path}: "))
-    complaints.messages += [f"{section.path}: {message}" for message in dict.fromkeys(inner.messages)]
-    return images
+    A rig that stood still is left in the world that the file has.
+    """
+    mine = [image for image in images if image.camera is not None]
+    if not mine or any(image.on_rig is None for image in mine):
+        return images
+    first = {image.owner: image for image in reversed(mine)}
+    if max(_difference_px(first[image.owner].camera, image.camera) for image in mine) <= AGREEMENT_PX:
+        return images
+    return [replace(image, camera=image.on_rig) for image in images]
 
 
-def _complain_missing(section: KnownCameras, name: str, others: list[str], complaints: Complaints) -> None:
-    if section.format == "cameras_json":
-        complaints.add(section.path, name, expected="every camera of the table of cameras", found="no entry")
-        return
-    if section.format == "caliscope":
+def _complain_missing(
+    camera_format: CameraFormat, path: str, name: str, others: list[str], complaints: Complaints
+) -> None:
+    if camera_format.unit == "entry":
+        complaints.add(path, name, expected="every camera of the table of cameras", found="no entry")
+    elif camera_format.unit == "section":
         found = f"none; cameras of the file that no camera of the capture is named after: {listed(others) or 'none'}"
         hint = "name the capture's cameras after the file's"
-        complaints.add(section.path, name, expected="a section of this name", found=found, hint=hint)
-        return
-    expected = f"an image with a pose that is called {name} or lies in a folder {name}"
-    complaints.add(section.path, name, expected=expected, found="none")
+        complaints.add(path, name, expected="a section of this name", found=found, hint=hint)
+    else:
+        expected = f"an image with a pose that is called {name} or lies in a folder {name}"
+        complaints.add(path, name, expected=expected, found="none")
 
 
-def _check(path: str, image: SourceImage, size: tuple[int, int], complaints: Complaints) -> bool:
+def _check(path: str, image: SourceImage, size: tuple[int, int], posed: bool, complaints: Complaints) -> bool:
     """Sensor's size and a rotation, or complaints."""
     camera, before = image.camera, len(complaints.messages)
     key = image.owner if image.name == image.owner else f"{image.owner}: image {image.name}"
+    if posed and not image.posed:
+        hint = "add it, or calibrate with boards and take this file as lenses_from"
+        complaints.add(path, key, expected="a pose, R and T", found="a lens alone", hint=hint)
+        return False
     if (camera.width, camera.height) != size:
         expected, found = f"the sensor's {size[0]} x {size[1]}", f"{camera.width} x {camera.height}"
         hint = "" if camera.width * size[1] != camera.height * size[0] else (
@@ -153,6 +170,7 @@ def _check_agreement(path: str, images: list[SourceImage], complaints: Complaint
         expected = f"one pose and lens for all of its {len(images)} images"
         found = f"{images[0].name} and {images[worst].name} {differences[worst]:.2f} px apart"
         hint = "calibrate the stage's cameras as a rig that does not move, or keep one image per camera"
+        hint += "; a rig that moved needs frame: own" if images[0].on_rig is not None else ""
         complaints.add(path, images[0].owner, expected=expected, found=found, hint=hint)
 
 

@@ -21,6 +21,7 @@ from pipeline.capture.cameras.camera_formats import (
     SourceImage,
     SourceLens,
     camera_from_lens,
+    finite_numbers,
     resolve_owner,
 )
 from pipeline.geometry.cameras import Camera
@@ -69,8 +70,8 @@ def _applied(content: Mapping[str, Any]) -> tuple[np.ndarray, float]:
     """applied_transform [3, 4] and applied_scale: x_here = scale * (A x_original + a)."""
     applied = np.eye(4)[:3]
     if "applied_transform" in content:
-        applied = _numbers(content, "applied_transform", (3, 4))
-    scale = float(_numbers(content, "applied_scale", ())) if "applied_scale" in content else 1.0
+        applied = finite_numbers(content, "applied_transform", (3, 4))
+    scale = float(finite_numbers(content, "applied_scale", ())) if "applied_scale" in content else 1.0
     if scale <= 0 or abs(np.linalg.det(applied[:, :3])) < LEAST_DETERMINANT:
         found = f"a scale of {scale:g} and axes {applied[:, :3].tolist()}"
         raise InputError(f"applied_transform, applied_scale: expected what can be undone, found {found}")
@@ -81,7 +82,7 @@ def _camera(
     where: str, content: Mapping[str, Any], frame: Mapping[str, Any], applied: np.ndarray, scale: float
 ) -> Camera:
     try:
-        pose = _numbers(frame, "transform_matrix", (4, 4))
+        pose = finite_numbers(frame, "transform_matrix", (4, 4))
         turn, center = np.linalg.solve(applied[:, :3], pose[:3, :3]), pose[:3, 3] / scale - applied[:, 3]
         R = (turn @ OPENCV_FROM_OPENGL).T
         t = -R @ np.linalg.solve(applied[:, :3], center)
@@ -108,21 +109,10 @@ def _lens(values: Mapping[str, Any]) -> SourceLens:
     if "fl_x" not in values and "camera_angle_x" in values:
         hint = "give fl_x = w / (2 tan(camera_angle_x / 2)), fl_y, cx, cy"
         raise InputError(f"fl_x: expected a number of pixels, found none, only camera_angle_x; {hint}")
-    terms = {name: float(_numbers(values, key, ())) for name, key in
+    terms = {name: float(finite_numbers(values, key, ())) for name, key in
              {"fx": "fl_x", "fy": "fl_y", "cx": "cx", "cy": "cy"}.items()}  # fmt: skip
-    terms |= {key: float(_numbers(values, key, ())) for key in TERMS if key in values}
-    width, height = (float(_numbers(values, key, ())) for key in "wh")
+    terms |= {key: float(finite_numbers(values, key, ())) for key in TERMS if key in values}
+    width, height = (float(finite_numbers(values, key, ())) for key in "wh")
     if width % 1 or height % 1:
         raise InputError(f"w, h: expected whole numbers of pixels, found {width} and {height}")
     return SourceLens(model, terms, int(width), int(height))
-
-
-def _numbers(values: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        numbers = np.asarray(values[key], np.float64)
-    except (KeyError, TypeError, ValueError):  # none, text, or rows of unequal length
-        numbers = np.array([np.nan])
-    if numbers.shape != shape or not np.isfinite(numbers).all():
-        expected = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
-        raise InputError(f"{key}: expected {expected}, found {values.get(key, 'none')}")
-    return numbers

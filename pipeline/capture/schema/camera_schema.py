@@ -20,26 +20,41 @@ from pipeline.capture.schema.board_schema import (
 from pipeline.capture.schema.sections import BoardPattern, CsvPath, Length, Section
 from pipeline.geometry.lenses import BROWN_CONRADY, LENSES
 
+CAMERA_SUFFIXES: dict[str, tuple[str, ...] | None] = {
+    "cameras_json": (".json",),
+    "colmap": None,
+    "nerfstudio": (".json",),
+    "caliscope": (".toml",),
+    "metashape": (".xml",),
+    "qualisys": (".txt", ".xml"),
+    "easymocap": None,
+    "opencv": None,
+    "auto": None,
+}
+"""Formats of cameras calibrated elsewhere, and how names of such files end; None: a folder, or any name."""
+
 
 class CameraFile(Section):
     """Cameras that were calibrated elsewhere."""
 
-    format: Literal["cameras_json", "colmap", "nerfstudio", "caliscope"] = Field(
+    format: Literal[tuple(CAMERA_SUFFIXES)] = Field(
         "cameras_json",
         description="cameras_json: R, t, K, dist, width, height per camera, and lens: fisheye where dist is k1 to k4; "
         "colmap: the folder of a sparse model, text or binary; nerfstudio: a transforms.json; caliscope: its "
-        ".toml of cameras. All at sensor resolution",
+        ".toml of cameras; metashape: its .xml of exported cameras; "
+        "qualisys: the calibration that QTM exports, .txt or .xml, cameras named by serial number, in mm; "
+        "easymocap: a folder of intri.yml and extri.yml; "
+        "opencv: a rig's .yml, .xml or .json as OpenCV's programs write it, or a folder of one per camera; "
+        "auto: the one of these that it is. All at sensor resolution",
     )
-    path: Annotated[str, AfterValidator(check_relative)] = Field(
-        description="the .json or .toml file, or the folder of a COLMAP model"
-    )
+    path: Annotated[str, AfterValidator(check_relative)] = Field(description="the file, or the folder of a model")
 
     # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
     @field_validator("path")
     @classmethod
     def _is_of_the_format(cls, path: str, info: Any) -> str:
-        name = info.data.get("format")
-        return path if name == "colmap" else check_suffix(path, (".toml",) if name == "caliscope" else (".json",))
+        suffixes = CAMERA_SUFFIXES.get(info.data.get("format", "auto"))
+        return path if suffixes is None else check_suffix(path, suffixes)
 
 
 class PhotographedBoards(Section):

@@ -20,7 +20,6 @@ from tests.support.rigs.camera_files import (
     SAME_PX,
     SIZE,
     SIZES,
-    looking_at_the_stage,
     model,
     read,
     same_projections,
@@ -85,36 +84,6 @@ class TestColmap:
         assert not complaints
         same_projections(cameras, made, 1e-3)
         assert cameras["cam01"].center == pytest.approx(CENTERS["cam01"])
-
-    def test_cameras_on_a_rig(self, tmp_path):
-        """As newer versions of COLMAP write them: one pose of the rig, and the cameras' places on it."""
-        made = pycolmap.Reconstruction()
-        rig = pycolmap.Rig(rig_id=1)
-        for key in (1, 2):
-            made.add_camera(
-                pycolmap.Camera(camera_id=key, model="OPENCV", width=640, height=480, params=LENSES["OPENCV"])
-            )
-        rig.add_ref_sensor(pycolmap.sensor_t(type=pycolmap.SensorType.CAMERA, id=1))
-        first, second = (
-            pycolmap.Rigid3d(pycolmap.Rotation3d(R), -R @ center)
-            for R, center in ((looking_at_the_stage(center), center) for center in CENTERS.values())
-        )
-        sensor = pycolmap.sensor_t(type=pycolmap.SensorType.CAMERA, id=2)
-        rig.add_sensor(sensor, second * first.inverse())
-        made.add_rig(rig)
-        frame = pycolmap.Frame(frame_id=1, rig_id=1, rig_from_world=first)
-        for key in (1, 2):
-            frame.add_data_id(pycolmap.data_t(pycolmap.sensor_t(type=pycolmap.SensorType.CAMERA, id=key), key))
-        made.add_frame(frame)
-        for key, name in enumerate(SIZES, 1):
-            made.add_image(pycolmap.Image(name=f"{name}.png", camera_id=key, image_id=key, frame_id=1))
-        made.register_frame(1)
-        write_model(tmp_path / "sparse", made)
-        cameras, complaints = read(tmp_path, format="colmap", path="sparse")
-        assert not complaints
-        for name, camera in cameras.items():
-            assert camera.center == pytest.approx(CENTERS[name])
-        same_projections(cameras, made)
 
     def test_images_over_time_in_folders_of_their_cameras(self, tmp_path):
         images = {f"{name}/{frame:06d}.png": (name, np.zeros(3)) for name in SIZES for frame in range(3)}

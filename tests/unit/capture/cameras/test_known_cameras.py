@@ -62,7 +62,10 @@ class TestCamerasJson:
         ({"path": "../sparse", "format": "colmap"}, "stays inside"),
         ({"path": "cameras.json", "frame": "world"}, "'stage' or 'own'"),
         ({"path": "cameras.json", "scale_to_m": 0.0}, "greater than 0"),
-        ({"path": "cameras.json", "format": "opencv"}, "'cameras_json', 'colmap', 'nerfstudio' or 'caliscope'"),
+        (
+            {"path": "cameras.json", "format": "bundler"},
+            "'cameras_json', 'colmap', .* or 'auto'",
+        ),
     ],
 )
 def test_keys_are_checked(keys, expected):

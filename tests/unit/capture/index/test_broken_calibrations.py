@@ -56,10 +56,10 @@ KNOWN_BREAKS: dict[str, tuple[Break, list[str]]] = {
         ["cameras.json: left: width x height", "cameras.json: right: expected every camera"],
     ),
     "unknown format of cameras": (
-        manifest(lambda m: m["calibration"]["cameras"].update(format="opencv")),
+        manifest(lambda m: m["calibration"]["cameras"].update(format="bundler")),
         [
-            "calibration.cameras.format: expected 'cameras_json', 'colmap', 'nerfstudio' or 'caliscope', "
-            "found text 'opencv'"
+            "calibration.cameras.format: expected 'cameras_json', 'colmap', 'nerfstudio', ",
+            " or 'auto', found text 'bundler'",
         ],
     ),
     "folder without its format": (
