@@ -1,5 +1,6 @@
 // Placed lamps: a handle each in the picture, and a row each in the panel.
 import { project, unproject } from "./camera.js";
+import { element, EV, spoken } from "./controls.js";
 import { MOST_LAMPS } from "./lights.js";
 
 const NUDGE = 0.04;
@@ -25,7 +26,9 @@ export class LampControls {
     const remove = element("button", { type: "button", textContent: "✕", ariaLabel: `Remove ${name.toLowerCase()}` });
     lamp.row.append(element("span", { textContent: name }), color, gain, remove);
     color.addEventListener("input", () => this.#change(() => { lamp.color = color.value; }));
-    gain.addEventListener("input", () => this.#change(() => { lamp.gain = Number(gain.value); }));
+    const say = () => gain.setAttribute("aria-valuetext", spoken(Number(gain.value), EV));
+    gain.addEventListener("input", () => this.#change(() => { lamp.gain = Number(gain.value); say(); }));
+    say();
     remove.addEventListener("click", () => this.#removed(lamp));
     this.#drag(lamp);
     this.#keys(lamp);
@@ -109,9 +112,4 @@ export class LampControls {
       lamp.handle.setAttribute("aria-label", `Lamp ${lamp.number + 1}, ${place[0]} m along x, ${place[1]} m up, ${place[2]} m along z of the avatar's middle`);
     }
   }
-}
-
-/** A new element with some properties. */
-export function element(name, properties = {}) {
-  return Object.assign(document.createElement(name), properties);
 }

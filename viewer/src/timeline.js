@@ -12,27 +12,33 @@ export class Timeline {
     this.slider.addEventListener("input", () => this.show(Number(this.slider.value)));
     this.button.addEventListener("click", () => this.toggle());
     this.toggle = this.toggle.bind(this);
-    document.getElementById("timeline").hidden = scene.facts.timeline < 2 && !scene.facts.sliders.length;
+    document.getElementById("timeline").hidden = scene.facts.timeline < 2;
   }
 
+  /** Shows a frame by its place. */
   async show(place) {
     const { label } = this.scene.facts.frames[place];
-    if (place < this.scene.facts.timeline) this.slider.value = place;
+    this.slider.value = place;
     this.slider.setAttribute("aria-valuetext", label);
     this.name.textContent = label;
     await this.scene.showFrame(place);
     this.changed();
   }
 
+  /** What is shown is no frame: nothing plays, and the slider stays where it goes on. */
+  leave() {
+    if (this.playing) this.toggle();
+    this.name.textContent = "posed";
+  }
+
   step(by) {
     const { place, facts: { timeline } } = this.scene;
-    return this.show(place < timeline ? (place + by + timeline) % timeline : Number(this.slider.value));
+    return this.show(this.scene.number === null ? Number(this.slider.value) : (place + by + timeline) % timeline);
   }
 
   toggle() {
     this.playing = !this.playing;
     this.button.textContent = this.playing ? "❚❚" : "▶";
-    this.button.ariaPressed = String(this.playing);
     this.button.ariaLabel = this.playing ? "Stop" : "Play the frames";
     if (this.playing) this.#run();
   }
