@@ -255,6 +255,13 @@ def test_fingers_turn_and_pinch_on_a_phone_and_nothing_is_wider_than_it(browser,
     assert page.evaluate("scene.orbit.distance") == pytest.approx(before / 2)
     assert changed(turned, pixels(page)) > 0.5
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE[0]
+    for _ in range(8):
+        page.click("#add-lamp")
+    pixels(page)
+    stage = page.locator("#stage").bounding_box()
+    for handle in page.locator(".handle:visible").all():  # also of lamps that are beside the picture
+        box = handle.bounding_box()
+        assert 0 <= box["x"] <= PHONE[0] - box["width"] and 0 <= box["y"] <= stage["height"] - box["height"]
 
 
 def test_captured_picture_stands_beside_the_avatar(page):
@@ -353,6 +360,14 @@ def test_tab_stops_once_at_the_lights_of_the_stage(page):
     assert page.evaluate(focused) == "key"
 
 
+def test_links_lead_to_parts_of_the_panel_and_leave_the_picture_where_it_is(page):
+    assert page.locator("nav a:visible").all_inner_texts() == ["Light", "Picture", "Help"]
+    for name in ("Help", "Picture", "Light"):
+        page.click(f"nav a:text('{name}')")
+        assert page.locator(f"h2:text('{name}')").evaluate("title => title.getBoundingClientRect().top") < DESK[1]
+        assert page.evaluate("document.documentElement.scrollTop") == 0
+
+
 def test_stage_lights_yield_to_a_sky_and_come_back(page):
     mode, turn = page.locator("#stage-mode"), page.locator("#sky-turn")
     assert turn.is_disabled()
@@ -362,9 +377,14 @@ def test_stage_lights_yield_to_a_sky_and_come_back(page):
     page.select_option("#sky", "none")
     assert mode.input_value() == "all" and turn.is_disabled()
     page.select_option("#stage-mode", "off")
-    page.select_option("#sky", "overcast")
-    page.select_option("#sky", "none")
-    assert mode.input_value() == "off"  # as it was chosen
+    page.click("#add-lamp")
+    for sky in ("overcast", "none"):
+        page.select_option("#sky", sky)
+    assert mode.input_value() == "off"  # as it was chosen: the lamp shines
+    page.locator(".lamp button").click()
+    for sky in ("overcast", "none"):
+        page.select_option("#sky", sky)
+    assert mode.input_value() == "captured"  # or nothing would
 
 
 def test_measured_rate_is_said_with_its_size(page):

@@ -8,7 +8,7 @@ const UNITS = { degrees: DEGREES, "standard deviations": DEVIATIONS };
 export class HeadControls {
   constructor(scene, timeline) {
     Object.assign(this, { scene, timeline });
-    byId("head").hidden = scene.facts.sliders.length === 0;
+    byId("head").hidden = byId("to-head").hidden = scene.facts.sliders.length === 0;
     byId("head-back").addEventListener("click", () => timeline.step(0));
     this.sliders = scene.facts.sliders.map((slider) => this.#row(slider));
     this.refresh();
@@ -32,7 +32,8 @@ export class HeadControls {
     const words = pushed.map(({ input, name, unit }) => `${name.toLowerCase()} ${spoken(Number(input.value), UNITS[unit])}`);
     const [{ places }] = this.sliders;
     this.timeline.leave();
-    this.scene.showPose(places[(places.length - 1) / 2], stops, words.join(", ") || "at rest").then(() => this.timeline.changed());
+    const pose = { rest: places[(places.length - 1) / 2], stops, label: words.join(", ") || "at rest", lit: this.timeline.place };
+    this.scene.showPose(pose).then(() => this.timeline.changed());
   }
 
   /** To the middle, where a frame of the timeline is shown. */

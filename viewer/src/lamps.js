@@ -5,6 +5,9 @@ import { MOST_LAMPS } from "./lights.js";
 
 const NUDGE = 0.04;
 
+/** A lamp outside of the picture is held at its edge, so many pixels from it. */
+const EDGE = 24;
+
 /** Keeps handles and rows in step with the scene's lamps. */
 export class LampControls {
   constructor(scene) {
@@ -104,8 +107,10 @@ export class LampControls {
     for (const lamp of lights.lamps) {
       const [x, y, z] = project(camera, lamp.position);
       lamp.handle.hidden = z <= 0;
-      lamp.handle.style.left = `${scale * x}px`;
-      lamp.handle.style.top = `${scale * y}px`;
+      const [left, top] = [[x, canvas.clientWidth], [y, canvas.clientHeight]].map(([at, size]) => Math.min(size - EDGE, Math.max(EDGE, scale * at)));
+      lamp.handle.style.left = `${left}px`;
+      lamp.handle.style.top = `${top}px`;
+      lamp.handle.classList.toggle("outside", left !== scale * x || top !== scale * y);
       lamp.handle.style.setProperty("--lamp", lamp.color);
       lamp.handle.classList.toggle("behind", z > center);
       const place = lamp.position.map((v, k) => (v - orbit.home[k]).toFixed(1));

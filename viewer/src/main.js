@@ -63,6 +63,7 @@ async function measure(scene) {
   }
   scene.afterwards = null;
   byId("measured").textContent = `Once around: ${rate(scene.milliseconds)}, ${scene.canvas.width} × ${scene.canvas.height} pixels`;
+  byId("measured").scrollIntoView({ block: "nearest" });
   byId("measure").disabled = false;
 }
 
@@ -76,7 +77,6 @@ async function open() {
   const scene = new Scene(avatar, byId("canvas"));
   scene.canvas.addEventListener("webglcontextlost", () => close("the browser has taken the graphics processor away from this page; load it again"));
   byId("subject").textContent = avatar.facts.subject;
-  byId("rate-count").textContent = `${avatar.count.toLocaleString("en")} Gaussians`;
   const beside = new Beside(scene);
   const stage = new StageControls(scene);
   const timeline = new Timeline(scene, () => {
@@ -95,7 +95,8 @@ async function open() {
   scene.onShown(() => {
     describe(scene);
     const ms = scene.milliseconds;
-    byId("rate-ms").textContent = ms ? `, ${rate(ms)}` : "";
+    byId("rate-count").textContent = `${avatar.count.toLocaleString("en")} Gaussians${ms ? ", " : ""}`;
+    byId("rate-ms").textContent = ms ? rate(ms) : "";
     byId("shadows").textContent = shadows(scene);
   });
   fillStage(scene);

@@ -25,13 +25,13 @@ export class StageControls {
     this.refresh();
   }
 
-  /** A sky is seen alone first, as these lights would hide it, unless they were chosen; without it they shine as before. */
+  /** A sky is seen alone first, as these lights would hide it, unless they were chosen; without it they shine as before, or so that something does. */
   yieldTo(sky) {
-    const { mode } = this.scene.lights.stage;
+    const { stage: { mode }, lamps } = this.scene.lights;
     if (sky && ["captured", "all"].includes(mode)) {
       this.#shine("off");
       this.before = mode;
-    } else if (!sky && this.before) this.#shine(this.before);
+    } else if (!sky && mode === "off" && (this.before || !lamps.length)) this.#shine(this.before ?? "captured");
   }
 
   /** One stop of Tab for all buttons, however many lights a stage has; arrow keys go on from there. */

@@ -36,17 +36,22 @@ export class Scene {
     return this.#show(place, { number: frame, label }, () => this.avatar.frame(place));
   }
 
-  /** Shows a pose of sliders: that at rest with what their stops add; at a stop of one of them, what was placed there. */
-  showPose(rest, stops, label) {
+  /**
+   * Shows a pose of sliders, in the light of a frame: that at rest with what their stops add; at a stop of one of them,
+   * what was placed there.
+   */
+  showPose({ rest, stops, label, lit }) {
     const [first = { place: rest, weight: 1 }] = stops;
     const stored = stops.length <= 1 && first.weight === 1;
-    const key = stored ? first.place : stops.map(({ place, weight }) => `${place} ${weight}`).join();
+    const key = `${lit}: ${stops.map(({ place, weight }) => `${place} ${weight}`)}`;
+    const { pattern } = this.facts.frames[lit];
     const make = async () => {
       const [start, ...frames] = await Promise.all([rest, ...stops.map(({ place }) => place)].map((place) => this.avatar.frame(place)));
       if (this.place !== key) return null;
-      return { ...posed(start, stops.map((stop, k) => ({ ...stop, frame: frames[k] }))), key };
+      const parts = stops.map((stop, k) => ({ ...stop, frame: frames[k] }));
+      return { ...(stored ? frames[0] ?? start : posed(start, parts)), key, pattern };
     };
-    return this.#show(key, { number: null, label }, stored ? () => this.avatar.frame(key) : make);
+    return this.#show(key, { number: null, label }, make);
   }
 
   /** Shows what `make` gives, under a key, unless something else was asked for meanwhile. */

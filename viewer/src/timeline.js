@@ -31,9 +31,14 @@ export class Timeline {
     this.name.textContent = "posed";
   }
 
+  /** The frame that is shown, or was before a pose. */
+  get place() {
+    return Number(this.slider.value);
+  }
+
   step(by) {
-    const { place, facts: { timeline } } = this.scene;
-    return this.show(this.scene.number === null ? Number(this.slider.value) : (place + by + timeline) % timeline);
+    const { number, facts: { timeline } } = this.scene;
+    return this.show(number === null ? this.place : (this.place + by + timeline) % timeline);
   }
 
   toggle() {
