@@ -95,7 +95,7 @@ async function open() {
   scene.onShown(() => {
     describe(scene);
     const ms = scene.milliseconds;
-    byId("rate-count").textContent = `${avatar.count.toLocaleString("en")} Gaussians${ms ? ", " : ""}`;
+    byId("rate-count").textContent = `${avatar.count.toLocaleString("en")} Gaussians`;
     byId("rate-ms").textContent = ms ? rate(ms) : "";
     byId("shadows").textContent = shadows(scene);
   });
