@@ -414,6 +414,15 @@ def test_without_webgl_the_page_says_so(playwright, ball):
     browser.close()
 
 
+def test_without_javascript_the_page_says_so(browser, ball):
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(f"file://{ball}/index.html")
+    assert page.locator(".message:visible").all_inner_texts() == [
+        "This page computes light with JavaScript, which is turned off. Turn it on and load the page again."
+    ]
+    page.close()
+
+
 def test_lost_graphics_processor_is_said(browser, ball, heard):
     page = opened(browser, ball, heard, DESK)
     page.evaluate("scene.renderer.gl.getExtension('WEBGL_lose_context').loseContext()")
