@@ -111,7 +111,7 @@ def pose_scores(results: Path, variant: str, browser) -> pd.DataFrame:
             rows.append((results.name, slider.name, name, psnr_db(shown, expected, subject)))
         page.locator("#head-sliders input").nth(k).fill("0")
     page.close()
-    return pd.DataFrame(rows, columns=["subject", "slider", "pose", "psnr_db"])
+    return pd.DataFrame(rows, columns=["subject", "slider", "pose", "psnr_db"]).astype({"psnr_db": float})
 
 
 def main() -> None:

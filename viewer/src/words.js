@@ -12,6 +12,9 @@ export function about({ facts }) {
       : "The avatar was built without shadows: every light reaches every part that faces it.",
     `A panorama shines as ${directions} distant lamps, each with a shadow of its own.`,
     facts.bounce ? "One bounce of diffuse light between parts of the body is added." : "",
+    facts.sliders.length
+      ? "Ends and middles of the head's sliders were placed, with their shadows, when the page was written, where the head stands in the first frame. Between them, and of several sliders together, this page adds up what they change, with the shadows of the nearest."
+      : "",
     ...facts.left_out,
     "Nothing was loaded from a network, and nothing leaves this page.",
   ];
