@@ -28,7 +28,7 @@ MOST_LAMPS = 8
 
 OFFERED = """({
   cameras: [...new Set(scene.facts.captured.map(one => one.camera))],
-  sliders: scene.facts.sliders.map(one => one.name), frames: scene.facts.timeline,
+  sliders: scene.facts.sliders.map(one => [one.name, one.farthest]), frames: scene.facts.timeline,
 })"""
 
 
@@ -38,12 +38,12 @@ class Offered:
 
     Attributes:
         cameras: whose captured pictures can be shown.
-        sliders: of a head.
+        sliders: of a head, name and where each ends.
         frames: on the timeline.
     """
 
     cameras: list[str]
-    sliders: list[str]
+    sliders: list[tuple[str, float]]
     frames: int
 
 
@@ -52,7 +52,7 @@ def desk_steps(page: Page) -> list[Step]:
     offered = Offered(**page.evaluate(OFFERED))
     return [
         *view_steps(), *time_steps(offered), *stage_steps(), *lamp_steps(), *sky_steps(), *picture_steps(offered),
-        *[slide(name, f"#head-sliders label:nth-child({k + 1}) input", "2") for k, name in enumerate(offered.sliders)],
+        *head_steps(offered),
         click("Keys", "summary:text('Keys')"), click("About this picture", "summary:text('About')"),
     ]  # fmt: skip
 
@@ -122,7 +122,7 @@ def sky_steps() -> list[Step]:
 
 
 def picture_steps(offered: Offered) -> list[Step]:
-    """Exposure, layers, captured pictures, samples, and the time of a picture."""
+    """Exposure, layers, captured pictures, quality, and the time of a picture."""
     layers = [*range(1, len(LAYERS)), 0]
     beside = [pick(f"beside: {camera}", "#beside", camera) for camera in offered.cameras[:1]]
     return [
@@ -131,10 +131,22 @@ def picture_steps(offered: Offered) -> list[Step]:
         *[pick(f"layer: {LAYERS[k]}", "#layer", str(k)) for k in layers],
         *beside,
         *[click("Whole figure", "#home") for _ in beside],
-        pick("samples: one a pixel", "#quality", "fast"),
-        pick("samples: as the pipeline", "#quality", "exact"),
+        pick("quality: fast", "#quality", "fast"),
+        pick("quality: always full", "#quality", "exact"),
         Step("Measure the frame rate", measured, changes=False),
     ]
+
+
+def head_steps(offered: Offered) -> list[Step]:
+    """Every slider of a head to its end and back, then all of them half way together; a body has none."""
+    alone, together = [], []
+    for k, (name, farthest) in enumerate(offered.sliders):
+        control = f"#head-sliders label:nth-child({k + 1}) input"
+        alone += [slide(f"{name} to {value:+g}", control, f"{value:g}") for value in (-farthest, farthest)]
+        alone.append(slide(f"{name} to 0", control, "0"))
+        together.append(slide(f"{name} half way, too", control, f"{farthest / 2:g}"))
+    back = [click("Back to the captured frame", "#head-back")] if offered.sliders else []
+    return [*alone, *together, *back]
 
 
 def phone_steps() -> list[Step]:

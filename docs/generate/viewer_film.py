@@ -27,7 +27,7 @@ STEPS = 18
 """Pictures of each of the two parts."""
 
 PICTURE_MS = 110
-QUALITY, EFFORT = 65, 6
+QUALITY, EFFORT = 75, 6
 """Of WebP: with less effort than the most, a third larger, and what has moved leaves traces."""
 
 MOST_BYTES = 260_000

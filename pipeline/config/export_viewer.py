@@ -24,6 +24,8 @@ class ExportViewer(Settings):
         2, ge=0, description="heads: sliders of expression, along the axes in which the frames' codes differ most"
     )
     slider_steps: Literal[1, 3, 5, 7, 9] = Field(
-        3, description="heads: positions of a slider of expression or gaze, one in the middle; 1: no sliders"
+        3,
+        description="heads: poses along a slider of expression or gaze that are placed and traced, one in the middle; "
+        "the page adds up what lies between; 1: no sliders",
     )
     page_mb: float = Field(30.0, gt=1, description="largest size of the page [MB]")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -42,10 +43,21 @@ class HeadPose:
 
 @dataclass(frozen=True)
 class HeadSlider:
-    """Poses that a slider goes through; the one in the middle is that of all sliders at rest."""
+    """Poses that a slider stops at, evenly spaced.
+
+    The one in the middle is that of all sliders at rest.
+
+    Attributes:
+        name: as the page names it.
+        poses: an odd number.
+        farthest: where the last stands, and, negative, the first.
+        unit: of `farthest`.
+    """
 
     name: str
     poses: Sequence[HeadPose]
+    farthest: float
+    unit: Literal["standard deviations", "degrees"]
 
 
 def head_sliders(loaded: LoadedAvatar, records: Sequence[FrameRecord], axes: int, steps: int) -> list[HeadSlider]:
@@ -75,7 +87,7 @@ def head_sliders(loaded: LoadedAvatar, records: Sequence[FrameRecord], axes: int
             label = f"{name.lower()}, {offset:+.1f} standard deviations"
             code = mean + offset * spreads[axis] * directions[axis]
             poses.append(_posed(loaded, records[0], label, code, rest.record.gaze) if share else rest)
-        sliders.append(HeadSlider(name, poses))
+        sliders.append(HeadSlider(name, poses, FARTHEST_CODE, "standard deviations"))
     for name, (axis, farthest) in GAZE_DEGREES.items() if spec.eyes and rest.record.gaze is not None else ():
         poses = []
         for share in shares:
@@ -83,7 +95,7 @@ def head_sliders(loaded: LoadedAvatar, records: Sequence[FrameRecord], axes: int
             looks = turn.apply(rest.record.gaze).astype(np.float32)
             label = f"gaze {name}, {farthest * share:+.0f} degrees"
             poses.append(replace(rest, label=label, record=replace(rest.record, gaze=looks)) if share else rest)
-        sliders.append(HeadSlider(f"Gaze {name}", poses))
+        sliders.append(HeadSlider(f"Gaze {name}", poses, farthest, "degrees"))
     return sliders
 
 

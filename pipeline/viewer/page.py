@@ -89,7 +89,13 @@ def slider_places(sliders: Sequence[HeadSlider], first: int) -> tuple[list[HeadP
         if not any(pose is other for other in poses):
             poses.append(pose)
     places = {id(pose): first + k for k, pose in enumerate(poses)}
-    return poses, [{"name": one.name, "places": [places[id(pose)] for pose in one.poses]} for one in sliders]
+    return poses, [
+        {
+            "name": one.name, "places": [places[id(pose)] for pose in one.poses], "farthest": one.farthest,
+            "unit": one.unit,
+        }
+        for one in sliders
+    ]  # fmt: skip
 
 
 def frames_that_fit(frames: Sequence[Blocks], others_mb: float, page_mb: float) -> int:

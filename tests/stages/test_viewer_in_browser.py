@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import itertools
+import re
 
 import cv2
 import numpy as np
@@ -154,9 +155,11 @@ def test_a_lamp_that_is_hidden_is_told_from_one_that_is_not(used_page):
 
 
 def pixels(page):
-    """The canvas as a screenshot shows it once drawing is done, without the measured time, whose width varies."""
+    """The canvas as a screenshot shows it once drawing is done, without the measured time and the ring of the focus."""
     page.evaluate(SETTLED)
-    shot = page.locator("#canvas").screenshot(style="#rate { display: none }")
+    shot = page.locator("#canvas").screenshot(
+        style="#rate { display: none } :focus-visible { outline: none !important }"
+    )
     return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(np.float64)
 
 
@@ -221,7 +224,6 @@ def test_lamp_is_dragged_and_moved_by_keys(page):
 def test_keys_turn_and_step(page):
     page.select_option("#quality", "exact")
     page.locator("#canvas").focus()
-    page.keyboard.press("0")  # keys also bring the ring of the focus, which is part of a screenshot
     start = pixels(page)
     for _ in range(4):
         page.keyboard.press("ArrowRight")
@@ -253,6 +255,13 @@ def test_fingers_turn_and_pinch_on_a_phone_and_nothing_is_wider_than_it(browser,
     assert page.evaluate("scene.orbit.distance") == pytest.approx(before / 2)
     assert changed(turned, pixels(page)) > 0.5
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE[0]
+    for _ in range(8):
+        page.click("#add-lamp")
+    pixels(page)
+    stage = page.locator("#stage").bounding_box()
+    for handle in page.locator(".handle:visible").all():  # also of lamps that are beside the picture
+        box = handle.bounding_box()
+        assert 0 <= box["x"] <= PHONE[0] - box["width"] and 0 <= box["y"] <= stage["height"] - box["height"]
 
 
 def test_captured_picture_stands_beside_the_avatar(page):
@@ -299,30 +308,93 @@ def test_opened_and_dropped_panoramas_shine_and_other_files_are_refused(page, tm
     assert page.locator("#message").inner_text() == expected
 
 
-def test_sliders_of_a_head_pose_it_one_at_a_time(browser, ball, heard):
-    """Expression and gaze change the picture, and so does what was captured again; a body has no sliders."""
+def test_sliders_of_a_head_add_up_and_the_timeline_takes_them_back(browser, ball, heard):
+    """Expression and gaze change the picture, and so does what was captured again."""
     settings = ExportViewer(timeline_frames=2, code_axes=1, slider_steps=3)
     export_viewer.run(**write_head(ball / "head"), out=ball / "head.html", subject="eyes", settings=settings)
     page = opened(browser, ball, heard, DESK, "head.html")
     page.select_option("#layer", "1")  # albedo: what moves, not how it is lit
-    sliders, name = page.locator("#head-sliders input"), page.locator("#frame-name")
-    assert page.locator("#head-sliders label").all_inner_texts() == [
-        "Expression 1", "Gaze left and right", "Gaze up and down"
-    ]  # fmt: skip
+    sliders, name, back = (page.locator(one) for one in ("#head-sliders input", "#frame-name", "#head-back"))
+    rows = [" ".join(row.split()) for row in page.locator("#head-sliders label").all_inner_texts()]
+    assert rows == ["Expression 1 0 σ", "Gaze left and right 0°", "Gaze up and down 0°"]
+    assert back.is_disabled()
     pictures = [pixels(page)]
-    for slider, said in ((0, "expression 1, +2.0"), (1, "gaze left and right, +24"), (2, "gaze up and down, +14")):
-        sliders.nth(slider).fill("2")
+    for slider, value in enumerate(("1.3", "-24", "9")):
+        sliders.nth(slider).fill(value)
         pictures.append(pixels(page))
-        assert name.inner_text().startswith(said)
-        assert sliders.evaluate_all("all => all.map(one => one.value)") == [
-            "2" if k == slider else "1" for k in range(3)
-        ]
+    assert sliders.evaluate_all("all => all.map(one => one.value)") == ["1.3", "-24", "9"]
+    assert sliders.nth(1).get_attribute("aria-valuetext") == "minus 24 degrees"
+    said = "expression 1 plus 1.3 standard deviations, gaze left and right minus 24 degrees, gaze up and down plus 9"
+    assert said in page.locator("#canvas").get_attribute("aria-label")
+    assert name.inner_text() == "posed"
     page.locator("#frame").fill("1")
     pictures.append(pixels(page))
-    assert name.inner_text() == "frame 2" and sliders.first.input_value() == "1"
+    assert name.inner_text() == "frame 2" and sliders.evaluate_all("all => all.map(one => one.value)") == ["0"] * 3
     moved = [changed(before, after) for before, after in itertools.pairwise(pictures)]
     assert min(moved) > 0.05, moved
+    sliders.first.fill("2")
+    pixels(page)
+    back.click()
+    assert changed(pictures[-1], pixels(page)) < 0.1 and name.inner_text() == "frame 2"
     page.close()
+
+
+def test_body_has_no_sliders(page):
+    assert page.locator("#head").is_hidden()
+
+
+def test_tab_stops_once_at_the_lights_of_the_stage(page):
+    """A stage may have hundreds: arrows go from one to the next, and the one that was left is come back to."""
+    page.locator("#stage-gain").focus()
+    focused = "() => document.activeElement.textContent"
+    page.keyboard.press("Tab")
+    assert page.evaluate(focused) == "key"
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate(focused) == "rim <b>"
+    page.keyboard.press("Tab")
+    assert page.evaluate(focused) == "Add a lamp"
+    page.keyboard.press("Shift+Tab")
+    assert page.evaluate(focused) == "rim <b>"
+    page.keyboard.press("End")
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate(focused) == "key"
+
+
+def test_links_lead_to_parts_of_the_panel_and_leave_the_picture_where_it_is(page):
+    assert page.locator("nav a:visible").all_inner_texts() == ["Light", "Picture", "Help"]
+    for name in ("Help", "Picture", "Light"):
+        page.click(f"nav a:text('{name}')")
+        assert page.locator(f"h2:text('{name}')").evaluate("title => title.getBoundingClientRect().top") < DESK[1]
+        assert page.evaluate("document.documentElement.scrollTop") == 0
+
+
+def test_stage_lights_yield_to_a_sky_and_come_back(page):
+    mode, turn = page.locator("#stage-mode"), page.locator("#sky-turn")
+    assert turn.is_disabled()
+    page.select_option("#stage-mode", "all")
+    page.select_option("#sky", "evening")
+    assert mode.input_value() == "off" and turn.is_enabled()
+    page.select_option("#sky", "none")
+    assert mode.input_value() == "all" and turn.is_disabled()
+    page.select_option("#stage-mode", "off")
+    page.click("#add-lamp")
+    for sky in ("overcast", "none"):
+        page.select_option("#sky", sky)
+    assert mode.input_value() == "off"  # as it was chosen: the lamp shines
+    page.locator(".lamp button").click()
+    for sky in ("overcast", "none"):
+        page.select_option("#sky", sky)
+    assert mode.input_value() == "captured"  # or nothing would
+
+
+def test_measured_rate_is_said_with_its_size(page):
+    page.click("#measure")
+    measured = page.locator("#measured")
+    page.wait_for_selector("#measure:enabled", timeout=60_000)
+    width, height = page.evaluate("[scene.canvas.width, scene.canvas.height]")
+    assert re.fullmatch(
+        rf"Once around: \d+(\.\d)? ms a picture, [\d.]+ per second, {width} × {height} pixels", measured.inner_text()
+    )
 
 
 def test_controls_have_names(page):
@@ -340,3 +412,31 @@ def test_without_webgl_the_page_says_so(playwright, ball):
     assert page.locator("#viewer").is_hidden()
     assert "needs WebGL2" in page.locator("#message").inner_text()
     browser.close()
+
+
+def test_without_javascript_the_page_says_so(browser, ball):
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(f"file://{ball}/index.html")
+    assert page.locator(".message:visible").all_inner_texts() == [
+        "This page computes light with JavaScript, which is turned off. Turn it on and load the page again."
+    ]
+    page.close()
+
+
+def test_lost_graphics_processor_is_said(browser, ball, heard):
+    page = opened(browser, ball, heard, DESK)
+    page.evaluate("scene.renderer.gl.getExtension('WEBGL_lose_context').loseContext()")
+    page.wait_for_selector("body[data-state=failed]")
+    assert page.locator("#viewer").is_hidden()
+    assert "load it again" in page.locator("#message").inner_text()
+    page.close()
+
+
+def test_damaged_page_says_so(browser, ball, heard):
+    whole = (ball / "index.html").read_text("utf-8")
+    start = whole.index('id="place-0">') + len('id="place-0">')
+    (ball / "index_damaged.html").write_text(whole[:start] + "eJwD" + whole[start + 4 :], "utf-8")
+    page = browser.new_page()
+    assert open_page(page, ball / "index_damaged.html") == "failed"
+    assert page.locator("#message").inner_text().startswith("The avatar could not be shown: ")
+    page.close()

@@ -1,8 +1,12 @@
 // Placed lamps: a handle each in the picture, and a row each in the panel.
 import { project, unproject } from "./camera.js";
+import { element, EV, spoken } from "./controls.js";
 import { MOST_LAMPS } from "./lights.js";
 
 const NUDGE = 0.04;
+
+/** A lamp outside of the picture is held at its edge, so many pixels from it. */
+const EDGE = 24;
 
 /** Keeps handles and rows in step with the scene's lamps. */
 export class LampControls {
@@ -25,7 +29,9 @@ export class LampControls {
     const remove = element("button", { type: "button", textContent: "✕", ariaLabel: `Remove ${name.toLowerCase()}` });
     lamp.row.append(element("span", { textContent: name }), color, gain, remove);
     color.addEventListener("input", () => this.#change(() => { lamp.color = color.value; }));
-    gain.addEventListener("input", () => this.#change(() => { lamp.gain = Number(gain.value); }));
+    const say = () => gain.setAttribute("aria-valuetext", spoken(Number(gain.value), EV));
+    gain.addEventListener("input", () => this.#change(() => { lamp.gain = Number(gain.value); say(); }));
+    say();
     remove.addEventListener("click", () => this.#removed(lamp));
     this.#drag(lamp);
     this.#keys(lamp);
@@ -101,17 +107,14 @@ export class LampControls {
     for (const lamp of lights.lamps) {
       const [x, y, z] = project(camera, lamp.position);
       lamp.handle.hidden = z <= 0;
-      lamp.handle.style.left = `${scale * x}px`;
-      lamp.handle.style.top = `${scale * y}px`;
+      const [left, top] = [[x, canvas.clientWidth], [y, canvas.clientHeight]].map(([at, size]) => Math.min(size - EDGE, Math.max(EDGE, scale * at)));
+      lamp.handle.style.left = `${left}px`;
+      lamp.handle.style.top = `${top}px`;
+      lamp.handle.classList.toggle("outside", left !== scale * x || top !== scale * y);
       lamp.handle.style.setProperty("--lamp", lamp.color);
       lamp.handle.classList.toggle("behind", z > center);
       const place = lamp.position.map((v, k) => (v - orbit.home[k]).toFixed(1));
       lamp.handle.setAttribute("aria-label", `Lamp ${lamp.number + 1}, ${place[0]} m along x, ${place[1]} m up, ${place[2]} m along z of the avatar's middle`);
     }
   }
-}
-
-/** A new element with some properties. */
-export function element(name, properties = {}) {
-  return Object.assign(document.createElement(name), properties);
 }

@@ -1,15 +1,17 @@
 // Opens the page: an avatar, its scene, and the controls; or a message.
 import { Avatar } from "./avatar.js";
+import { byId } from "./controls.js";
+import { HeadControls } from "./head.js";
 import { LampControls } from "./lamps.js";
 import { followKeys, followPointers } from "./navigation.js";
-import { about, Beside, describe, HeadControls, panoramaControls, pictureControls, shadows, StageControls } from "./panel.js";
+import { Beside, panoramaControls, pictureControls, StageControls } from "./panel.js";
 import { skyLamps } from "./panorama.js";
 import { Scene } from "./scene.js";
 import { Timeline } from "./timeline.js";
+import { about, describe, shadows } from "./words.js";
 
 const SHOWN_MS = 6000;
 const TURNS = 60;
-const byId = (id) => document.getElementById(id);
 const message = byId("message");
 
 /** A sentence in place of the viewer, or for a while above it. */
@@ -18,6 +20,13 @@ function say(text, forGood = false) {
   message.hidden = false;
   message.classList.toggle("passing", !forGood);
   if (!forGood) setTimeout(() => { message.hidden = true; }, SHOWN_MS);
+}
+
+/** A reason in place of the viewer. */
+function close(reason) {
+  document.body.dataset.state = "failed";
+  byId("viewer").hidden = true;
+  say(`The avatar could not be shown: ${reason}`, true);
 }
 
 /** What the browser lacks, if anything. */
@@ -38,9 +47,13 @@ function fillStage(scene) {
   }).observe(canvas);
 }
 
-/** Turns once around the avatar, as fast as it goes, and keeps the median time of a picture. */
+/** A time of a picture, as time and as rate. */
+const rate = (ms) => `${ms.toFixed(ms < 10 ? 1 : 0)} ms a picture, ${(1000 / ms).toFixed(ms > 100 ? 1 : 0)} per second`;
+
+/** Turns once around the avatar, as fast as it goes, and says the median time of a picture. */
 async function measure(scene) {
   byId("measure").disabled = true;
+  byId("measured").textContent = "Turning …";
   scene.times = [];
   for (let k = 0; k < TURNS; k++) {
     scene.orbit.turn(2 * Math.PI / TURNS, 0);
@@ -49,6 +62,8 @@ async function measure(scene) {
     await drawn;
   }
   scene.afterwards = null;
+  byId("measured").textContent = `Once around: ${rate(scene.milliseconds)}, ${scene.canvas.width} × ${scene.canvas.height} pixels`;
+  byId("measured").scrollIntoView({ block: "nearest" });
   byId("measure").disabled = false;
 }
 
@@ -57,10 +72,11 @@ async function open() {
   if (lacking) return say(`To show the avatar, this page needs ${lacking}.`, true);
   const avatar = new Avatar();
   await avatar.load();
+  message.hidden = true;
   byId("viewer").hidden = false;
   const scene = new Scene(avatar, byId("canvas"));
+  scene.canvas.addEventListener("webglcontextlost", () => close("the browser has taken the graphics processor away from this page; load it again"));
   byId("subject").textContent = avatar.facts.subject;
-  byId("rate-count").textContent = `${avatar.count.toLocaleString("en")} Gaussians`;
   const beside = new Beside(scene);
   const stage = new StageControls(scene);
   const timeline = new Timeline(scene, () => {
@@ -70,13 +86,7 @@ async function open() {
   });
   const head = new HeadControls(scene, timeline);
   new LampControls(scene);
-  panoramaControls(scene, say, (name) => {
-    if (scene.lights.sky.map) scene.renderer.setSky(scene.lights.sky.map);
-    // A sky alone first: the stage's lights would hide it.
-    if (name !== "none" && scene.lights.stage.mode !== "chosen") byId("stage-mode").value = scene.lights.stage.mode = "off";
-    if (name === "none" && scene.lights.stage.mode === "off") byId("stage-mode").value = scene.lights.stage.mode = "captured";
-    stage.refresh();
-  });
+  panoramaControls(scene, say, stage);
   pictureControls(scene, beside.leave);
   followPointers(scene, beside.leave);
   followKeys(scene, beside.leave, timeline);
@@ -85,7 +95,8 @@ async function open() {
   scene.onShown(() => {
     describe(scene);
     const ms = scene.milliseconds;
-    byId("rate-ms").textContent = ms ? `, ${ms.toFixed(ms < 10 ? 1 : 0)} ms a picture, ${(1000 / ms).toFixed(ms > 100 ? 1 : 0)} per second` : "";
+    byId("rate-count").textContent = `${avatar.count.toLocaleString("en")} Gaussians`;
+    byId("rate-ms").textContent = ms ? rate(ms) : "";
     byId("shadows").textContent = shadows(scene);
   });
   fillStage(scene);
@@ -95,9 +106,5 @@ async function open() {
 
 open().then(
   () => { document.body.dataset.state = "open"; },
-  (error) => {
-    document.body.dataset.state = "failed";
-    byId("viewer").hidden = true;
-    say(`The avatar could not be shown: ${error.message}`, true);
-  },
+  (error) => close(error.message),
 );

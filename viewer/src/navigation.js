@@ -52,7 +52,7 @@ export function followPointers(scene, left) {
   }, { passive: false });
 }
 
-/** Keys of the canvas. */
+/** Keys of the canvas, also while no control has the focus. */
 export function followKeys(scene, left, timeline) {
   const pan = (dx, dy) => (orbit) => orbit.pan(scene.camera(), 0.05 * dx * scene.canvas.height, 0.05 * dy * scene.canvas.height);
   const turns = {
@@ -63,8 +63,8 @@ export function followKeys(scene, left, timeline) {
   };
   const pans = { ArrowLeft: pan(1, 0), ArrowRight: pan(-1, 0), ArrowUp: pan(0, 1), ArrowDown: pan(0, -1) };
   const others = { " ": timeline.toggle, ",": () => timeline.step(-1), ".": () => timeline.step(1) };
-  scene.canvas.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
+  document.addEventListener("keydown", (event) => {
+    if (![scene.canvas, document.body].includes(event.target) || event.ctrlKey || event.metaKey || event.altKey) return;
     const moves = (event.shiftKey && pans[event.key]) || turns[event.key];
     if (!moves && !others[event.key]) return;
     event.preventDefault();

@@ -1,6 +1,7 @@
 // What is shown, and the loop that draws it when something has changed.
 import { fitted, Orbit } from "./camera.js";
 import { Lights } from "./lights.js";
+import { posed } from "./posing.js";
 import { Renderer } from "./renderer.js";
 import { Sorter } from "./sorter.js";
 import { Tracer } from "./tracer.js";
@@ -30,12 +31,36 @@ export class Scene {
   }
 
   /** Shows a frame of the timeline. */
-  async showFrame(place) {
-    this.place = place;
-    const frame = await this.avatar.frame(place);
-    if (this.place !== place) return;
+  showFrame(place) {
+    const { frame, label } = this.facts.frames[place];
+    return this.#show(place, { number: frame, label }, () => this.avatar.frame(place));
+  }
+
+  /**
+   * Shows a pose of sliders, in the light of a frame: that at rest with what their stops add; at a stop of one of them,
+   * what was placed there.
+   */
+  showPose({ rest, stops, label, lit }) {
+    const [first = { place: rest, weight: 1 }] = stops;
+    const stored = stops.length <= 1 && first.weight === 1;
+    const key = `${lit}: ${stops.map(({ place, weight }) => `${place} ${weight}`)}`;
+    const { pattern } = this.facts.frames[lit];
+    const make = async () => {
+      const [start, ...frames] = await Promise.all([rest, ...stops.map(({ place }) => place)].map((place) => this.avatar.frame(place)));
+      if (this.place !== key) return null;
+      const parts = stops.map((stop, k) => ({ ...stop, frame: frames[k] }));
+      return { ...(stored ? frames[0] ?? start : posed(start, parts)), key, pattern };
+    };
+    return this.#show(key, { number: null, label }, make);
+  }
+
+  /** Shows what `make` gives, under a key, unless something else was asked for meanwhile. */
+  async #show(key, { number, label }, make) {
+    Object.assign(this, { place: key, number, label });
+    const frame = await make();
+    if (this.place !== key) return;
     const order = await this.sorter.sort(frame.means, this.camera().R[2]);
-    if (this.place !== place || !order) return;
+    if (this.place !== key || !order) return;
     this.frame = frame;
     this.renderer.setFrame(frame);
     this.renderer.setOrder(order);
@@ -136,9 +161,9 @@ export class Scene {
     return [...this.times].sort((a, b) => a - b)[this.times.length >> 1] ?? 0;
   }
 
-  /** Picture of the canvas at another size, for a camera and lights, as the pipeline would make it. */
-  async still({ place, camera, lights, options = {} }) {
-    const frame = await this.avatar.frame(place);
+  /** Picture at another size of a frame, or of the pose that is shown, for a camera and lights, as the pipeline would make it. */
+  async still({ place = null, camera, lights, options = {} }) {
+    const frame = place === null ? this.frame : await this.avatar.frame(place);
     const { renderer, canvas, tracer } = this;
     const words = new Uint32Array(this.avatar.count);
     for (const [k, lamp] of lights.filter(({ bit }) => bit === undefined).entries()) {

@@ -12,27 +12,38 @@ export class Timeline {
     this.slider.addEventListener("input", () => this.show(Number(this.slider.value)));
     this.button.addEventListener("click", () => this.toggle());
     this.toggle = this.toggle.bind(this);
-    document.getElementById("timeline").hidden = scene.facts.timeline < 2 && !scene.facts.sliders.length;
+    document.getElementById("timeline").hidden = scene.facts.timeline < 2;
   }
 
+  /** Shows a frame by its place. */
   async show(place) {
     const { label } = this.scene.facts.frames[place];
-    if (place < this.scene.facts.timeline) this.slider.value = place;
+    this.slider.value = place;
     this.slider.setAttribute("aria-valuetext", label);
     this.name.textContent = label;
     await this.scene.showFrame(place);
     this.changed();
   }
 
+  /** What is shown is no frame: nothing plays, and the slider stays where it goes on. */
+  leave() {
+    if (this.playing) this.toggle();
+    this.name.textContent = "posed";
+  }
+
+  /** The frame that is shown, or was before a pose. */
+  get place() {
+    return Number(this.slider.value);
+  }
+
   step(by) {
-    const { place, facts: { timeline } } = this.scene;
-    return this.show(place < timeline ? (place + by + timeline) % timeline : Number(this.slider.value));
+    const { number, facts: { timeline } } = this.scene;
+    return this.show(number === null ? this.place : (this.place + by + timeline) % timeline);
   }
 
   toggle() {
     this.playing = !this.playing;
     this.button.textContent = this.playing ? "❚❚" : "▶";
-    this.button.ariaPressed = String(this.playing);
     this.button.ariaLabel = this.playing ? "Stop" : "Play the frames";
     if (this.playing) this.#run();
   }

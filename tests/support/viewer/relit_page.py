@@ -49,8 +49,10 @@ def lamp(position, intensity, bit: int | None = None) -> dict:
     return placed if bit is None else placed | {"bit": bit}
 
 
-def page_picture(page, place: int, camera: Camera | ImageRecord, lights: list[dict], exposure: float) -> np.ndarray:
-    """sRGB in [0, 1] that the page shows over black."""
+def page_picture(
+    page, place: int | None, camera: Camera | ImageRecord, lights: list[dict], exposure: float
+) -> np.ndarray:
+    """sRGB in [0, 1] that the page shows over black, of a frame by its place, or of what it shows."""
     seen = {"R": camera.R.tolist(), "t": camera.t.tolist(), "K": camera.K.tolist()}
     seen |= {"width": camera.width, "height": camera.height}
     asked = {"place": place, "camera": seen, "lights": lights, "options": {"exposure": exposure}}

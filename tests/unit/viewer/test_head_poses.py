@@ -42,6 +42,7 @@ def test_gaze_turns_both_eyes_by_the_same_angles(loaded):
     for slider, (axis, degrees) in zip((across, up), GAZE_DEGREES.values(), strict=True):
         first, middle, last = (pose.record.gaze for pose in slider.poses)
         np.testing.assert_allclose(middle, [AHEAD, AHEAD], atol=1e-6)
+        assert (slider.farthest, slider.unit) == (degrees, "degrees")
         for looks in (first, last):
             np.testing.assert_allclose(np.degrees(np.arccos(looks @ AHEAD)), degrees, atol=1e-3)
         assert (first[:, 0] < 0).all() == (axis == "Y") and (last[:, 1] < 0).all() == (axis == "X")
