@@ -18,7 +18,7 @@ export function posed(rest, parts) {
   const sources = [rest, ...parts.filter(({ nearest }) => nearest).map(({ frame }) => frame)];
   const from = sourceOf(sources);
   return {
-    ...rest, low, high, means, vertices, ...hitsFrom(sources, from), seen: wordsFrom(sources, from),
+    ...rest, between: true, low, high, means, vertices, ...hitsFrom(sources, from), seen: wordsFrom(sources, from),
     place: placeTable(rest, parts, means, low, high), shape: shapeTable(rest, parts, sources, from),
   };
 }

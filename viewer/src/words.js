@@ -31,7 +31,8 @@ export function shadows({ facts, lights, frame }) {
     traced ? `${traced} ${traced === 1 ? "lamp" : "lamps"} traced here` : "",
     lights.sky.map ? `${2 * facts.sky_height ** 2} directions of the sky baked` : "",
   ].filter(Boolean);
-  return kinds.length ? `Shadows: ${kinds.join(", ")}` : "No light";
+  const nearest = frame.between && (count || lights.sky.map) ? " at the nearest pose" : "";
+  return kinds.length ? `Shadows: ${kinds.join(", ")}${nearest}` : "No light";
 }
 
 /** A sentence on the picture, for screen readers. */
