@@ -201,6 +201,17 @@ def test_alignment_recovers_a_planted_transform_and_never_mirrors() -> None:
         assert np.abs(translation - shift).max() < 1e-12
 
 
+def test_mirrored_points_are_turned_and_not_mirrored() -> None:
+    """Noise has flipped a nearly flat figure: the best orthogonal matrix is a mirror, the best rotation is not."""
+    rng = np.random.default_rng(6)
+    turn = Rotation.random(rng=rng)
+    source = rng.normal(size=(20, 3)) * [1, 1, 0.01]
+    rotation, _ = align_rigidly(source, turn.apply(source * [1, 1, -1]), np.ones(20))
+    off = Rotation.from_quat(np.roll(rotation, -1)) * turn.inv()
+    assert np.linalg.norm(rotation) == pytest.approx(1)
+    assert off.magnitude() < 0.02
+
+
 def test_gaps_are_filled_on_the_manifold_and_ends_are_held() -> None:
     known, pivot = np.array([1, 3, 4]), np.array([1.0, 2.0, 3.0])
     turn = Rotation.from_rotvec(np.outer([1.0, 3.0, 3.5], [0.0, 0.6, 0.8]))
