@@ -45,6 +45,16 @@ def test_project_agrees_with_opencv(seed: int) -> None:
     np.testing.assert_allclose(depth, (camera.R @ points.T).T[:, 2] + camera.t[2], rtol=1e-14)
 
 
+def test_derivatives_by_points_of_the_world_are_those_of_differences() -> None:
+    camera, points, step = some_camera(), some_points(20), 1e-6
+    pixels, by_point = camera.project_with_derivative(points)
+    np.testing.assert_allclose(pixels, opencv_pixels(camera, points), atol=1e-9)
+    for axis in range(3):
+        ahead, behind = (opencv_pixels(camera, points + way * step * np.eye(3)[axis]) for way in (1, -1))
+        # 1e-9 px of rounding over the step, of slopes of some hundred pixels a metre.
+        np.testing.assert_allclose(by_point[:, :, axis], (ahead - behind) / (2 * step), atol=2e-3)
+
+
 def test_opencv_K_is_half_a_pixel_less() -> None:
     camera = some_camera()
     np.testing.assert_array_equal(camera.opencv_K() - camera.K, [[0, 0, -0.5], [0, 0, -0.5], [0, 0, 0]])
