@@ -21,6 +21,10 @@ SILENT_S = 600.0
 LOOKS = 20
 """Looks at the processor time within that span."""
 
+HELD = 2.0
+"""Such spans after which a timer without interpreter lock prints stacks, if no look was taken: a library holds the lock
+for so long. Reading stacks without the lock crashes on a thread that runs just then; here none can."""
+
 WORK_S = 0.05
 """Processor seconds, without the looks' own, that count as work. Five ticks of the clock that they are counted in."""
 
@@ -29,12 +33,12 @@ WORK_S = 0.05
 def watched(output: TextIO, silent_s: float = SILENT_S) -> Iterator[None]:
     """Print the stacks of all threads to `output` whenever the block stands still.
 
-    Standing still means hardly any processor time, that of child processes included, within `silent_s`. The timer is
-    faulthandler's, a thread that needs no interpreter lock, so that a library that waits for ever while it holds the
-    lock is seen, too. Nothing is ended: the log then says what is waited for.
+    Standing still means hardly any processor time, that of child processes included, within `silent_s`. A thread looks
+    after it. Should a library wait for ever while it holds the interpreter's lock, no thread can look; faulthandler's
+    timer, which needs no lock, goes off then. Nothing is ended: the log says what is waited for.
     """
     ended = threading.Event()
-    postponing = threading.Thread(target=_postpone, args=(output, silent_s, ended), daemon=True, name="watchdog")
+    postponing = threading.Thread(target=_look_after, args=(output, silent_s, ended), daemon=True, name="watchdog")
     postponing.start()
     try:
         yield
@@ -44,15 +48,18 @@ def watched(output: TextIO, silent_s: float = SILENT_S) -> Iterator[None]:
         faulthandler.cancel_dump_traceback_later()
 
 
-def _postpone(output: TextIO, silent_s: float, ended: threading.Event) -> None:
-    """Set the timer anew as long as the process works."""
-    postponed_at = -WORK_S
+def _look_after(output: TextIO, silent_s: float, ended: threading.Event) -> None:
+    """Print stacks when the process has not worked for long; set the timer anew at each look."""
+    worked, used_then = time.monotonic(), 0.0
     while not ended.is_set():
         used = processor_seconds(os.getpid()) - time.thread_time()
-        if used >= postponed_at + WORK_S:
-            try:
-                faulthandler.dump_traceback_later(silent_s, repeat=True, file=output)
-            except RuntimeError:  # No memory for its thread: the block goes on unwatched.
-                return
-            postponed_at = used
+        if used >= used_then + WORK_S:
+            worked, used_then = time.monotonic(), used
+        elif time.monotonic() >= worked + silent_s:
+            faulthandler.dump_traceback(output)
+            worked = time.monotonic()
+        try:
+            faulthandler.dump_traceback_later(HELD * silent_s, repeat=True, file=output)
+        except RuntimeError:  # No memory for its thread: the block goes on unwatched.
+            return
         ended.wait(silent_s / LOOKS)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import psutil
 import pytest
@@ -92,21 +93,32 @@ def test_process_that_stands_still_prints_its_stack() -> None:
     assert "in waits_for_ever" in printed
 
 
-def test_timer_is_set_anew_by_work_and_by_nothing_else(monkeypatch) -> None:
-    """Looks see 0, 10, 10.01 and 20 s of processor time: the third saw no work."""
-    looks, timers, ended = iter([0.0, 10.0, 10.01, 20.0]), [], threading.Event()
+def test_what_holds_the_interpreters_lock_is_seen_too() -> None:
+    code = (
+        "import ctypes, sys, time\nfrom pipeline.base.watchdog import watched\n"
+        "def holds_the_lock():\n    time.sleep(0.5)\n    ctypes.PyDLL(None).sleep(3)\nwith watched(sys.stderr, 0.5): holds_the_lock()"
+    )
+    printed = subprocess.run(child(code), capture_output=True, text=True, check=True).stderr
+    assert "in holds_the_lock" in printed
+
+
+def test_stacks_are_printed_after_silence_and_not_while_there_is_work(monkeypatch) -> None:
+    """Looks, a second from each to the next, see no work for three seconds once."""
+    looks = iter([0.0, 10.0, 10.01, 10.02, 10.03, 20.0, 20.01])
+    printed, timers, ended, used = [], [], threading.Event(), []
 
     def look(pid: int) -> float:
-        return next(looks)
-
-    def set_timer(seconds: float, **_: object) -> None:
-        timers.append(seconds)
-        if len(timers) == 3:
+        used.append(next(looks))
+        if len(used) == 7:
             ended.set()
+        return used[-1]
 
+    clock = SimpleNamespace(monotonic=lambda: float(len(used)), thread_time=lambda: 0.0)
     monkeypatch.setattr(watchdog, "processor_seconds", look)
-    monkeypatch.setattr(watchdog.time, "thread_time", lambda: 0.0)
-    monkeypatch.setattr(watchdog.faulthandler, "dump_traceback_later", set_timer)
-    watchdog._postpone(sys.stderr, 0.2, ended)
-    assert timers == [0.2, 0.2, 0.2]
-    assert next(looks, None) is None
+    monkeypatch.setattr(watchdog, "time", clock)
+    monkeypatch.setattr(watchdog.faulthandler, "dump_traceback", lambda output: printed.append(used[-1]))
+    monkeypatch.setattr(watchdog.faulthandler, "dump_traceback_later", lambda after, **_: timers.append(after))
+    monkeypatch.setattr(ended, "wait", lambda seconds: None)
+    watchdog._look_after(sys.stderr, 3.0, ended)
+    assert printed == [10.03]
+    assert timers == 7 * [watchdog.HELD * 3.0]
