@@ -96,7 +96,8 @@ def test_process_that_stands_still_prints_its_stack() -> None:
 def test_what_holds_the_interpreters_lock_is_seen_too() -> None:
     code = (
         "import ctypes, sys, time\nfrom pipeline.base.watchdog import watched\n"
-        "def holds_the_lock():\n    time.sleep(0.5)\n    ctypes.PyDLL(None).sleep(3)\nwith watched(sys.stderr, 0.5): holds_the_lock()"
+        "def holds_the_lock():\n    time.sleep(0.5)\n    ctypes.PyDLL(None).sleep(3)\n"
+        "with watched(sys.stderr, 0.5): holds_the_lock()"
     )
     printed = subprocess.run(child(code), capture_output=True, text=True, check=True).stderr
     assert "in holds_the_lock" in printed
