@@ -10,7 +10,6 @@ what they were traced from, and the code that did: never stale, and safe to dele
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from threading import Lock
 
@@ -119,13 +118,7 @@ def visibility_key(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, 
     )]  # fmt: skip
     content = b"".join(str(part.shape).encode() + part.tobytes() for part in parts)
     with _ONE_AT_A_TIME:
-        code = _code()
-    return digest_bytes(code.encode() + content)
-
-
-@cache
-def _code() -> str:
-    return code_digest(__name__)
+        return digest_bytes(code_digest(__name__).encode() + content)
 
 
 def load_bits(folder: Path, key: str) -> VisibilityBits | None:
