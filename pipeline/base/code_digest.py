@@ -16,6 +16,7 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 
 from pipeline.base.parsed_code import ParsedFile, ParsedFiles
 
@@ -48,15 +49,17 @@ def code_digest(module: str, root: Path = ROOT) -> str:
     Raises:
         FileNotFoundError: if `root` has no such module.
     """
-    code = _code_below(root)
-    if not code.locate(module):
-        raise FileNotFoundError(f"{root}: no module {module}")
-    return code.digest(module)
+    with _one_at_a_time:
+        code = _code_below(root)
+        if not code.locate(module):
+            raise FileNotFoundError(f"{root}: no module {module}")
+        return code.digest(module)
 
 
 def imported_modules(module: str, root: Path = ROOT) -> list[str]:
     """`module` and the modules under `root` that it imports, directly or not, sorted."""
-    return sorted(_code_below(root).imported(module))
+    with _one_at_a_time:
+        return sorted(_code_below(root).imported(module))
 
 
 def direct_imports(module: str, path: Path) -> frozenset[str]:
@@ -173,6 +176,9 @@ class _Package:
     files: dict[str, str]
     data: list[str]
 
+
+_one_at_a_time = Lock()
+"""Held by the thread that asks: a package that another is still listing looks as if it lacked modules."""
 
 _known: dict[Path, _Code] = {}
 _asked_directly = ParsedFiles()

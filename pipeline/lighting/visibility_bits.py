@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
@@ -106,10 +105,6 @@ def bits_are_cheaper(lights: int, lit: list[int], samples: int | None) -> bool:
     return cached < traced
 
 
-_ONE_AT_A_TIME = Lock()
-"""Frames are traced by several threads; what code digests keep is for one."""
-
-
 def visibility_key(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, places: np.ndarray) -> str:
     """Digest of all that visibility depends on. Points and mesh, lights, the offsets of the rays, and the code here."""
     offsets = np.array([ORIGIN_OFFSET, LIGHT_CLEARANCE])
@@ -117,8 +112,7 @@ def visibility_key(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, 
         (points, np.float64), (vertices, np.float64), (faces, np.int64), (places, np.float64), (offsets, np.float64)
     )]  # fmt: skip
     content = b"".join(str(part.shape).encode() + part.tobytes() for part in parts)
-    with _ONE_AT_A_TIME:
-        return digest_bytes(code_digest(__name__).encode() + content)
+    return digest_bytes(code_digest(__name__).encode() + content)
 
 
 def load_bits(folder: Path, key: str) -> VisibilityBits | None:

@@ -6,6 +6,8 @@ import ast
 import os
 import shutil
 import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import pytest
 
@@ -211,3 +213,21 @@ def test_digest_covers_what_a_stage_imports_by_itself(stage, repo_root):
     expected = {module for module in named if module and module.startswith("pipeline.")}
     assert expected
     assert expected <= set(imported_modules(f"pipeline.stages.{stage}"))
+
+
+def test_a_thread_that_asks_while_another_lists_the_package_gets_the_same_digest(project, monkeypatch):
+    """Listing takes as long as on a slow file system, and what is known counts as current meanwhile."""
+    listing, walk = Event(), os.walk
+
+    def slowly(*args, **kwargs):
+        listing.set()
+        for found in walk(*args, **kwargs):
+            time.sleep(0.05)
+            yield found
+
+    monkeypatch.setattr("pipeline.base.code_digest.LOOK_AGAIN_S", 60)
+    monkeypatch.setattr("pipeline.base.code_digest.os.walk", slowly)
+    with ThreadPoolExecutor(2) as threads:
+        first = threads.submit(code_digest, "pipeline.stage", project)
+        assert listing.wait(60)
+        assert threads.submit(code_digest, "pipeline.stage", project).result() == first.result()
