@@ -15,7 +15,7 @@ LONGEST_FIRST = (
     "workflow/test_reruns.py",
     "workflow/test_tiny.py",
     "stages/test_train_processes.py",
-    "stages/test_viewer_in_browser.py",
+    "stages/viewer/test_panel.py",
     "hard_cases/test_volumes.py",
     "unit/avatar/training/test_light_refinement.py",
     "stages/test_trained_glints.py",

@@ -1,7 +1,4 @@
-"""Sliders of a head in the page that relights it: poses between their stops, against the pipeline's own.
-
-Needs Debian's chromium and the Python package playwright; without them it is skipped, and says so.
-"""
+"""Sliders of a head in the page that relights it: poses between their stops, against the pipeline's own."""
 
 from __future__ import annotations
 
@@ -21,10 +18,7 @@ from pipeline.viewer.packing import LEVELS
 from pipeline.viewer.shown_frame import shown_frame
 from tests.support.viewer.ball_avatar import LAMPS
 from tests.support.viewer.eyes_head import write_head
-from tests.support.viewer.relit_page import CHROMIUM, SETTLED, launch, open_page
-
-sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
+from tests.support.viewer.relit_page import SETTLED, open_page
 
 EYE_M = 0.015
 """Radius of the largest of the eyeballs, 12 mm made 15 % larger by the mean expression, and what floats above it."""
@@ -50,13 +44,10 @@ def head(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(head):
-    with sync_api.sync_playwright() as started:
-        browser = launch(started)
-        page = browser.new_page(viewport={"width": 640, "height": 400})
-        assert open_page(page, head[0]) == "open"
-        yield page
-        browser.close()
+def page(browser, head):
+    page = browser.new_page(viewport={"width": 640, "height": 400})
+    assert open_page(page, head[0]) == "open"
+    return page
 
 
 def shown(page, *values: str) -> dict[str, np.ndarray]:
