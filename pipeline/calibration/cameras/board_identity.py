@@ -40,6 +40,10 @@ SAMPLES = 300
 """Homographies of four corners that are tried for a layout: of a layout that fits, FITTING ** 4 of them, a hundred and
 more, are of markers in their places; of the others, each takes as long and finds nothing."""
 
+SMALL_DICTIONARY = 100
+"""Markers of a dictionary that is tried first. Each marker costs time, so all dictionaries take ten times as long; they
+are tried if what the small ones read is no board."""
+
 SMALLEST_BOARD = (3, 3)
 """Inner corners of the smallest checkerboard that is looked for."""
 
@@ -79,9 +83,42 @@ def identify_board(grays: Sequence[UInt8[np.ndarray, "height width"]], declared:
     None if there is neither.
     """
     photos = [BoardPhoto(gray) for gray in grays]
-    match = matching_dictionary(photos, [board.markers_of for board in declared if board.markers_of])
-    if match is None:
-        return _identify_checkerboard(photos)
+    likely = [board.markers_of for board in declared if board.markers_of]
+    small = [name for name in dictionary_names() if len(opencv_dictionary(name).bytesList) <= SMALL_DICTIONARY]
+    match = matching_dictionary(photos, likely, small)
+    if match and (found := _found(photos, matching_dictionary(photos, likely, _family(match[0])), declared)).board:
+        return found
+    match = matching_dictionary(photos, likely, dictionary_names())
+    return _found(photos, match, declared) if match else _identify_checkerboard(photos)
+
+
+def matching_dictionary(
+    photos: Sequence[BoardPhoto], declared: Sequence[str], names: Sequence[str]
+) -> tuple[str, bool, int] | None:
+    """Dictionary, of some, that reads most markers, whether they are inverted, and how many there are.
+
+    None if none reads any.
+
+    Of equals a declared one, else the smallest.
+    """
+    counts = {}
+    for name in names:
+        for inverted in (False, True):
+            found = sum(len(photo.markers(name, inverted)[1]) for photo in photos)
+            counts[name, inverted] = (found, name in declared, not inverted, -len(opencv_dictionary(name).bytesList))
+    best = max(counts, key=lambda key: counts[key])
+    return (*best, counts[best][0]) if counts[best][0] else None
+
+
+def _family(name: str) -> list[str]:
+    """Dictionaries that share their first markers: DICT_4X4_50, 100, 250 and 1000."""
+    stem, _, count = name.rpartition("_")
+    alike = [other for other in dictionary_names() if other.startswith(f"{stem}_")]
+    return alike if count.isdigit() else [name]
+
+
+def _found(photos: Sequence[BoardPhoto], match: tuple[str, bool, int], declared: Sequence[Board]) -> Found:
+    """The board of the markers of a dictionary."""
     dictionary, inverted, count = match
     seen = []
     for photo in photos:
@@ -90,22 +127,6 @@ def identify_board(grays: Sequence[UInt8[np.ndarray, "height width"]], declared:
             seen.append(_Seen(ids.astype(np.int64), np.concatenate(corners).reshape(-1, 4, 2).astype(np.float64)))
     board = _identify_layout(seen, dictionary, declared)
     return Found(dictionary, inverted, count, None if board is None else replace(board, inverted=inverted))
-
-
-def matching_dictionary(photos: Sequence[BoardPhoto], declared: Sequence[str] = ()) -> tuple[str, bool, int] | None:
-    """Dictionary that reads most markers, whether they are inverted, and how many there are.
-
-    None if none reads any.
-
-    Of equals a declared one, else the smallest.
-    """
-    counts = {}
-    for name in dictionary_names():
-        for inverted in (False, True):
-            found = sum(len(photo.markers(name, inverted)[1]) for photo in photos)
-            counts[name, inverted] = (found, name in declared, not inverted, -len(opencv_dictionary(name).bytesList))
-    best = max(counts, key=lambda key: counts[key])
-    return (*best, counts[best][0]) if counts[best][0] else None
 
 
 def _identify_layout(seen: Sequence[_Seen], dictionary: str, declared: Sequence[Board]) -> Board | None:

@@ -159,8 +159,9 @@ def explain_nothing(
     grays = [read_view_gray(capture, view) for view in evenly(views, EXPLAINING_IMAGES)]
     expected = f"{'dictionary: ' * bool(names)}expected a board of {wanted}, found none in {len(views)} images"
     mirrored = sum(mirrored_markers(gray, boards) for gray in grays)
-    match = identify_board(grays, boards)
-    if mirrored > (match.markers if match else 0):
+    sure = 2 * mirrored > len(grays) * max(len(board.markers) for board in boards) > 0
+    match = None if sure else identify_board(grays, boards)
+    if sure or mirrored > (match.markers if match else 0):
         hint = f"in their mirror images there are {mirrored} markers: flip the images, or print the board unmirrored"
         return f"{expected}; {hint}"
     told = "" if match is None or match.board is None else f"; found: {match.describe()}"

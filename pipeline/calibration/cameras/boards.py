@@ -35,9 +35,14 @@ class Detection:
 
 @dataclass(frozen=True)
 class BoardPhoto:
-    """One image, and the markers read in it: once for all boards of a dictionary."""
+    """One image, and the markers read in it: once for all boards of a dictionary.
+
+    Attributes:
+        boards: those whose markers alone are read, as each number costs time; where there are none, all are.
+    """
 
     gray: UInt8[np.ndarray, "height width"]
+    boards: Sequence[Board] = ()
 
     @cached_property
     def negative(self) -> UInt8[np.ndarray, "height width"]:
@@ -55,7 +60,8 @@ class BoardPhoto:
     def markers(self, dictionary: str, inverted: bool) -> Markers:
         """Markers of a dictionary, black on white or `inverted`."""
         if (key := (dictionary, inverted)) not in self._read:
-            self._read[key] = read_markers(self.negative if inverted else self.gray, dictionary)
+            numbers = sorted({n for board in self.boards if board.markers_of == dictionary for n in board.markers})
+            self._read[key] = read_markers(self.negative if inverted else self.gray, dictionary, numbers)
         return self._read[key]
 
 
@@ -97,20 +103,28 @@ class Board(ABC):
         """Dictionary of the board's markers; None for a board without markers."""
         return None
 
+    @property
+    def markers(self) -> range:
+        """Numbers of the board's markers in their dictionary."""
+        return range(0)
+
 
 def detect_boards(gray: UInt8[np.ndarray, "height width"], boards: Sequence[Board]) -> list[Detection]:
     """Detect each board's points to a fraction of a pixel."""
-    photo = BoardPhoto(gray)
+    photo = BoardPhoto(gray, boards)
     return [board.detect(photo) for board in boards]
 
 
-def read_markers(gray: UInt8[np.ndarray, "height width"], dictionary: str) -> Markers:
-    """Markers of a dictionary in an image, black on white."""
+def read_markers(gray: UInt8[np.ndarray, "height width"], dictionary: str, numbers: Sequence[int] = ()) -> Markers:
+    """Markers of a dictionary in an image, black on white: those of some numbers, or all."""
     # Marker corners refined first: a tenth less noise in the chessboard corners than without (captures/walker).
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    corners, ids, _ = cv2.aruco.ArucoDetector(opencv_dictionary(dictionary), parameters).detectMarkers(gray)
-    return list(corners), np.zeros(0, np.int32) if ids is None else ids.ravel()
+    whole = opencv_dictionary(dictionary)
+    asked = np.array(numbers or range(len(whole.bytesList)), np.int32)
+    part = cv2.aruco.Dictionary(whole.bytesList[asked], whole.markerSize, whole.maxCorrectionBits)
+    corners, ids, _ = cv2.aruco.ArucoDetector(part, parameters).detectMarkers(gray)
+    return list(corners), np.zeros(0, np.int32) if ids is None else asked[ids.ravel()]
 
 
 def opencv_dictionary(name: str) -> cv2.aruco.Dictionary:

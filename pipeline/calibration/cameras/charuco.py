@@ -38,7 +38,7 @@ class CharucoBoard(Board):
         """The board for OpenCV, black on white."""
         board = cv2.aruco.CharucoBoard(
             (self.squares_x, self.squares_y), self.square_m, self.marker_m, opencv_dictionary(self.dictionary),
-            np.arange(self.first_marker, self.first_marker + self.squares_x * self.squares_y // 2),
+            np.array(self.markers),
         )  # fmt: skip
         board.setLegacyPattern(self.legacy)
         return board
@@ -77,3 +77,8 @@ class CharucoBoard(Board):
     def markers_of(self) -> str:
         """The dictionary."""
         return self.dictionary
+
+    @property
+    def markers(self) -> range:
+        """One number for each white square."""
+        return range(self.first_marker, self.first_marker + self.squares_x * self.squares_y // 2)

@@ -44,7 +44,7 @@ class TagGrid(Board):
         """Find the corners of all tags that are read."""
         corners, ids = photo.markers(self.dictionary, self.inverted)
         tag = ids.astype(np.int64) - self.first_tag
-        own = np.flatnonzero((tag >= 0) & (tag < self.tags_x * self.tags_y))
+        own = np.flatnonzero(np.isin(ids, self.markers))
         # A number that is read twice belongs to two things, one of which is no tag of this board.
         own = own[np.isin(tag[own], [n for n in tag[own] if (tag == n).sum() == 1])]
         if len(own) == 0:
@@ -61,3 +61,8 @@ class TagGrid(Board):
     def markers_of(self) -> str:
         """The dictionary."""
         return self.dictionary
+
+    @property
+    def markers(self) -> range:
+        """One number for each tag."""
+        return range(self.first_tag, self.first_tag + self.tags_x * self.tags_y)
