@@ -186,14 +186,6 @@ def test_the_end_of_the_other_process_is_told(subject, tmp_path):
     assert code == 1 and "a process that trained with others was ended by signal 9" in printed, printed
 
 
-def test_a_killed_training_goes_on_to_the_same_bits(subject, tmp_path, alone):
-    code, _, _ = stop_on_the_way(subject, tmp_path, 1, signal.SIGKILL)
-    assert code == -signal.SIGKILL
-    again, _, printed = train(subject, tmp_path)
-    assert int(re.search(r"continuing after (\d+) steps", printed)[1]) % SETTINGS.checkpoint_every == 0
-    assert_same(again, alone[0])
-
-
 def test_one_process_goes_on_to_the_same_bits_where_two_were_stopped(subject, stopped, alone):
     out, code, printed, _ = stopped
     assert code == 128 + signal.SIGTERM, printed
