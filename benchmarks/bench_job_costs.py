@@ -22,7 +22,7 @@ from benchmarks.scaling_projection import fit_terms, product
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.geometry.texels import read_atlas
 from pipeline.workflow.job_requests import TABLE
-from pipeline.workflow.job_size import JobSize
+from pipeline.workflow.job_size import KEPT_BYTES, JobSize
 
 ONCE = ()
 IMAGES, ALL_PIXELS = ("frames", "cameras"), ("frames", "cameras", "pixels")
@@ -81,9 +81,9 @@ MEGABYTES = {
 }  # fmt: skip
 """Stage -> products of sizes that the memory of a job is a sum of."""
 
-KNOWN_MB = {"train_avatar": {("frames", "texels"): 217e-6}}
-"""Memory that is not fitted: bytes per texel that training holds of a frame, as docs/where_time_goes.md counts them. In
-the runs fitted, subjects with more frames have more texels, too."""
+KNOWN_MB = {"train_avatar": {("kept_texels",): 1e-6 * KEPT_BYTES}}
+"""Memory that is not fitted: of frames that training keeps. In the runs fitted, subjects with more frames have more
+texels, too."""
 
 THREADS, PROCESSES = 2, 2
 """Of the runs: `snakemake --cores 2`, and the training processes that it leads to on a CPU."""
@@ -112,7 +112,8 @@ def finished_jobs(results: Path) -> list[dict]:
         taken = pd.read_csv(path, sep="\t", na_values=["-", "NA"]).iloc[-1]
         if stage in SECONDS and taken[["cpu_time", "max_rss"]].notna().all():
             chunk = next((word for word in words if word.isdigit()), None)
-            sizes = asdict(measured_size(results, stage, chunk))
+            size = measured_size(results, stage, chunk)
+            sizes = {**asdict(size), "kept_texels": size.kept_texels}
             rows.append({"stage": stage, **sizes, "seconds": taken.cpu_time, "mb": taken.max_rss})
     return rows
 

@@ -26,6 +26,7 @@ import torch
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from benchmarks.training_ranges import REST, Part, marked, seconds_of_parts
+from pipeline.avatar.frames.frame_stream import FrameStream
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.base.files import read_json, write_json
 from pipeline.config.train_avatar import ANALYTIC, TrainAvatar
@@ -81,11 +82,13 @@ def measure(results: Path, steps: int, variant: str = "full") -> dict[str, objec
     """Seconds of a step, of its parts, and bytes of a frame; see the module for how."""
     clock, seen = Clock(steps), []
 
-    def visited(*arguments: object, **words: object) -> FrameInputs:
-        seen.append(FrameInputs(*arguments, **words))
-        for name in asked:
-            getattr(seen[-1], name)
-        return seen[-1]
+    def visited(*arguments: object) -> FrameStream:
+        seen.append(FrameStream(*arguments))
+        seen[0].most_bytes = None
+        for frame in seen[0].values():
+            for name in asked:
+                getattr(frame, name)
+        return seen[0]
 
     trained = read_json(results / "avatars" / variant / "config.json")
     asked = VISITED + TRACED * (trained["spec"]["shading"] in ANALYTIC)
@@ -94,7 +97,7 @@ def measure(results: Path, steps: int, variant: str = "full") -> dict[str, objec
     hook = register_optimizer_step_post_hook(clock.step)
     try:
         with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-            stack.enter_context(mock.patch.object(train_avatar, "FrameInputs", visited))
+            stack.enter_context(mock.patch.object(train_avatar, "FrameStream", visited))
             stack.enter_context(marked())
             train_avatar.run(
                 subject=results.name, atlas=results / "atlas.safetensors", shards=results / "shards",
@@ -104,7 +107,7 @@ def measure(results: Path, steps: int, variant: str = "full") -> dict[str, objec
     finally:
         hook.remove()
     wall, cpu = clock.per_step()
-    held = [held_bytes(inputs) for inputs in seen]
+    held = [held_bytes(inputs) for inputs in seen[0].values()]
     return {
         "subject": trained["subject"], "steps": steps, "texels": trained["texels"],
         "cameras_per_step": settings.cameras_per_step, "s": wall, "cpu_s": cpu,

@@ -12,11 +12,12 @@ from typing import overload
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import written_whole
 from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.capture.records import FrameRecord, ImageRecord
+from pipeline.capture.shard_rows import ShardRows, write_rows
 from pipeline.config.pack_shards import Codec
 
 IMAGE_SCHEMA = pa.schema(
@@ -39,6 +40,9 @@ FRAME_ARRAYS = {
     "head_from_world": ("<f4", (3, 4)), "gaze": ("<f4", (-1, 3)), "texture": ("<f2", (-1, 3)),
 }  # fmt: skip
 """How the arrays of a frame are stored, little-endian, and their shapes. What a frame lacks (None) is null."""
+
+BYTES_OF_PLACE = 12
+"""Of one row of `light_positions`."""
 
 FIELDS = {"falling": "cosine_visibility"}
 """Field of a frame's record by column, where their names differ."""
@@ -64,12 +68,12 @@ MASK_LEVELS = 255
 def write_image_shard(path: Path, records: Iterable[ImageRecord], codec: Codec = "float16") -> int:
     """Write one image shard, a record at a time; returns the number of images."""
     pixels = "<f4" if codec == "float32" else "<f2"
-    return _write(path, IMAGE_SCHEMA, (_image_row(record, pixels) for record in records), COMPRESSION[codec])
+    return write_rows(path, IMAGE_SCHEMA, (_image_row(record, pixels) for record in records), COMPRESSION[codec])
 
 
 def write_frame_shard(path: Path, records: Iterable[FrameRecord]) -> int:
     """Write one frame shard, a record at a time; returns the number of frames."""
-    return _write(path, FRAME_SCHEMA, (_frame_row(record) for record in records))
+    return write_rows(path, FRAME_SCHEMA, (_frame_row(record) for record in records))
 
 
 def read_image_shards(paths: Iterable[Path]) -> ImageShards:
@@ -82,22 +86,6 @@ def read_frame_shards(paths: Iterable[Path]) -> FrameShards:
     return FrameShards(tuple(paths))
 
 
-class _Rows:
-    """Random access to rows of several memory-mapped shards; can be sent to a spawned process."""
-
-    def __init__(self, paths: Iterable[Path], schema: pa.Schema) -> None:
-        self.paths = tuple(file for path in paths for file in _shard_files(Path(path)))
-        self.readers = [_open(file, schema) for file in self.paths]
-        self.starts = np.cumsum([0] + [reader.num_record_batches for reader in self.readers])
-
-    def __len__(self) -> int:
-        return int(self.starts[-1])
-
-    def batch(self, index: int) -> pa.RecordBatch:
-        shard = int(np.searchsorted(self.starts, index, side="right")) - 1
-        return self.readers[shard].get_batch(index - int(self.starts[shard]))
-
-
 class ImageShards(Sequence[ImageRecord]):
     """A sequence of image records; each access reads one row and returns arrays of its own.
 
@@ -106,10 +94,10 @@ class ImageShards(Sequence[ImageRecord]):
     """
 
     def __init__(self, paths: Iterable[Path]) -> None:
-        self._rows = _Rows(paths, IMAGE_SCHEMA)
+        self._rows = ShardRows(paths, IMAGE_SCHEMA)
         light = [name for name in IMAGE_SCHEMA.names if name not in ("image", "mask")]
-        batches = [self._rows.batch(i).select(light) for i in range(len(self._rows))]
-        self.table = pa.Table.from_batches(batches, pa.schema([IMAGE_SCHEMA.field(n) for n in light])).to_pandas()
+        self.table = self._rows.columns(light).to_pandas()
+        self._rows.forget()
 
     def __reduce__(self) -> tuple:
         return ImageShards, (self._rows.paths,)
@@ -126,20 +114,29 @@ class ImageShards(Sequence[ImageRecord]):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(index)
-        return _image_record(self._rows.batch(index % len(self)))
+        record = _image_record(self._rows.batch(index % len(self)))
+        self._rows.forget()
+        return record
 
 
 class FrameShards(Mapping[int, FrameRecord]):
-    """Frame records by frame number; each access reads one row and returns arrays of its own."""
+    """Frame records by frame number; each access reads one row and returns arrays of its own.
+
+    Attributes:
+        table: frame, segment, fully_lit, lights (number of lit lights) and is_head (its motion is known), to
+            select frames without reading what they hold.
+    """
 
     def __init__(self, paths: Iterable[Path]) -> None:
-        self._rows = _Rows(paths, FRAME_SCHEMA)
-        self._index: dict[int, int] = {}
-        for i in range(len(self._rows)):
-            frame = self._rows.batch(i).column("frame")[0].as_py()
-            if frame in self._index:
-                raise InputError(f"frame {frame}: expected in one frame shard, found in two of {self._rows.paths}")
-            self._index[frame] = i
+        self._rows = ShardRows(paths, FRAME_SCHEMA)
+        known = self._rows.columns(["frame", "segment", "fully_lit", "light_positions", "head_from_world"])
+        lights = pc.divide(pc.binary_length(known["light_positions"]), BYTES_OF_PLACE)
+        counted = {"lights": lights.to_numpy(), "is_head": known["head_from_world"].is_valid().to_numpy()}
+        self.table = known.select(["frame", "segment", "fully_lit"]).to_pandas().assign(**counted)
+        self._rows.forget()
+        if len(twice := self.table.frame[self.table.frame.duplicated()]):
+            raise InputError(f"frame {twice.iloc[0]}: expected in one frame shard, found in two of {self._rows.paths}")
+        self._index = {frame: row for row, frame in enumerate(self.table.frame.tolist())}
 
     def __reduce__(self) -> tuple:
         return FrameShards, (self._rows.paths,)
@@ -151,37 +148,9 @@ class FrameShards(Mapping[int, FrameRecord]):
         return iter(self._index)
 
     def __getitem__(self, frame: int) -> FrameRecord:
-        return _frame_record(self._rows.batch(self._index[frame]))
-
-
-def _shard_files(path: Path) -> list[Path]:
-    files = sorted(path.glob("[!.]*.arrow")) if path.is_dir() else [path]
-    if not files:
-        raise InputError(f"{path}: expected shards *.arrow, found none; run pack_shards")
-    return files
-
-
-def _open(path: Path, schema: pa.Schema) -> pa.RecordBatchFileReader:
-    try:
-        reader = pa.ipc.open_file(pa.memory_map(str(path), "r"))
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"{path}: expected an Arrow IPC file, found: {error}") from error
-    if not reader.schema.equals(schema):
-        raise InputError(f"{path}: expected columns {schema.names}, found {reader.schema.names}; run pack_shards again")
-    return reader
-
-
-def _write(path: Path, schema: pa.Schema, rows: Iterable[dict], compression: str | None = None) -> int:
-    count, options = 0, pa.ipc.IpcWriteOptions(compression=compression)
-    with (
-        written_whole(path) as temporary,
-        pa.OSFile(str(temporary), "wb") as sink,
-        pa.ipc.new_file(sink, schema, options=options) as out,
-    ):
-        for row in rows:
-            out.write_batch(pa.RecordBatch.from_pylist([row], schema))
-            count += 1
-    return count
+        record = _frame_record(self._rows.batch(self._index[frame]))
+        self._rows.forget()
+        return record
 
 
 def _image_row(record: ImageRecord, pixels: str) -> dict:

@@ -115,6 +115,12 @@ class ProjectSettings(SubjectSettings):
         description="processes that train one avatar together, as many as GPUs; 0: on a CPU one per core, at most "
         "train_avatar.steps_together, on a GPU one",
     )
+    training_cache_mb: int = Field(
+        16_000,
+        ge=0,
+        description="memory that training keeps frames in, of all its processes on a machine together, at most half of "
+        "what is free; other frames are read and traced again at each visit; changes no result [MB]",
+    )
     compare_subjects: CompareSubjects = CompareSubjects()
 
 

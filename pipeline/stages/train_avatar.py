@@ -13,12 +13,14 @@ import hashlib
 import logging
 import signal
 import time
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import pandas as pd
 import torch
 
+from pipeline.avatar.frames.frame_stream import FrameStream
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
@@ -27,9 +29,10 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
 from pipeline.avatar.training.light_rounds import refine, refinement_step, relight
-from pipeline.avatar.training.local_processes import partners, suggested_processes
+from pipeline.avatar.training.local_processes import cache_bytes, partners, suggested_processes
 from pipeline.avatar.training.losses import dropped_terms
-from pipeline.avatar.training.training import BrokenStep, Portion, Position, Training
+from pipeline.avatar.training.read_ahead import ReadAhead, Rounds, frames_in_use
+from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule, chosen_images, require_no_held_out
 from pipeline.avatar.training.training_log import TrainingLog
 from pipeline.base.code_digest import code_digest
@@ -38,16 +41,21 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, write_table
 from pipeline.base.progress import progress
 from pipeline.base.seeds import seed_for
+from pipeline.base.spread import evenly
 from pipeline.base.stopping import Stopped, StopRequests
 from pipeline.capture.shards import ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.eyes.eye_fit import read_eyes
-from pipeline.geometry.texels import read_atlas
+from pipeline.geometry.texels import Atlas, read_atlas
 
 log = logging.getLogger("train_avatar")
 
 CHECKPOINT, BROKEN = "checkpoint.safetensors", "broken.safetensors"
 """States in the avatar's folder: from which a stopped training goes on; before a step that came to nothing."""
+
+STATISTICS_BYTES = 2**31
+"""Vertices and mean textures that a head's statistics are taken from, of frames evenly chosen: 160 frames of a million
+texels, thousands of the default's."""
 
 WATCHED_BY = {"checkpoint_every", "log_every", "preview_every", "device"}
 """Settings that change how a training is run and watched, but not where it goes: checkpoints stay valid."""
@@ -63,6 +71,7 @@ def run(
     frames: Path | None = None,
     fitted_eyes: Path | None = None,
     processes: int = 0,
+    cache_mb: int = 16_000,
     settings: TrainAvatar = TrainAvatar(),
 ) -> None:
     """Train an avatar on the shards of a subject.
@@ -77,10 +86,13 @@ def run(
         frames: folder of frame shards with other irradiance maps than SHARDS/frames.
         fitted_eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
         processes: that train together; 0: on a CPU one per thread, at most `steps_together`; on a GPU one.
+        cache_mb: megabytes that frames may be kept in, at most half of the memory that is free at the start; all others
+            are read from the shards and traced again at each visit, ahead of it. It changes no result.
         settings: see the flags below.
     """
     paths = {"atlas": atlas, "shards": shards, "effects": effects, "out": out}
     arguments = {"subject": subject, "frames": frames, "fitted_eyes": fitted_eyes, "settings": settings, **paths}
+    arguments["cache_mb"] = cache_mb
     together = partners(processes or suggested_processes(settings), run, arguments)
     with together, joined_processes(settings.device) as processes:
         images = read_image_shards([shards / "train"])
@@ -89,12 +101,11 @@ def run(
         require_no_held_out(images.table, shards / "train")
         texels = read_atlas(atlas)
         frames = frames or shards / "frames"
-        records = read_frame_shards([frames]).items()
-        inputs = {number: FrameInputs(texels, record, device=processes.device) for number, record in records}
-        planned = read_plan(effects)
-        is_head = any(frame.record.head_from_world is not None for frame in inputs.values())
-        spec = resolve_spec(settings, planned, "head" if is_head else "body")
-        if spec.shadow_net and all((frame.record.irradiance == 1).all() for frame in inputs.values()):
+        records, planned = read_frame_shards([frames]), read_plan(effects)
+        kept = cache_bytes(cache_mb, processes.device)
+        inputs = FrameStream(texels, records, kept, frames_in_use(settings, processes), processes.device)
+        spec = resolve_spec(settings, planned, "head" if records.table.is_head.any() else "body")
+        if spec.shadow_net and all((record.irradiance == 1).all() for record in records.values()):
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
         if spec.reads_eyes and fitted_eyes is None:
             raise InputError(
@@ -107,10 +118,10 @@ def run(
         torch.manual_seed(seed_for(subject, "train_avatar"))
         fitted = read_eyes(fitted_eyes) if spec.reads_eyes else None
         avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
-        lit = {number: frame.record for number, frame in inputs.items()}
-        chosen = chosen_images(images.table, lit, settings, subject)
+        chosen = chosen_images(images.table, records, settings, subject)
         if spec.head:
-            learn_expressions(avatar, [inputs[number] for number in sorted(set(images.table.frame.iloc[chosen]))])
+            seen = sorted(set(images.table.frame.iloc[chosen].tolist()))
+            learn_expressions(avatar, (inputs[number] for number in evenly(seen, statistics_frames(texels))))
         work = f"{len(chosen)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
         log.info("%s: %s", spec.in_words, reason_of(settings, effects))
         if unread := unread_settings(settings, spec):
@@ -134,15 +145,23 @@ def run(
             log.info("%d steps in %.0f s, photometric %.4f", done.step, done.seconds, done.rows[-1]["photometric"])
 
 
-def learn_expressions(avatar: Avatar, frames: list[FrameInputs]) -> None:
+def statistics_frames(atlas: Atlas) -> int:
+    """Number of frames whose vertices and textures fit into what a head's statistics are taken from."""
+    return max(2, STATISTICS_BYTES // (12 * (len(atlas.rest_vertices) + atlas.texel_count)))
+
+
+def learn_expressions(avatar: Avatar, frames: Iterable[FrameInputs]) -> None:
     """Teach the encoder of a head the statistics of its training frames."""
-    textures = [frame.record.texture for frame in frames if frame.record.texture is not None]
-    avatar.networks.expression.learn_statistics([avatar.networks.tracked(frame) for frame in frames], textures)
+    vertices, textures = [], []
+    for frame in frames:
+        vertices.append(avatar.networks.tracked(frame))
+        textures += [] if frame.record.texture is None else [frame.record.texture]
+    avatar.networks.expression.learn_statistics(vertices, textures)
 
 
 def train(
-    subject: str, training: Training, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs],
-    out: Path, fingerprint: str,
+    subject: str, training: Training, images: ImageShards, chosen: list[int], frames: FrameStream, out: Path,
+    fingerprint: str,
 ) -> Position:  # fmt: skip
     """All steps that are left after the checkpoint, if there is one, on the chosen images.
 
@@ -158,18 +177,23 @@ def train(
     frame_of_image = images.table.frame.iloc[chosen].tolist()
     in_step = settings.frames_per_step
     schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together * in_step)
+    rounds = Rounds(schedule, chosen, settings)
     relight(frames, at)
     left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
-    with StopRequests() as stop, open_log(out, images, chosen, frames, training, at) as training_log:
+    with (
+        StopRequests() as stop,
+        open_log(out, images, chosen, frames, training, at) as training_log,
+        ReadAhead(training.avatar, images, frames, processes) as ahead,
+    ):
         for first in progress(left, "train_avatar") if processes.is_main else left:
             if first < at.step:
                 continue  # was done in the round of those before it
             if first == refinement_step(settings):
+                ahead.wait()
                 refine(training, images, chosen, frames, schedule, at)
-            steps = range(first, min(first + settings.steps_together, settings.steps))
-            groups = range(steps[0] * in_step, (steps[-1] + 1) * in_step)
-            batches = [[chosen[i] for i in schedule[group]] for group in groups]
-            portions = [portion(images, frames, processes, batches, place) for place in range(len(batches))]
+            steps, batches = rounds.steps(first), rounds.batches(first)
+            portions = ahead.portions(batches)
+            ahead.start(rounds.batches(steps.stop))
             try:
                 values, stopping = training.take_round(first, portions, bool(stop.received))
             except BrokenStep as error:
@@ -192,16 +216,6 @@ def train(
     return at
 
 
-def portion(
-    images: ImageShards, frames: dict[int, FrameInputs], processes: Processes, batches: list[list[int]], place: int
-) -> Portion:
-    """This process' part of a round's step at `place`, whose images are in `batches[place]`."""
-    batch, sharers = batches[place], processes.sharers(place, len(batches))
-    mine = [images[i] for i in processes.share(batch, sharers)]
-    frame = frames[int(images.table.frame[batch[0]])]
-    return Portion(frame, mine, len(batch), len(sharers), processes.rank in sharers)
-
-
 def require_same_start(step: int, processes: Processes) -> None:
     """Refuse processes that do not all go on from the same step.
 
@@ -217,7 +231,7 @@ def require_same_start(step: int, processes: Processes) -> None:
 
 
 def open_log(
-    out: Path, images: ImageShards, chosen: list[int], frames: dict[int, FrameInputs], training: Training, at: Position
+    out: Path, images: ImageShards, chosen: list[int], frames: FrameStream, training: Training, at: Position
 ) -> AbstractContextManager[TrainingLog | None]:
     """Log of the training, kept by the main process, with previews of its middle image.
 

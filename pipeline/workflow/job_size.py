@@ -28,6 +28,9 @@ COVERED = 0.6
 """Share of an atlas that carries texels, before the atlas is made: subjectA's covers 0.41, a head's of 60 lights 0.45,
 that of a recorded body 0.58."""
 
+KEPT_BYTES = 217
+"""Bytes per texel that training keeps of a frame, as docs/where_time_goes.md counts them."""
+
 HEADER = struct.Struct("<Q")
 """Start of a safetensors file: bytes of the JSON that follows."""
 
@@ -50,6 +53,7 @@ class JobSize:
         processes: that train one avatar together on a CPU.
         decode_threads: that index_capture decodes images with, a setting.
         threads: that the job works with.
+        cache_mb: megabytes that training keeps frames in.
     """
 
     cameras: int
@@ -63,6 +67,12 @@ class JobSize:
     processes: int = 1
     decode_threads: int = 1
     threads: int = 1
+    cache_mb: int = 16_000
+
+    @property
+    def kept_texels(self) -> float:
+        """Texels of all frames that training keeps at a time."""
+        return min(float(self.frames * self.texels), 1e6 * self.cache_mb / KEPT_BYTES)
 
     def product(self, names: Iterable[str]) -> float:
         """Product of these sizes; 1 for none."""
@@ -86,6 +96,7 @@ def job_size(files: JobFiles) -> JobSize:
         avatars=len(trained),
         processes=files.project.settings.training_processes or max(section.steps_together for section in trained),
         decode_threads=settings.index_capture.decode_threads,
+        cache_mb=files.project.settings.training_cache_mb,
     )
 
 

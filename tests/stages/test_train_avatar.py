@@ -26,9 +26,16 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_arrays
 from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.base.stopping import Stopped
-from pipeline.capture.shards import read_frame_shards, read_image_shards, write_frame_shard, write_image_shard
+from pipeline.capture.shards import (
+    FrameShards,
+    read_frame_shards,
+    read_image_shards,
+    write_frame_shard,
+    write_image_shard,
+)
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
+from tests.support.avatars.sheet import make_frame, make_sheet
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
 
 SETTINGS = TrainAvatar(shading="transfer", deferred="on", steps=6, steps_together=1, checkpoint_every=2, log_every=1)
@@ -149,6 +156,30 @@ def test_a_signal_ends_the_run_after_its_step(inputs, tmp_path, monkeypatch, num
     assert taken == [0, 1, 2, 3, 4, 5]
     same_avatars(tmp_path / "whole", tmp_path / "stopped")
     tables = [pd.read_parquet(tmp_path / name / "log.parquet").drop(columns="seconds") for name in ("whole", "stopped")]
+    pd.testing.assert_frame_equal(*tables)
+
+
+@pytest.mark.parametrize("choices", [{}, {"shading": "microfacet", "visibility": "traced", "indirect": "bounce"}])
+def test_frames_that_are_not_kept_are_read_again_to_the_same_bits(tmp_path, monkeypatch, choices):
+    """Six frames of which no more than two are in use at a time; lights are refined on the way."""
+    places = [[0.5 - 0.2 * number, 0.3, 1.5] for number in range(6)]
+    frames = [make_frame(make_sheet(8), np.array([place]), np.full((1, 3), 3.0), i) for i, place in enumerate(places)]
+    frames = [dataclasses.replace(frame, fully_lit=False) for frame in frames]
+    write_subject(tmp_path, sheet_images(frames), shadow=True)
+    shaded = [dataclasses.replace(frame, irradiance=0.5 * frame.irradiance) for frame in frames]
+    write_frame_shard(tmp_path / "shards/frames/0000.arrow", shaded)
+    read, get = [], FrameShards.__getitem__
+    monkeypatch.setattr(FrameShards, "__getitem__", lambda self, frame: read.append(frame) or get(self, frame))
+    settings, reads = SETTINGS.model_copy(update={"steps": 14, **choices}), []
+    for name, cache_mb in (("all", 1000), ("none", 0)):
+        read.clear()
+        stage.run(**stage_arguments(tmp_path), settings=settings, cache_mb=cache_mb, out=tmp_path / name)
+        reads.append(read.count(5))
+    assert reads[0] == 2  # once for its inputs, once for the places of the lights that are refined
+    assert reads[1] >= 4
+    for file in ("avatar.safetensors", "config.json", "previews/step_000013.png"):
+        assert (tmp_path / "all" / file).read_bytes() == (tmp_path / "none" / file).read_bytes(), file
+    tables = [pd.read_parquet(tmp_path / name / "log.parquet").drop(columns="seconds") for name in ("all", "none")]
     pd.testing.assert_frame_equal(*tables)
 
 

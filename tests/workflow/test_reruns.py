@@ -150,11 +150,12 @@ def test_changed_setting_reruns_its_stage_and_what_follows(workflow, setting, ex
     assert planned == {stage: jobs for stage, jobs in expected.items() if stage != "fit_eyes"}
 
 
-def test_number_of_training_processes_reruns_nothing_and_starts_so_many(workflow):
-    assert workflow.planned(TARGET, "--config", "training_processes=2") == {}
+def test_training_processes_and_their_memory_rerun_nothing_and_are_told(workflow):
+    changed = ("training_processes=2", "training_cache_mb=300")
+    assert workflow.planned(TARGET, "--config", *changed) == {}
     shown = ("--dry-run", "--printshellcmds", "--forcerun", "train_avatar", "--config")
-    together = workflow.snakemake(*shown, "training_processes=2", "--", TARGET).stdout
-    assert re.search(r"-m pipeline.stages.train_avatar --subject subjectA .*--processes 2 ", together)
+    told = workflow.snakemake(*shown, *changed, "--", TARGET).stdout
+    assert re.search(r"-m pipeline.stages.train_avatar --subject subjectA .*--processes 2 --cache-mb 300 ", told)
 
 
 def test_variant_with_other_irradiance_gets_its_own_maps_beside_the_others(workflow):

@@ -92,8 +92,10 @@ rule train_avatar:
     resources:
         mem_mb=memory_for("train_avatar"),
         runtime=minutes_for("train_avatar"),
-        # A resource, which reruns nothing: the number of processes changes nothing but the order of sums.
+        # Resources, which rerun nothing: the number of processes changes nothing but the order of sums, and what is
+        # kept in memory nothing at all.
         processes=project.settings.training_processes,
+        cache_mb=project.settings.training_cache_mb,
     params:
         code=code_for("train_avatar"),
         named=named,
@@ -108,4 +110,4 @@ rule train_avatar:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
         "python -m pipeline.stages.train_avatar {params.arguments:q} --processes {resources.processes} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "--cache-mb {resources.cache_mb} {params.settings:q} > {log:q} 2>&1"

@@ -13,9 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 import torch
 from jaxtyping import Float, Float64
 
+from pipeline.avatar.frames.frame_stream import FrameStream
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_gains import LightGains
 from pipeline.avatar.model import Avatar
@@ -111,17 +113,12 @@ def equations_of(
     return matrix, vector
 
 
-def frames_to_look_at(frames: Mapping[int, FrameInputs], images_of: Mapping[int, Sequence[int]]) -> list[int]:
-    """Partially lit frames with at least two images, evenly chosen."""
-    useful = [
-        number
-        for number, frame in sorted(frames.items())
-        if not frame.record.fully_lit
-        and 0 < len(frame.record.light_positions) <= MOST_LIGHTS
-        and len(images_of.get(number, ())) > 1
-    ]
-    lights = sum(len(frames[number].record.light_positions) for number in useful)
-    return evenly(useful, max(1, len(useful) * MOST_PARTS // max(1, lights)))
+def frames_to_look_at(table: pd.DataFrame, images_of: Mapping[int, Sequence[int]]) -> list[int]:
+    """Partially lit frames with at least two images, evenly chosen; `table` is that of `FrameShards`."""
+    enough = table.frame.map(lambda number: len(images_of.get(number, ())) > 1).astype(bool)
+    useful = table[~table.fully_lit & table.lights.between(1, MOST_LIGHTS) & enough].sort_values("frame")
+    numbers = useful.frame.tolist()
+    return evenly(numbers, max(1, len(numbers) * MOST_PARTS // max(1, int(useful.lights.sum()))))
 
 
 def images_to_look_at(images: Sequence[int]) -> list[int]:
@@ -130,14 +127,14 @@ def images_to_look_at(images: Sequence[int]) -> list[int]:
 
 
 def assembled(
-    frames: Sequence[FrameInputs], equations: Sequence[tuple[np.ndarray, np.ndarray]]
+    lights: Sequence[np.ndarray], equations: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, LightEquations]:
-    """Equations of all lights from those of single frames, and the places of the lights."""
-    places = np.unique(np.concatenate([frame.record.light_positions for frame in frames]), axis=0)
+    """Equations of all lights from those of frames, by the places of their lights; and the places of all."""
+    places = np.unique(np.concatenate(lights), axis=0)
     number = {place.tobytes(): i for i, place in enumerate(places)}
     matrix, vector = np.zeros((2, len(places), len(places))), np.zeros((2, len(places)))
-    for frame, (a, b) in zip(frames, equations, strict=True):
-        lit = [number[place.tobytes()] for place in frame.record.light_positions]
+    for positions, (a, b) in zip(lights, equations, strict=True):
+        lit = [number[place.tobytes()] for place in positions]
         for half in range(2):
             matrix[half][np.ix_(lit, lit)] += a[half]
             vector[half][lit] += b[half]
@@ -163,27 +160,28 @@ def refined_gains(
 
 
 def refine_lights(
-    avatar: Avatar, frames: Mapping[int, FrameInputs], images_of: Mapping[int, Sequence[ImageRecord]],
+    avatar: Avatar, frames: FrameStream, images_of: Mapping[int, Callable[[], Sequence[ImageRecord]]],
     gains: LightGains, sigma: float, processes: Processes, mine: Callable[[int], bool],
 ) -> LightGains:  # fmt: skip
     """Gains of the lights of some frames, the same in all processes.
 
     Args:
         avatar: as it is trained so far.
-        frames: to look at.
-        images_of: their training images.
+        frames: among which are those to look at.
+        images_of: frames to look at, and what reads their training images, one frame's at a time.
         gains: those that the frames are lit with.
         sigma: typical change to expect.
         processes: that share the frames.
         mine: whether a frame is this process' to render.
     """
-    numbers = sorted(frames)
-    lights = [len(frames[number].record.light_positions) for number in numbers]
+    numbers = sorted(images_of)
+    positions = [frames.records[number].light_positions for number in numbers]
+    lights = [len(each) for each in positions]
     sizes = [2 * n * (n + 1) for n in lights]
     flat = torch.zeros(sum(sizes), dtype=torch.float64)
     for number, part in zip(numbers, flat.split(sizes), strict=True):
         if mine(number):
-            of_frame = equations_of(avatar, frames[number], images_of[number])
+            of_frame = equations_of(avatar, frames[number], images_of[number]())
             part.copy_(torch.from_numpy(np.concatenate([array.ravel() for array in of_frame])))
     flat = flat.to(avatar.albedo.device)
     processes.sum_in_place(flat)  # Each part is another process' zeros but once, so that the sum is exact.
@@ -191,7 +189,7 @@ def refine_lights(
         (part[: 2 * n * n].reshape(2, n, n), part[2 * n * n :].reshape(2, n))
         for n, part in zip(lights, np.split(flat.cpu().numpy(), np.cumsum(sizes)[:-1]), strict=True)
     ]
-    places, together = assembled([frames[number] for number in numbers], equations)
+    places, together = assembled(positions, equations)
     refined, gained = refined_gains(places, together, gains, sigma)
     if refined is gains:
         log.info("lights stay as they are: other brightness would not fit images that had no part in finding it")

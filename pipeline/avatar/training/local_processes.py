@@ -22,6 +22,10 @@ FAREWELL_S = 10.0
 """How long the others get to end once this process has: what ends it, if it does not come from outside, ends them too.
 Then they are killed: a process that waits for one that is gone does not hear SIGTERM."""
 
+FREE_SHARE = 0.5
+"""Share of the free memory that frames may be kept in: what a step makes of them needs as much again, and so may other
+jobs."""
+
 LOOPBACK = "127.0.0.1"
 
 
@@ -35,6 +39,18 @@ def suggested_processes(settings: TrainAvatar) -> int:
     if settings.device == "cuda" or (settings.device == "auto" and torch.cuda.is_available()):
         return 1
     return min(settings.steps_together, torch.get_num_threads())
+
+
+def cache_bytes(cache_mb: int, device: torch.device) -> float:
+    """Bytes that this process may keep frames in.
+
+    Its part of `cache_mb`, which all processes of this machine share, and of half of the memory that is free now, in
+    which the tensors lie.
+    """
+    if device.type == "cuda":
+        return min(1e6 * cache_mb, FREE_SHARE * torch.cuda.mem_get_info(device)[0])
+    neighbours = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    return min(1e6 * cache_mb, FREE_SHARE * psutil.virtual_memory().available) / neighbours
 
 
 @contextmanager

@@ -42,14 +42,14 @@ class Portion:
     """A step of a round, as far as this process does it.
 
     Attributes:
-        inputs: the frame of the step.
+        inputs: the frame of the step; None if the step is not this process'.
         images: those that fall to this process; may be none.
         batch: number of images of the step, in all processes.
         sharers: number of processes that share the step; they share the terms that look at no image.
         mine: this process is one of them.
     """
 
-    inputs: FrameInputs
+    inputs: FrameInputs | None
     images: Sequence[ImageRecord]
     batch: int
     sharers: int = 1

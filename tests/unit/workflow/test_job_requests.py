@@ -106,12 +106,18 @@ def test_work_on_images_takes_longer_with_more_of_each(name):
         assert minutes(stage, more, 1, 1) > minutes(stage, PAPER, 1, 1), stage
 
 
-def test_training_takes_longer_with_steps_and_texels_and_more_memory_with_frames():
+def test_training_takes_longer_with_steps_and_texels_and_more_memory_with_frames_that_it_keeps():
     once = minutes("train_avatar", PAPER, 2, 1)
     assert 1.8 < minutes("train_avatar", replace(PAPER, steps=600_000), 2, 1) / once < 2.01
     assert minutes("train_avatar", replace(PAPER, texels=1_260_000), 2, 1) > once
-    memory = memory_mb("train_avatar", PAPER, 2, 1)
-    assert memory_mb("train_avatar", replace(PAPER, frames=640), 2, 1) > 2 * memory
+
+    def asked(frames, cache_mb):
+        return memory_mb("train_avatar", replace(PAPER, frames=frames, cache_mb=cache_mb), 2, 1)
+
+    assert asked(640, 1_000_000) > 2 * asked(64, 1_000_000)
+    assert asked(5000, 16_000) == asked(640, 16_000)
+    assert asked(5000, 16_000) <= asked(64, 0) + 1.25 * 1.2 * 16_000  # a margin, and the worst run
+    assert asked(5000, 0) == asked(64, 0)
 
 
 def test_threads_follow_the_pieces_of_the_work():
