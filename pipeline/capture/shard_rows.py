@@ -1,4 +1,4 @@
-"""Rows of Arrow IPC files, one record batch each, read by memory map and forgotten once they are read."""
+"""Rows of Arrow IPC files, one record batch each, read by memory map and then forgotten."""
 
 from __future__ import annotations
 

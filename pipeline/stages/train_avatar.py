@@ -146,7 +146,7 @@ def run(
 
 
 def statistics_frames(atlas: Atlas) -> int:
-    """Number of frames whose vertices and textures fit into what a head's statistics are taken from."""
+    """Number of frames from whose vertices and textures a head's statistics are taken."""
     return max(2, STATISTICS_BYTES // (12 * (len(atlas.rest_vertices) + atlas.texel_count)))
 
 

@@ -1,4 +1,4 @@
-"""Inputs of frames as training asks for them, kept as far as a stated number of bytes allows."""
+"""Inputs of frames, read as training asks for them, and kept within a number of bytes."""
 
 from __future__ import annotations
 

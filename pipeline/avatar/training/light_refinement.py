@@ -114,7 +114,12 @@ def equations_of(
 
 
 def frames_to_look_at(table: pd.DataFrame, images_of: Mapping[int, Sequence[int]]) -> list[int]:
-    """Partially lit frames with at least two images, evenly chosen; `table` is that of `FrameShards`."""
+    """Partially lit frames with at least two images, evenly chosen.
+
+    Args:
+        table: of `FrameShards`.
+        images_of: rows of each frame's images.
+    """
     enough = table.frame.map(lambda number: len(images_of.get(number, ())) > 1).astype(bool)
     useful = table[~table.fully_lit & table.lights.between(1, MOST_LIGHTS) & enough].sort_values("frame")
     numbers = useful.frame.tolist()
@@ -129,7 +134,7 @@ def images_to_look_at(images: Sequence[int]) -> list[int]:
 def assembled(
     lights: Sequence[np.ndarray], equations: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, LightEquations]:
-    """Equations of all lights from those of frames, by the places of their lights; and the places of all."""
+    """Places of all lights, and their equations from those of frames with lights at some of them."""
     places = np.unique(np.concatenate(lights), axis=0)
     number = {place.tobytes(): i for i, place in enumerate(places)}
     matrix, vector = np.zeros((2, len(places), len(places))), np.zeros((2, len(places)))

@@ -1,4 +1,4 @@
-"""Rounds of a training, and their images and frames, which are read while the round before is worked on."""
+"""Rounds of a training, whose images and frames are read while the round before is worked on."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from pipeline.config.train_avatar import TrainAvatar
 
 
 def frames_in_use(settings: TrainAvatar, processes: Processes) -> int:
-    """Frames that a process works on in a round, and those of the next one that are read meanwhile."""
+    """Frames that a process works on in a round, and those of the next, which it reads meanwhile."""
     places = settings.steps_together * settings.frames_per_step
     return 2 * sum(processes.rank in processes.sharers(place, places) for place in range(places))
 
 
 @dataclass(frozen=True)
 class Rounds:
-    """Which images the steps of each round take.
+    """Images that the steps of each round take.
 
     Attributes:
         schedule: order of the chosen images.
@@ -49,7 +49,7 @@ class Rounds:
 
 
 class ReadAhead:
-    """Portions of rounds, of which one is read on a thread of its own while training takes another.
+    """Portions of rounds, one of which is read on a thread while training takes another.
 
     The thread reads images, reads frames and traces what a first look at them would: most of it is done without the
     interpreter's lock.
