@@ -134,7 +134,7 @@ def images_to_look_at(images: Sequence[int]) -> list[int]:
 def assembled(
     lights: Sequence[np.ndarray], equations: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, LightEquations]:
-    """Places of all lights, and their equations from those of frames with lights at some of them."""
+    """Places of all lights, and their equations from those of frames that some light."""
     places = np.unique(np.concatenate(lights), axis=0)
     number = {place.tobytes(): i for i, place in enumerate(places)}
     matrix, vector = np.zeros((2, len(places), len(places))), np.zeros((2, len(places)))

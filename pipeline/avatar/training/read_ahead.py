@@ -1,4 +1,4 @@
-"""Rounds of a training, whose images and frames are read while the round before is worked on."""
+"""Rounds of a training, read while the round before is worked on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pipeline.config.train_avatar import TrainAvatar
 
 
 def frames_in_use(settings: TrainAvatar, processes: Processes) -> int:
-    """Frames that a process works on in a round, and those of the next, which it reads meanwhile."""
+    """Frames that a process works on in a round, and those that it reads for the next."""
     places = settings.steps_together * settings.frames_per_step
     return 2 * sum(processes.rank in processes.sharers(place, places) for place in range(places))
 
