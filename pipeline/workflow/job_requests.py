@@ -74,6 +74,9 @@ RERUN = {"measure_cost": 100, "budget_errors": 6}
 """Stages that train an avatar again and again, and about how often: settings of all dials with their repeats; inputs
 that are true at first, and then ours."""
 
+LOOKED_AT = {"book_patterns": "sync_cameras", "track_mesh": "tracking_cameras"}
+"""Stages that look at the images of some cameras, and how many: more cameras cost them no more."""
+
 NOT_MEASURED = {
     "import_capture": {"mb": 2500.0, "seconds": 900.0},
     "export_capture": {"mb": 2500.0, "seconds": 900.0},
@@ -151,6 +154,13 @@ def minutes(stage: str, size: JobSize, threads: int, attempt: int) -> int:
     return math.ceil((START_S + TIME_MARGIN * expected / speed) * 2 ** (attempt - 1) / 60)
 
 
+def looked_at(stage: str, size: JobSize) -> JobSize:
+    """Size of a job with as many cameras as the stage looks at."""
+    if stage not in LOOKED_AT:
+        return size
+    return replace(size, cameras=min(size.cameras, getattr(size, LOOKED_AT[stage])))
+
+
 def _parts(stage: str) -> tuple[str, ...]:
     """Stages that a job runs, one after the other."""
     return ("train_avatar", "evaluate_avatar") if stage in RERUN else (stage,)
@@ -159,7 +169,7 @@ def _parts(stage: str) -> tuple[str, ...]:
 def _expected(stage: str, cost: str, size: JobSize) -> float:
     if stage in NOT_MEASURED:
         return NOT_MEASURED[stage][cost]
-    return read_costs(TABLE)[stage, cost].highest(size)
+    return read_costs(TABLE)[stage, cost].highest(looked_at(stage, size))
 
 
 @functools.cache

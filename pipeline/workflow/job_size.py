@@ -54,6 +54,7 @@ class JobSize:
         decode_threads: that index_capture decodes images with, a setting.
         threads: that the job works with.
         cache_mb: megabytes that training keeps frames in.
+        sync_cameras, tracking_cameras: whose images book_patterns and track_mesh look at, at most; settings.
     """
 
     cameras: int
@@ -68,6 +69,8 @@ class JobSize:
     decode_threads: int = 1
     threads: int = 1
     cache_mb: int = 16_000
+    sync_cameras: int = 16
+    tracking_cameras: int = 24
 
     @property
     def kept_texels(self) -> float:
@@ -97,6 +100,8 @@ def job_size(files: JobFiles) -> JobSize:
         processes=files.project.settings.training_processes or max(section.steps_together for section in trained),
         decode_threads=settings.index_capture.decode_threads,
         cache_mb=files.project.settings.training_cache_mb,
+        sync_cameras=settings.book_patterns.sync_cameras,
+        tracking_cameras=max(settings.track_mesh.outline_cameras, settings.track_mesh.image_cameras),
     )
 
 

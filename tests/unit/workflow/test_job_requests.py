@@ -120,6 +120,14 @@ def test_training_takes_longer_with_steps_and_texels_and_more_memory_with_frames
     assert asked(5000, 0) == asked(64, 0)
 
 
+def test_stages_that_look_at_some_cameras_ask_no_more_for_others():
+    long = replace(PAPER, frames=5000)
+    for stage, most in (("track_mesh", 24), ("book_patterns", 16)):
+        fewer, as_many = (memory_mb(stage, replace(long, cameras=cameras), 1, 1) for cameras in (most // 2, most))
+        assert fewer < as_many == memory_mb(stage, long, 1, 1), stage
+    assert memory_mb("track_mesh", replace(PAPER, tracking_cameras=48), 1, 1) > memory_mb("track_mesh", PAPER, 1, 1)
+
+
 def test_threads_follow_the_pieces_of_the_work():
     assert useful_threads("index_capture", SIZE) == 4
     assert [useful_threads("trace_irradiance", replace(SIZE, frames=n)) for n in (2, 12, 64, 500)] == [2, 3, 16, 16]
