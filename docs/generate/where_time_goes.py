@@ -53,8 +53,8 @@ within the transfer, is counted once, where it is named.
 FRAME = """
 ## What training holds of a frame
 
-Every frame that training comes back to stays in memory: its record, and what its first visit makes of it. Images do
-not: a step reads its own from memory-mapped shards, whose pages the system gives back when it needs them.
+Of frames that training comes back to it keeps as many as `training_cache_mb` allows: their records, and what a first
+visit makes of them. Images are read as steps need them, from memory-mapped shards whose pages are given back at once.
 """
 
 LIMITS = """
