@@ -14,6 +14,9 @@ class CalibrateColor(Settings):
     saturation: float = Field(
         0.99, gt=0, description="Stored value from which a pixel counts as saturated [largest count; 1 for .exr]"
     )
+    largest_nonlinearity: float = Field(
+        0.02, gt=0, lt=1, description="Departure from a line up to which a sensor's counts are linear, relative"
+    )
     least_patches: int = Field(9, ge=3, le=24, description="Patches without which a camera is refused [patches]")
     good_residual: float = Field(
         0.02, gt=0, description="Residual over the brightest patch up to which a patch, and a camera, are called good"

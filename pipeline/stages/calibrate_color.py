@@ -12,8 +12,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,16 +22,17 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints
 from pipeline.base.files import read_json, read_table, write_json, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
-from pipeline.calibration.color.color_chart import PATCHES, Patches, find_chart, measure_patches, place_chart
+from pipeline.calibration.color.chart_images import ChartFormat, MeasuredChart, measure_chart, read_linearity
+from pipeline.calibration.color.color_chart import PATCHES
 from pipeline.calibration.color.color_response import Response, corrections, fit_response
-from pipeline.calibration.color.color_verdicts import Flaw, light_flaws, patch_flaws, response_flaws
-from pipeline.capture.archives import read_bytes
-from pipeline.capture.images import decode_image, decode_stored
+from pipeline.calibration.color.color_verdicts import Flaw, black_flaws, light_flaws, patch_flaws, response_flaws
+from pipeline.calibration.color.sensor_linearity import Linearity
 from pipeline.config.calibrate_color import CalibrateColor
 
 log = logging.getLogger("calibrate_color")
 
 RESIDUAL_COLUMNS = ["camera", "patch", "r", "g", "b", "residual_r", "residual_g", "residual_b", "weight", "used"]
+QUALITY_COLUMNS = ["camera", "patches", "residual", "sigma", "linear_up_to", "black_level"]
 CORNER_COLUMNS = [f"{axis}{corner}" for corner in range(4) for axis in "xy"]
 
 
@@ -43,7 +44,7 @@ def run(
     Args:
         capture: folder of the capture.
         index: folder that index_capture wrote.
-        out: folder to write color.json, residuals_color.parquet and verdicts_color.csv to.
+        out: folder to write color.json, residuals_color.parquet, quality_color.parquet and verdicts_color.csv to.
         threads: images searched at a time.
     """
     calibration = read_json(index / "calibration_color.json")
@@ -51,24 +52,30 @@ def run(
     if calibration["method"] == "known":
         log.info("taken as they are given: the colour matrices of %d cameras", len(names))
         given = {name: np.asarray(calibration["cameras"][name], np.float64) for name in names}
-        write(out, given, {}, [Verdict("color", name, "good", "given, not calibrated here") for name in names])
+        write(out, given, {}, {}, [Verdict("color", name, "good", "given, not calibrated here") for name in names])
         return
     if calibration["method"] == "none":
-        write(out, {name: np.eye(3) for name in names}, {}, [])
+        write(out, {name: np.eye(3) for name in names}, {}, {}, [])
         return
     black_level = read_json(index / "capture.json")["images"]["black_level"]
     paths = {entry["camera"]: capture / entry["path"] for entry in calibration["images"]}
     values = np.asarray(calibration["patches"], np.float64)
     check(capture, paths, names, values)
 
-    def measure(name: str) -> Measured:
+    form = ChartFormat.from_index(calibration, black_level)
+    sensors = measure_sensors(capture, calibration, form, settings)
+
+    def measure(name: str) -> MeasuredChart:
         corners = calibration.get("corners", {}).get(name)
-        return measure_chart(paths[name], calibration["transfer"], black_level, corners, settings)
+        limit = sensors[name].up_to if name in sensors else float("nan")
+        return measure_chart(paths[name], form, corners, limit, settings)
 
     with ThreadPoolExecutor(threads) as pool:
         measured = dict(zip(names, pool.map(measure, names), strict=True))
     flaws = {name: patch_flaws(m.patches, m.saturated_share, settings) for name, m in measured.items()}
-    responses = {name: fit_response(measured[name].patches, values) for name in names if not flaws[name]}
+    for name, sensor in sensors.items():
+        flaws[name] += black_flaws(sensor, form)
+    responses = {name: fit_response(measured[name].patches, values) for name in names if not is_failed(flaws[name])}
     for name, response in responses.items():
         flaws[name] += response_flaws(response, settings)
     sound = {name: response for name, response in responses.items() if not is_failed(flaws[name])}
@@ -78,7 +85,7 @@ def run(
     verdicts = [judge(name, flaws[name], responses.get(name), matrices.get(name)) for name in names]
     log_verdicts(log, verdicts)
     refuse(capture, paths, flaws)
-    write(out, matrices, responses, verdicts)
+    write(out, matrices, responses, sensors, verdicts)
 
 
 def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.ndarray) -> None:
@@ -97,25 +104,21 @@ def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.nd
     complaints.raise_if_any()
 
 
-@dataclass(frozen=True)
-class Measured:
-    """Chart as one image shows it: None if it was not found, and the saturated share."""
-
-    patches: Patches | None
-    saturated_share: float
-
-
-def measure_chart(
-    path: Path, transfer: str, black_level: float, corners: list[list[float]] | None, settings: CalibrateColor
-) -> Measured:
-    """Find the chart in an image, unless its corners (pixels) are given; measure its patches."""
-    content = read_bytes(path)
-    stored, image = decode_stored(content, path), decode_image(content, path, transfer, black_level)
-    full = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1.0
-    saturated = (stored >= settings.saturation * full).any(-1)
-    squares = find_chart(image) if corners is None else place_chart(np.array(corners, np.float64))
-    patches = None if squares is None else measure_patches(image, saturated, squares, settings.patch_interior)
-    return Measured(patches, float(saturated.mean()))
+def measure_sensors(
+    capture: Path, calibration: Mapping[str, Any], form: ChartFormat, settings: CalibrateColor
+) -> dict[str, Linearity]:
+    """Linearity of each sensor of which there is a series of exposures that tells."""
+    found = {}
+    for camera in sorted({entry["camera"] for entry in calibration.get("exposures", [])}):
+        entries = [entry for entry in calibration["exposures"] if entry["camera"] == camera]
+        linearity = read_linearity(capture, entries, form, settings.largest_nonlinearity)
+        if linearity is None:
+            log.warning("%s: the series of exposures does not show where the sensor stops being linear: it needs "
+                        "the same pixels dark in one image and bright in another", camera)  # fmt: skip
+        else:
+            log.info("%s: %s (to %.1f %%)", camera, linearity, 100 * settings.largest_nonlinearity)
+            found[camera] = linearity
+    return found
 
 
 def is_failed(flaws: list[Flaw]) -> bool:
@@ -169,12 +172,27 @@ def residual_table(responses: Mapping[str, Response]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+def quality_table(responses: Mapping[str, Response], sensors: Mapping[str, Linearity]) -> pd.DataFrame:
+    """One row per camera, in the columns `QUALITY_COLUMNS`.
+
+    NaN where there is no series of exposures.
+    """
+    rows = [
+        (name, int(r.patches.used.sum()), float(np.nanmedian(r.relative_residual())), r.relative_sigma(),
+         sensors[name].up_to if name in sensors else np.nan, sensors[name].black_level if name in sensors else np.nan)
+        for name, r in responses.items()
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=QUALITY_COLUMNS)
+
+
 def write(
-    out: Path, matrices: Mapping[str, np.ndarray], responses: Mapping[str, Response], verdicts: list[Verdict]
-) -> None:
+    out: Path, matrices: Mapping[str, np.ndarray], responses: Mapping[str, Response], sensors: Mapping[str, Linearity],
+    verdicts: list[Verdict],
+) -> None:  # fmt: skip
     """All outputs of the stage."""
     write_json(out / "color.json", {"cameras": {name: matrix.tolist() for name, matrix in matrices.items()}})
     write_table(out / "residuals_color.parquet", residual_table(responses))
+    write_table(out / "quality_color.parquet", quality_table(responses, sensors))
     write_table(out / "verdicts_color.csv", verdict_table(verdicts))
 
 

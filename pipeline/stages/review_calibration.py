@@ -19,9 +19,9 @@ from pipeline.base.command import run_as_command
 from pipeline.base.files import write_table
 from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.base.whole_files import written_folder
+from pipeline.calibration.color.chart_images import ChartFormat
 from pipeline.calibration.lights.ball_photos import find_outlines
 from pipeline.capture.gray import read_view_gray
-from pipeline.capture.images import read_image
 from pipeline.config.review_calibration import ReviewCalibration
 from pipeline.figures.balls import BallView, draw_balls, read_ball_view
 from pipeline.figures.calibration import PATCH_CORNERS, Calibration, read_calibration, residual_table
@@ -154,7 +154,7 @@ def show_charts(
     paths = {entry["camera"]: capture / entry["path"] for entry in found.charts["images"]}
 
     def read(name: str) -> Chart:
-        image = read_image(paths[name], found.charts["transfer"], found.black_level)
+        image = ChartFormat.from_index(found.charts, found.black_level).read(paths[name])
         centers = tables[name][PATCH_CORNERS].to_numpy(np.float64).reshape(-1, 4, 2).mean(1)
         return Chart(name, upright(image, centers), colors[name], found.corrections[name])
 

@@ -16,7 +16,7 @@ OUTPUTS = {
     "synthesize_capture": ["capture.yaml"],
     "index_capture": [*(f"{name}.parquet" for name in INDEX), *(f"{name}.json" for name in INDEX_JSON)],
     "calibrate_cameras": ["rig.json", "residuals_cameras.parquet", "quality_cameras.parquet", "verdicts_cameras.csv"],
-    "calibrate_color": ["color.json", "residuals_color.parquet", "verdicts_color.csv"],
+    "calibrate_color": ["color.json", "residuals_color.parquet", "quality_color.parquet", "verdicts_color.csv"],
     "calibrate_lights": ["lights.parquet", "cameras.json", "residuals_lights.parquet", "verdicts_lights.csv"],
     "book_patterns": ["patterns.parquet", "frames.parquet", "sync.json", "sync.png"],
     "track_mesh": ["{chunk}.safetensors", "{chunk}.parquet"],

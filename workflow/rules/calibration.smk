@@ -38,6 +38,7 @@ rule calibrate_color:
     output:
         color="results/{subject}/calibration/color.json",
         residuals="results/{subject}/calibration/residuals_color.parquet",
+        quality="results/{subject}/calibration/quality_color.parquet",
         verdicts="results/{subject}/calibration/verdicts_color.csv",
     log:
         "results/{subject}/logs/calibrate_color.log",

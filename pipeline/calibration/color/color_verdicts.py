@@ -9,8 +9,10 @@ from typing import Literal
 import numpy as np
 
 from pipeline.base.errors import listed
+from pipeline.calibration.color.chart_images import ChartFormat
 from pipeline.calibration.color.color_chart import LEAST_PIXELS, PATCHES, Patches
 from pipeline.calibration.color.color_response import Response
+from pipeline.calibration.color.sensor_linearity import BLACK_SHARE, Linearity
 from pipeline.config.calibrate_color import CalibrateColor
 
 MOST_DIRTY = 4
@@ -31,6 +33,15 @@ class Flaw:
 
     def __str__(self) -> str:
         return f"expected {self.expected}, found {self.found}; {self.hint}"
+
+
+def black_flaws(sensor: Linearity, form: ChartFormat) -> list[Flaw]:
+    """Flaw of a black level that is not the one a series of exposures shows."""
+    given = float(np.mean(form.black_level))
+    if not abs(sensor.black_level - given) > BLACK_SHARE * sensor.full:
+        return []
+    hint = "correct black_level, of calibration.color or of images; was the series exposed as its table says?"
+    return [Flaw("weak", f"a black level of {given:g}", f"{sensor.black_level:.3g} by the series of exposures", hint)]
 
 
 def patch_flaws(patches: Patches | None, saturated_share: float, settings: CalibrateColor) -> list[Flaw]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,12 @@ from pipeline.capture.schema.capture_yaml import ChartColor, KnownColor, NoColor
 
 CORNER_COLUMNS: Mapping[str, Kind] = {"camera": "name", "corner": "whole", "x": "number", "y": "number"}
 
+EXPOSURE_COLUMNS: Mapping[str, Kind] = {"camera": "name", "path": "text", "exposure_s": "number"}
+
 CORNERS = 4
+
+FEWEST_EXPOSURES = 2
+"""One exposure predicts another."""
 
 
 def find_color_calibration(
@@ -42,8 +47,32 @@ def find_color_calibration(
     digest = digest_file(root / section.patches) if patches is not None else None
     corners = read_corners_csv(root, section.corners, list(cameras["camera"]), complaints) if section.corners else {}
     content = {"method": section.method, "transfer": section.transfer, "images": images, "corners": corners}
-    expected = [ExpectedImage(image["path"], "color", image["camera"], None) for image in images]
-    return {**content, "patches": patches, "patches_digest": digest}, expected
+    content |= {"patches": patches, "patches_digest": digest, "mosaic": section.mosaic}
+    content |= {"black_level": section.black_level, "exposures": []}
+    if section.exposures is not None:
+        content["exposures"] = read_exposures_csv(root, section.exposures, list(cameras["camera"]), complaints)
+    kind: Literal["color", "pattern"] = "color" if section.mosaic is None else "pattern"
+    shown = images + content["exposures"]
+    return content, [ExpectedImage(image["path"], kind, image["camera"], None) for image in shown]
+
+
+def read_exposures_csv(root: Path, path: str, cameras: Collection[str], complaints: Complaints) -> list[dict[str, Any]]:
+    """Camera, path and exposure_s of each image of a series of exposures.
+
+    A camera may have none.
+    """
+    table = read_csv(root, path, EXPOSURE_COLUMNS, complaints)
+    if table is None:
+        return []
+    complain_unknown(complaints, path, "camera", table["camera"], cameras, "the table of cameras")
+    complain_repeats(complaints, path, table, ["path"])
+    if (bad := ~(table["exposure_s"] > 0)).any():
+        complain_rows(complaints, path, "exposure_s", bad, "more than 0 seconds", table["exposure_s"])
+    for camera, rows in table.groupby("camera"):
+        if (count := rows["exposure_s"].nunique()) < FEWEST_EXPOSURES:
+            expected = f"at least {FEWEST_EXPOSURES} exposure times"
+            complaints.add(path, f"{camera}: exposure_s", expected=expected, found=str(count))
+    return [{"camera": row.camera, "path": row.path, "exposure_s": float(row.exposure_s)} for row in table.itertuples()]
 
 
 def read_color_matrices(

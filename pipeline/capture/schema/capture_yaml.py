@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from pipeline.capture.mosaic import Mosaic
 from pipeline.capture.schema.camera_schema import BoardCameras, CharucoCameras, KnownCameras
 from pipeline.capture.schema.given_schema import Imported, Meshes
 from pipeline.capture.schema.image_schema import Images, Masks
@@ -72,6 +73,19 @@ class ChartColor(Section):
         None,
         description="csv: camera, corner, x, y; where the chart lies, for cameras in which it is not found by itself: "
         "corners 0 to 3 are the outermost of patches 1, 6, 24 and 19, image pixels",
+    )
+    mosaic: Mosaic | None = Field(
+        None,
+        description="images of the chart are raw mosaics of one channel: the colours of the first two pixels, then of "
+        "those below; left out: three channels",
+    )
+    black_level: float | None = Field(
+        None, ge=0, description="stored value of no light in images of the chart; left out: that of images"
+    )
+    exposures: CsvPath | None = Field(
+        None,
+        description="csv: camera, path, exposure_s; images of one scene at several exposure times, stored as those of "
+        "the chart: the count from which a sensor is not linear is found from them",
     )
 
 

@@ -1,0 +1,120 @@
+"""Images of charts as they are stored, raw mosaics among them, and their sensors' linearity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+
+from pipeline.base.color import linear_from_srgb
+from pipeline.base.errors import InputError
+from pipeline.calibration.color.color_chart import Patches, find_chart, measure_patches, place_chart
+from pipeline.calibration.color.sensor_linearity import Linearity, measure_linearity
+from pipeline.capture.archives import read_bytes
+from pipeline.capture.images import BlackLevel, Transfer, decode_image, decode_stored
+from pipeline.capture.mosaic import Mosaic, spread_cells
+from pipeline.config.calibrate_color import CalibrateColor
+
+
+@dataclass(frozen=True)
+class ChartFormat:
+    """How images of charts store light.
+
+    Attributes:
+        transfer: how stored values relate to light.
+        black_level: stored value of no light.
+        mosaic: colours of a raw mosaic's pixels; None: images have three channels.
+    """
+
+    transfer: Transfer
+    black_level: BlackLevel
+    mosaic: Mosaic | None = None
+
+    @classmethod
+    def from_index(cls, calibration: Mapping[str, Any], images_black_level: BlackLevel) -> ChartFormat:
+        """The format that calibration_color.json describes; the black level is the images' where it says none."""
+        own = calibration.get("black_level")
+        return cls(
+            calibration["transfer"], images_black_level if own is None else float(own), calibration.get("mosaic")
+        )
+
+    def read(self, path: Path) -> Float32[np.ndarray, "h w 3"]:
+        """An image of a chart as linear RGB, at the size it is stored in."""
+        content = read_bytes(path)
+        if self.mosaic is None:
+            return decode_image(content, path, self.transfer, self.black_level)
+        stored = decode_stored(content, path)
+        light = (spread_cells(stored, self.mosaic, path) - np.float32(self.black_level)) / np.float32(
+            full_scale(stored)
+        )
+        return linear_from_srgb(light) if self.transfer == "srgb" else light
+
+
+def full_scale(stored: np.ndarray) -> float:
+    """Largest count that an image can store; 1 for floats."""
+    return float(np.iinfo(stored.dtype).max) if stored.dtype.kind == "u" else 1.0
+
+
+@dataclass(frozen=True)
+class MeasuredChart:
+    """Chart as one image shows it.
+
+    Attributes:
+        image: linear RGB.
+        patches: None if no chart was found.
+        saturated_share: of all pixels.
+    """
+
+    image: Float32[np.ndarray, "h w 3"]
+    patches: Patches | None
+    saturated_share: float
+
+
+def measure_chart(
+    path: Path, form: ChartFormat, corners: list[list[float]] | None, limit: float, settings: CalibrateColor
+) -> MeasuredChart:
+    """Find the chart in an image, unless its corners (pixels) are given; measure its patches.
+
+    Args:
+        limit: stored value from which the sensor is not linear; NaN if that is not known.
+    """
+    image = form.read(path)
+    saturated = saturated_pixels(decode_stored(read_bytes(path), path), limit, settings)
+    saturated = saturated[: image.shape[0], : image.shape[1]]
+    squares = find_chart(image) if corners is None else place_chart(np.array(corners, np.float64))
+    patches = None if squares is None else measure_patches(image, saturated, squares, settings.patch_interior)
+    return MeasuredChart(image, patches, float(saturated.mean()))
+
+
+def saturated_pixels(stored: np.ndarray, limit: float, settings: CalibrateColor) -> Bool[np.ndarray, "h w"]:
+    """Pixels of which some channel is clipped or no longer linear."""
+    highest = float(np.nanmin([settings.saturation * full_scale(stored), limit]))
+    return (stored >= highest).any(-1) if stored.ndim == 3 else stored >= highest
+
+
+def read_linearity(
+    capture: Path, entries: Sequence[Mapping[str, Any]], form: ChartFormat, tolerance: float
+) -> Linearity | None:
+    """Linearity of a sensor from a series of exposures of one scene.
+
+    Args:
+        entries: path and exposure_s of each image.
+
+    Raises:
+        InputError: if images cannot be read or differ in size.
+    """
+    stored = [decode_stored(read_bytes(capture / entry["path"]), capture / entry["path"]) for entry in entries]
+    if len({(image.shape, image.dtype) for image in stored}) > 1:
+        found = sorted({f"{image.shape} {image.dtype}" for image in stored})
+        raise InputError(
+            f"{capture / entries[0]['path']}: expected images of one size and depth in a series of exposures, found "
+            f"{' and '.join(found)}"
+        )
+    counts: Float64[np.ndarray, "exposures pixels"] = np.stack([image.ravel() for image in stored]).astype(np.float64)
+    full = full_scale(stored[0]) if stored[0].dtype.kind == "u" else float(counts.max())
+    seconds = np.array([entry["exposure_s"] for entry in entries], np.float64)
+    return measure_linearity(counts, seconds, float(np.mean(form.black_level)), full, tolerance)
