@@ -19,8 +19,8 @@ def spread_cells(
 ) -> Float32[np.ndarray, "H W 3"]:
     """RGB of each cell of 2 x 2 pixels, at all four of them.
 
-    Values are as stored, green is the mean of the two. Nothing is interpolated between cells: a patch of a chart keeps its colours, and all pixels their places. A last row
-    or column that has no partner is left out.
+    Values are as stored, green is the mean of the two. Nothing is interpolated between cells: a patch of
+    a chart keeps its colours, and all pixels their places. A last row or column that has no partner is left out.
 
     Raises:
         InputError: if the image has more than one channel.

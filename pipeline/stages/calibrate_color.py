@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints
@@ -25,15 +24,13 @@ from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.color.chart_images import ChartFormat, MeasuredChart, measure_chart, read_linearity
 from pipeline.calibration.color.color_chart import PATCHES
 from pipeline.calibration.color.color_response import Response, corrections, fit_response
+from pipeline.calibration.color.color_tables import quality_table, residual_table
 from pipeline.calibration.color.color_verdicts import Flaw, black_flaws, light_flaws, patch_flaws, response_flaws
 from pipeline.calibration.color.sensor_linearity import Linearity
 from pipeline.config.calibrate_color import CalibrateColor
+from pipeline.figures.refused_chart import draw_refused_chart
 
 log = logging.getLogger("calibrate_color")
-
-RESIDUAL_COLUMNS = ["camera", "patch", "r", "g", "b", "residual_r", "residual_g", "residual_b", "weight", "used"]
-QUALITY_COLUMNS = ["camera", "patches", "residual", "sigma", "linear_up_to", "black_level"]
-CORNER_COLUMNS = [f"{axis}{corner}" for corner in range(4) for axis in "xy"]
 
 
 def run(
@@ -84,7 +81,8 @@ def run(
     matrices = corrections({name: response.matrix for name, response in sound.items()}) if sound else {}
     verdicts = [judge(name, flaws[name], responses.get(name), matrices.get(name)) for name in names]
     log_verdicts(log, verdicts)
-    refuse(capture, paths, flaws)
+    draw_refused(out, measured, responses, flaws, settings)
+    refuse(capture, out, paths, flaws)
     write(out, matrices, responses, sensors, verdicts)
 
 
@@ -140,7 +138,27 @@ def judge(name: str, flaws: list[Flaw], response: Response | None, matrix: np.nd
     return Verdict("color", name, grade, "; ".join(reason for reason in reasons if reason))
 
 
-def refuse(capture: Path, paths: Mapping[str, Path], flaws: Mapping[str, list[Flaw]]) -> None:
+def draw_refused(
+    out: Path, measured: Mapping[str, MeasuredChart], responses: Mapping[str, Response],
+    flaws: Mapping[str, list[Flaw]], settings: CalibrateColor,
+) -> None:  # fmt: skip
+    """Draw the chart of each camera that is refused, and delete such pictures of earlier runs."""
+    for name, chart in measured.items():
+        path = refused_picture(out, name)
+        path.unlink(missing_ok=True)
+        if is_failed(flaws[name]):
+            found = responses[name].patches if name in responses else chart.patches
+            fits = np.zeros(PATCHES, bool) if name not in responses else ~responses[name].odd(settings.largest_residual)
+            used = found.used if found is not None else fits
+            draw_refused_chart(path, chart.image, None if found is None else found.corners, used, fits)
+
+
+def refused_picture(out: Path, camera: str) -> Path:
+    """Picture of the chart of a camera that is refused."""
+    return out / f"refused_color_{camera}.png"
+
+
+def refuse(capture: Path, out: Path, paths: Mapping[str, Path], flaws: Mapping[str, list[Flaw]]) -> None:
     """Refuse cameras whose colours stay unknown.
 
     Raises:
@@ -151,38 +169,9 @@ def refuse(capture: Path, paths: Mapping[str, Path], flaws: Mapping[str, list[Fl
         for flaw in found:
             if flaw.grade == "failed":
                 key, file = f"camera {name}", paths[name].relative_to(capture)
-                complaints.add(file, key, expected=flaw.expected, found=flaw.found, hint=flaw.hint)
+                hint = f"{flaw.hint}; see {refused_picture(out, name)}"
+                complaints.add(file, key, expected=flaw.expected, found=flaw.found, hint=hint)
     complaints.raise_if_any()
-
-
-def residual_table(responses: Mapping[str, Response]) -> pd.DataFrame:
-    """One row per camera and patch (from 1, as in the chart's csv).
-
-    Columns: camera, patch; r, g, b: raw linear colour, NaN where unused; residual_r, ...: raw minus fitted; weight;
-    used; x0, y0, ... x3, y3: corners of the square in the middle of the patch, image pixels.
-    """
-    parts = [pd.DataFrame(columns=RESIDUAL_COLUMNS + CORNER_COLUMNS)] if not responses else []
-    for name, response in responses.items():
-        patches = response.patches
-        columns = [*patches.color.T, *response.residual.T, response.weight, patches.used]
-        columns += [*patches.corners.reshape(PATCHES, 8).T]
-        part = pd.DataFrame(dict(zip(RESIDUAL_COLUMNS[2:] + CORNER_COLUMNS, columns, strict=True)))
-        part = part.assign(camera=name, patch=np.arange(1, PATCHES + 1))
-        parts.append(part[RESIDUAL_COLUMNS + CORNER_COLUMNS])
-    return pd.concat(parts, ignore_index=True)
-
-
-def quality_table(responses: Mapping[str, Response], sensors: Mapping[str, Linearity]) -> pd.DataFrame:
-    """One row per camera, in the columns `QUALITY_COLUMNS`.
-
-    NaN where there is no series of exposures.
-    """
-    rows = [
-        (name, int(r.patches.used.sum()), float(np.nanmedian(r.relative_residual())), r.relative_sigma(),
-         sensors[name].up_to if name in sensors else np.nan, sensors[name].black_level if name in sensors else np.nan)
-        for name, r in responses.items()
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=QUALITY_COLUMNS)
 
 
 def write(

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import logging
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
+from pipeline.capture.images import read_stored
 from pipeline.config.calibrate_color import CalibrateColor
+from pipeline.figures.refused_chart import ODD
 from pipeline.stages.calibrate_color import run
 from tests.support.drawings.chart import (
     VALUES,
+    WIDTH,
     camera_responses,
+    chart_pixels,
     corners_of_chart,
     draw_chart,
     errors_of_corrections,
@@ -42,7 +47,9 @@ def verdict(folder):
 def refused(paths, caplog, settings=None):
     with caplog.at_level(logging.INFO), pytest.raises(InputError) as caught:
         run(**paths, settings=settings or CalibrateColor())
-    assert not paths["out"].exists()
+    # Nothing but a picture of what was refused.
+    assert [path.name for path in paths["out"].iterdir()] == ["refused_color_cam1.png"]
+    assert str(paths["out"] / "refused_color_cam1.png") in str(caught.value)
     assert "color cam1: failed: " in caplog.text
     assert "color cam0: failed: " not in caplog.text
     return str(caught.value)
@@ -102,6 +109,44 @@ def test_a_chart_not_found_asks_for_its_corners(tmp_path, caplog):
     message = refused(write_capture(tmp_path, lambda _: np.full((100, 120, 3), 0.2, np.float32)), caplog)
     assert "cam1.exr: camera cam1: expected a 24-patch chart, found none; " in message
     assert "calibration.color.corners" in message
+
+
+def hidden(left, right):
+    """A hand in front of the columns between."""
+
+    def change(response):
+        image = draw_chart(response)
+        corners = chart_pixels((left, -0.5), (right, -0.5), (right, 4.5), (left, 4.5))
+        return cv2.fillConvexPoly(image, np.round(corners).astype(np.int32), (0.4, 0.25, 0.2))
+
+    return change
+
+
+@pytest.mark.parametrize("columns", [(-0.5, 3), (3, 6.5)], ids=["left half", "right half"])
+def test_a_chart_half_hidden_is_refused_with_a_picture(tmp_path, caplog, columns):
+    """The picture crosses patches out: there is orange in the hidden half."""
+    paths = write_capture(tmp_path, hidden(*columns))
+    message = refused(paths, caplog)
+    assert "is part of it hidden" in message
+    picture = read_stored(paths["out"] / "refused_color_cam1.png")
+    left, right = np.clip(columns, 0, 6)
+    half = chart_pixels((left, 0), (left, 4), (right, 4), (right, 0)) * picture.shape[1] / WIDTH
+    inside = cv2.fillConvexPoly(np.zeros(picture.shape[:2], np.uint8), np.round(half).astype(np.int32), 1)
+    orange = (np.abs(picture.astype(int) - ODD) < 10).all(-1)
+    assert orange[inside > 0].sum() > 500
+
+
+def test_a_third_of_a_chart_hidden_is_calibrated_and_named(case, tmp_path):
+    run(**write_capture(tmp_path, hidden(4, 6.5)))
+    assert verdict(tmp_path).grade == "weak"
+    assert "at patches 5, 6, 11, 12, 17 ... (8 in all)" in verdict(tmp_path).reason
+    case.check(max(errors_of_corrections(tmp_path, PLANTED).values()), TOLERANCE)
+
+
+def test_pictures_of_refused_charts_go_once_the_chart_is_sound(tmp_path, caplog):
+    refused(write_capture(tmp_path, hidden(3, 6.5)), caplog)
+    run(**write_capture(tmp_path, draw_chart))
+    assert not list((tmp_path / "out").glob("refused_*"))
 
 
 def behind_wires(response):

@@ -22,7 +22,7 @@ from pipeline.config.calibrate_color import CalibrateColor
 
 @dataclass(frozen=True)
 class ChartFormat:
-    """How images of charts store light.
+    """Format in which images of charts store light.
 
     Attributes:
         transfer: how stored values relate to light.
@@ -36,7 +36,10 @@ class ChartFormat:
 
     @classmethod
     def from_index(cls, calibration: Mapping[str, Any], images_black_level: BlackLevel) -> ChartFormat:
-        """The format that calibration_color.json describes; the black level is the images' where it says none."""
+        """The format that calibration_color.json describes.
+
+        The black level is that of the subject's images where it says none.
+        """
         own = calibration.get("black_level")
         return cls(
             calibration["transfer"], images_black_level if own is None else float(own), calibration.get("mosaic")

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from pipeline.calibration.color.color_chart import COLUMNS, PATCHES, ROWS, Patches
 from pipeline.geometry.least_squares import solve_least_squares
@@ -45,6 +45,10 @@ class Response:
         Root mean square over the channels.
         """
         return np.sqrt((self.residual**2).mean(1)) / np.nanmax(self.patches.color)
+
+    def odd(self, largest: float) -> Bool[np.ndarray, " 24"]:
+        """Patches in use whose relative residual is larger: they show something else."""
+        return np.nan_to_num(self.relative_residual()) > largest
 
     def relative_sigma(self) -> float:
         """Standard deviation of the matrix's least certain entry.

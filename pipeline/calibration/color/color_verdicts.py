@@ -18,6 +18,9 @@ from pipeline.config.calibrate_color import CalibrateColor
 MOST_DIRTY = 4
 """Patches that dirt or a reflection may spoil; more that do not fit have a common cause."""
 
+MOST_HIDDEN = 8
+"""Patches of 24 that something may hide: with more, what hides them may fit as well as the chart does."""
+
 GLARING_SHARE = 0.01
 """Share of saturated pixels in an image without a chart from which the exposure is worth a mention."""
 
@@ -69,8 +72,15 @@ def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
     median = float(np.nanmedian(residual))
     if median > settings.largest_residual:
         expected = f"patches that fit the chart's values to {settings.largest_residual:.1%} of the brightest"
-        hint = "is it the chart that patches describes, is transfer right, are the corners in order?"
+        hint = (
+            "is it the chart that patches describes, is part of it hidden, is transfer right, are the corners in order?"
+        )
         return [Flaw("failed", expected, f"{median:.1%} (median)", hint)]
+    hidden = 1 + np.flatnonzero(response.odd(settings.largest_residual))
+    if len(hidden) > MOST_HIDDEN:
+        expected = f"a chart of which at most {MOST_HIDDEN} patches show something else"
+        hint = "is part of it hidden or out of the image?"
+        return [Flaw("failed", expected, f"{len(hidden)}: {listed(hidden)}", hint)]
     if sigma > settings.largest_sigma:
         expected = f"a response known to {settings.largest_sigma:.1%}"
         hint = "the patches that are left are of too few hues: expose less, or record without noise"
