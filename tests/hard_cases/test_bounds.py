@@ -98,4 +98,5 @@ def test_shadow_of_all_and_of_no_light(case: HardCase, share: float) -> None:
     kept = SHARE_CEILING if share else SHARE_FLOOR
     # d sigmoid = s (1 - s), once per texel.
     case.check(worst(factor, np.full(64, kept)), FLOAT32, worst(slopes[0], [64 * kept * (1 - kept)]), 1e-5)
-    case.naive_fails(torch.logit(texels).abs().max())
+    naive = torch.sigmoid(torch.logit(texels, eps=1e-6))  # guarded, as PyTorch offers: too far out to learn from
+    case.naive_fails(worst((naive * (1 - naive)).sum(), 64 * kept * (1 - kept)), "gradient")

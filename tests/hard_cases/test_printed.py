@@ -51,7 +51,7 @@ def test_printed_bound(case: HardCase, value: float) -> None:
     case.check(
         worst(loss, expected, float(max(expected, 1))), FLOAT32, worst(slope, by_v, float(max(abs(by_v), 1))), FLOAT32
     )
-    if value < PRINTED_FLOOR:
+    if 0 < value < PRINTED_FLOOR:
         number = torch.tensor(value, requires_grad=True)
         (naive,) = torch.autograd.grad(torch.where(number < low, 1 / number, number), number)
         case.naive_fails(naive.abs(), "gradient")
@@ -74,8 +74,8 @@ def test_gaze_behind_closed_lids_for_the_decoders_of_a_head(case: HardCase, clos
         float(not all(s.isfinite().all() for s in slopes)),
         0,
     )
-    if closed != "nothing":
-        case.naive_fails(features.layers[1](one / one.norm()).detach().abs().max())
+    if closed == "no end":  # which has a length that is no number to divide by
+        case.naive_fails(features.layers[1](torch.nn.functional.normalize(one, dim=0)).detach().abs().max())
 
 
 @pytest.mark.parametrize("closed", CLOSED)
@@ -176,7 +176,8 @@ def test_shadow_layer_of_texels_that_no_lamp_is_above(case: HardCase) -> None:
         away = (frame.surface.bent_normals[:, 2] > 0.3).numpy()
         dark = frame.shading.diffuse.sum(-1)
     case.check(worst(shadow[away], np.ones(away.sum())), 0)
-    case.naive_fails((dark / dark)[away].max())
+    naive = (dark / (dark + 1e-8))[away]  # guarded, as it is usually written: black
+    case.naive_fails(worst(naive, np.ones(len(naive))))
 
 
 def test_no_turn_is_asked_of_a_gaze_that_is_none(case: HardCase) -> None:

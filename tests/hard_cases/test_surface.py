@@ -87,9 +87,9 @@ def test_triangle_without_area_in_the_map(case: HardCase) -> None:
     assert len(rasterize_faces(uv[None].astype(np.float32), 8).face) == 0
     edge1, edge2 = uv[1] - uv[0], uv[2] - uv[0]
     case.check(worst(abs(weights.sum()) + abs(np.abs(weights).max() - 1), 0.0), EXACT)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        determinant = np.float64(edge1[0] * edge2[1] - edge1[1] * edge2[0])
-        case.naive_fails(1 / determinant * edge2[1])
+    area = np.float32(edge1[0] * edge2[1] - edge1[1] * edge2[0]) + np.float32(1e-8)  # as guards are usually written
+    naive = np.array([edge1[1] - edge2[1], edge2[1], -edge1[1]]) / area
+    case.naive_fails(abs(naive.sum()) + abs(np.abs(naive).max() - 1))
 
 
 @pytest.mark.parametrize("thin", [1e-3, 1e-6, 0.0])
@@ -106,7 +106,8 @@ def test_triangle_nearly_without_area_on_the_surface(case: HardCase, thin: float
     if not thin:
         at = torch.tensor(vertices, dtype=torch.float32, requires_grad=True)
         normal = torch.linalg.cross(at[1] - at[0], at[2] - at[0])
-        case.naive_fails((normal / normal.norm()).detach().abs().max())
+        # PyTorch's own keeps zero from being divided by zero: a frame without a normal.
+        case.naive_fails(abs(float(torch.nn.functional.normalize(normal, dim=0).detach().norm()) - 1))
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-42, 1e-30, 1e30])
@@ -122,7 +123,8 @@ def test_unit_vectors_beyond_the_squares_of_float32(case: HardCase, length: floa
         slopes = [((i == 0) - expected[0] * expected[i]) / norm for i in range(3)]
         case.check(gradient_error=worst(slope, slopes), gradient_bound=FLOAT32)
     assert torch.isfinite(slope).all() or 0 < length < 1e-38  # 1 / v is beyond float32 there, whatever is done
-    case.naive_fails(worst((vector / vector.norm()), expected, 1.0))
+    if length:
+        case.naive_fails(worst((vector / vector.norm()), expected, 1.0))
 
 
 def test_a_face_without_area_beside_others(case: HardCase) -> None:
@@ -142,10 +144,6 @@ def test_a_face_without_area_beside_others(case: HardCase) -> None:
         worst(normals[0], np.full(3, -1 / np.sqrt(3))), FLOAT32,
         worst(slope[2, 1], (ends[0] - ends[1]) / 2e-6), 1e-5,
     )  # fmt: skip
-    areas = area_vectors(vertices, faces)
-    with np.errstate(invalid="ignore"):
-        unit_normals = areas / np.linalg.norm(areas, axis=1, keepdims=True)
-    case.naive_fails(unit_normals.sum(0).max())
 
 
 def test_a_vertex_whose_faces_cancel(case: HardCase) -> None:
@@ -157,8 +155,8 @@ def test_a_vertex_whose_faces_cancel(case: HardCase) -> None:
     side = np.where(atlas.face < 2, 1.0, -1.0)
     assert torch.isfinite(slope).all()
     case.check(worst(frames[:, :, 2], side[:, None] * [0, 0, 1]), FLOAT32)
-    areas = torch.tensor(area_vectors(SQUARE, both)).sum(0)
-    case.naive_fails((areas / areas.norm()).abs().max())
+    smooth = torch.nn.functional.normalize(torch.tensor(area_vectors(SQUARE, both)).sum(0), dim=0)
+    case.naive_fails(worst(np.broadcast_to(smooth, (len(side), 3)), side[:, None] * [0, 0, 1]))
 
 
 def test_doubled_faces(case: HardCase) -> None:
