@@ -22,8 +22,9 @@ import trimesh
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.skin import read_template
-from pipeline.stages.book_patterns import build_model, fit_subject, measure_brightness
+from pipeline.stages.book_patterns import build_model, fit_subject, seeing_cameras
 from pipeline.sync.brightness import BrightnessModel, PatternLog
+from pipeline.sync.image_means import measure_brightness
 from pipeline.sync.sync import SyncCheck, check_sync
 from tests.support.rigs.light_stage import (
     INTERLEAVINGS,
@@ -145,7 +146,7 @@ def real_models(capture: Path, results: Path) -> tuple[BrightnessModel, np.ndarr
     rig = {name: c.downsampled(factor) for name, c in read_cameras(results / "calibration/cameras.json").items()}
     names = sorted(tables["images"].camera.unique())
     means = measure_brightness(capture, tables["images"], names, content["images"])
-    model = build_model(tables, lights, rig, fit_subject(rig, means), means)
+    model = build_model(tables, lights, rig, fit_subject(rig, means), means, seeing_cameras(means))
     template = content["template"]
     faces = read_template(capture / template["mesh"], template["scale_to_m"]).faces
     tracked = [read_arrays(path) for path in sorted((results / "tracking").glob("*.safetensors"))]

@@ -19,7 +19,10 @@ from pathlib import Path
 import pandas as pd
 
 from benchmarks.verdict import Judged
+from benchmarks.verdict_eyes import GAZE
+from benchmarks.verdict_eyes import SURVEY as BALL_SURVEY
 from benchmarks.verdict_figures import IMAGES, KEYPOINTS, MASKS, TRACKED_CAMERA, TRACKED_FRAME
+from benchmarks.verdict_images import GAIN, LEVEL, SURVEY, TRANSFER
 from benchmarks.verdict_lights import BALL, LIGHT
 from benchmarks.verdict_logs import COLOR, LOG
 from benchmarks.verdict_rigs import CAMERA
@@ -28,7 +31,8 @@ from docs.generate.markdown import put_between
 JUDGED: dict[str, Judged] = {
     "images": IMAGES, "camera": CAMERA, "ball": BALL, "light": LIGHT, "color": COLOR, "log": LOG,
     "tracked keypoints": KEYPOINTS, "tracked masks": MASKS, "tracked frame": TRACKED_FRAME,
-    "tracked camera": TRACKED_CAMERA,
+    "tracked camera": TRACKED_CAMERA, "survey, by balls": BALL_SURVEY, "survey, by brightness": SURVEY,
+    "transfer": TRANSFER, "exposure, levels": LEVEL, "exposure, changes": GAIN, "gaze": GAZE,
 }  # fmt: skip
 """Verdict -> what makes captures and asks for it."""
 

@@ -1,1 +1,1 @@
-"""Two-sphere eyes: `eye_shape` is their geometry, `eye_fit` fits it to tracked eyeballs."""
+"""Two-sphere eyes: their geometry, `eye_shape`, their fit, `eye_fit`, and `eye_verdicts`."""

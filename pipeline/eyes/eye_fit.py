@@ -127,7 +127,7 @@ def fit_eye(
             f"{name}: expected {LEAST_VERTICES} places of vertices and a frame with gaze, found {places} and "
             f"{len(tracked)}; see template.eyes and gaze in capture.yaml"
         )
-    axis, axes, gaze_rms = _axes(name, rest, tracked, gaze)
+    axis, axes, gaze_rms = tracked_axes(name, rest, tracked, gaze)
     points, axes = tracked.reshape(-1, 3), np.repeat(axes, len(rest), 0)
     ball = solve_least_squares(lambda x: _distances(x, points, axes), _sphere_through(points), LEAST_SIGMA_M)
     sigma = _sigmas(ball, len(tracked))
@@ -154,7 +154,7 @@ def fit_eye(
     return FittedEye(center, looks, shape, status, sigmas, rms, gaze_rms, vertices)
 
 
-def _axes(
+def tracked_axes(
     name: str, rest: np.ndarray, tracked: np.ndarray, gaze: np.ndarray
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "frames 3"], float]:
     """The axis at rest, the tracked axis in every frame, and its rms angle to the gaze, degrees."""

@@ -4,8 +4,9 @@ It says which LED was on in which frame, and which split a frame is in.
 
 In: the capture's index, calibrated lights and cameras, and the images themselves. What the log predicts for the
 brightness of the subject in each camera is compared with what the cameras saw (`pipeline.sync.sync`): the two
-numberings may be apart, images lost or stored twice, LEDs dead or stuck, single frames under another pattern. Out:
-patterns.parquet, frames.parquet, sync.json and a timeline, sync.png.
+numberings may be apart, images lost or stored twice, LEDs dead or stuck, single frames under another pattern. The same
+comparison judges exposures, the images' transfer function and where lights are said to be. Out: patterns.parquet,
+frames.parquet, sync.json, verdicts_patterns.csv and a timeline, sync.png.
 """
 
 from __future__ import annotations
@@ -20,22 +21,18 @@ import pandas as pd
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import read_json, read_table, write_json, write_table
-from pipeline.base.progress import progress
-from pipeline.base.verdicts import log_verdicts
-from pipeline.capture.images import ImageSource
+from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.sync.brightness import BrightnessModel, directions_from, observed_table, read_log
+from pipeline.sync.image_means import measure_brightness
+from pipeline.sync.image_verdicts import image_verdicts
+from pipeline.sync.log_alternatives import Rig
 from pipeline.sync.patterns import find_leaks, mend_patterns, synced_frames, synced_patterns
 from pipeline.sync.subject_proxy import Ellipsoid, fit_ellipsoid, shading_response
 from pipeline.sync.sync import FAULTY, UNEXPLAINED, SyncCheck, check_sync
 
 log = logging.getLogger("book_patterns")
-
-SUBJECT = 128
-"""Mask values from here on are subject: at least half of the pixel."""
-
-MEASURED = ["camera", "frame", "r", "g", "b", "x", "y", "xx", "xy", "yy"]
 
 
 def run(
@@ -48,7 +45,7 @@ def run(
         index: folder of index_capture.
         lights: lights.parquet of calibrate_lights.
         cameras: cameras.json of calibrate_lights (stage frame, sensor resolution).
-        out: folder for patterns.parquet, frames.parquet, sync.json and sync.png.
+        out: folder for patterns.parquet, frames.parquet, sync.json, verdicts_patterns.csv and sync.png.
         settings: see the flags below.
     """
     tables = {name: read_table(index / f"{name}.parquet") for name in ("frames", "patterns", "images")}
@@ -60,16 +57,22 @@ def run(
 
     means = measure_brightness(capture, tables["images"], chosen, facts)
     subject = fit_subject(rig, means)
-    model = build_model(tables, stage_lights, rig, subject, means)
+    names = seeing_cameras(means)
+    model = build_model(tables, stage_lights, rig, subject, means, names)
     check = check_sync(model, settings.max_offset_frames, settings.fault_sigma)
-    log_verdicts(log, [check.timing, *(light for light in check.lights if light.grade != "good")])
+    places = Rig(stage_lights[["x", "y", "z"]].to_numpy(np.float64), np.stack([rig[c].center for c in names]), subject)
+    verdicts = [
+        check.timing, *check.lights, *image_verdicts(model, check, means, names, places, settings.fault_sigma),
+    ]  # fmt: skip
+    log_verdicts(log, [verdict for verdict in verdicts if verdict.kind != "light" or verdict.grade != "good"])
+    write_table(out / "verdicts_patterns.csv", verdict_table(verdicts))
 
-    patterns, frames, names = tables["patterns"], tables["frames"], stage_lights.light.tolist()
+    patterns, frames, lit = tables["patterns"], tables["frames"], stage_lights.light.tolist()
     fixed = settings.on_desync == "fix" and check.verdict == FAULTY
     if fixed:
         patterns, frames = mend_patterns(patterns, frames, check.frames, check.constants)
-        names = [light for light in names if check.constants.get(light, np.ones(3)).any()]
-    synced = synced_frames(frames, tables["images"], patterns, names)
+        lit = [light for light in lit if check.constants.get(light, np.ones(3)).any()]
+    synced = synced_frames(frames, tables["images"], patterns, lit)
     found = check.frames.set_index("frame").reindex(synced.frame)
     synced["predicted"] = found["predicted" if fixed else "logged"].to_numpy()
     synced["observed"] = found.observed.to_numpy()
@@ -113,46 +116,9 @@ def complain_about(
     complaints.raise_if_any()
 
 
-def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], facts: dict) -> pd.DataFrame:
-    """Measure per image the mean of the subject, r, g, b, and where its pixels are.
-
-    The latter are the mean x, y of its pixels and their covariance xx, xy, yy.
-
-    Without masks the whole image is averaged (the background of a stage is dark), x, y is the image's centre and the
-    covariance NaN. Where some images of a camera have masks, the others get that of the nearest frame: means over the
-    subject and over whole images do not compare. Images without a finite subject pixel are left out.
-    """
-    rows, source = [], ImageSource.from_index(capture, facts)
-    chosen = images[images.camera.isin(cameras)]
-    for row, mask_path in progress(list(zip(chosen.itertuples(), nearest_masks(chosen), strict=True)), "book_patterns"):
-        image = source.read(row.path)
-        subject = np.isfinite(image).all(2)
-        masked = mask_path is not None
-        if masked:
-            subject &= source.read_mask(mask_path, image.shape) >= SUBJECT
-        if not subject.any():
-            continue
-        y, x = np.nonzero(subject)
-        covariance = np.cov(x, y, bias=True)[[0, 0, 1], [0, 1, 1]] if masked else np.full(3, np.nan)
-        color = image[subject].mean(0, dtype=np.float64)
-        rows.append((row.camera, row.frame, *color, x.mean() + 0.5, y.mean() + 0.5, *covariance))
-    return pd.DataFrame(rows, columns=MEASURED)
-
-
-def nearest_masks(images: pd.DataFrame) -> list[str | None]:
-    """Each image's mask, or that of the camera's nearest frame that has one, or None."""
-    found: dict[tuple[str, int], str] = {}
-    for camera, rows in images[images.mask_path.notna()].groupby("camera"):
-        frames, paths = rows.frame.to_numpy(), rows.mask_path.to_numpy()
-        own = images.frame[images.camera == camera].to_numpy()
-        nearest = np.abs(own[:, None] - frames[None]).argmin(1)
-        found |= {(camera, int(frame)): str(paths[k]) for frame, k in zip(own, nearest, strict=True)}
-    return [found.get((row.camera, row.frame)) for row in images.itertuples()]
-
-
 def fit_subject(rig: dict[str, Camera], means: pd.DataFrame) -> Ellipsoid:
     """The ellipsoid of the subject's mean place and size over all frames."""
-    average = means.groupby("camera")[MEASURED[5:]].mean()
+    average = means.groupby("camera")[["x", "y", "xx", "xy", "yy"]].mean()
     pixels = {camera: row[["x", "y"]].to_numpy(np.float64) for camera, row in average.iterrows()}
     spread = {camera: row[["xx", "xy", "xy", "yy"]].to_numpy(np.float64).reshape(2, 2)
               for camera, row in average.iterrows()}  # fmt: skip
@@ -173,9 +139,9 @@ def build_model(
     rig: dict[str, Camera],
     subject: Ellipsoid,
     means: pd.DataFrame,
+    names: list[str],
 ) -> BrightnessModel:
-    """The log and the images in one numbering of cameras and lights."""
-    names = seeing_cameras(means)
+    """The log and the images in one numbering of cameras, `names`, and lights."""
     frames, seen = observed_table(means, names)
     places = lights[["x", "y", "z"]].to_numpy(np.float64)
     centers = np.stack([rig[name].center for name in names])

@@ -28,6 +28,7 @@ from pipeline.calibration.lights.length_units import radius_in_rig, unit_complai
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS, measure_lights, place_in_stage
 from pipeline.calibration.lights.light_verdicts import ball_verdicts, light_verdicts, refusals, why_not_measured
 from pipeline.calibration.lights.mirror_ball import locate_ball
+from pipeline.calibration.lights.survey_verdict import survey_verdict
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
 from pipeline.geometry.rigid_alignment import Alignment, align_rigid, fit_scale
@@ -97,6 +98,9 @@ def run(
         cameras = {name: replace(c, R=c.R @ R.T, t=c.t - c.R @ R.T @ t) for name, c in cameras.items()}
     summarize(lights, table, alignment)
     verdicts = ball_verdicts(balls, seen, refused, settings) + light_verdicts(lights, settings)
+    surveyed = survey.set_index("light").loc[well.index, ["x", "y", "z"]].to_numpy(np.float64)
+    places = well[["x", "y", "z"]].to_numpy(np.float64)
+    verdicts.append(survey_verdict(places, surveyed, alignment, in_stage, settings))
     write(out, lights, cameras, table, verdicts)
 
 

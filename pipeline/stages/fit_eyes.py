@@ -1,7 +1,8 @@
-"""Tracked vertices of the eye parts and gaze in, two spheres per eye out: eyes.json.
+"""Tracked eye parts and gaze in, two spheres per eye and verdicts out: eyes.json.
 
 For each eye: where it is, how large eyeball and cornea are and where the cornea sits, in the frame of the template at
 rest, each with its standard deviation; and whether the template showed a cornea. See `pipeline.eyes.eye_fit`.
+Verdicts: on each eye, and on whether it turns as the gaze does.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays, read_table, write_json
+from pipeline.base.files import read_arrays, read_table, write_json, write_table
+from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.capture.head_data import head_motions
 from pipeline.config.fit_eyes import FitEyes
-from pipeline.eyes.eye_fit import fit_eye
+from pipeline.eyes.eye_fit import fit_eye, tracked_axes
+from pipeline.eyes.eye_verdicts import eye_verdict, gaze_verdict
 from pipeline.geometry.texels import read_atlas
 
 log = logging.getLogger("fit_eyes")
@@ -32,7 +35,7 @@ def run(
         index: folder of index_capture, for eyes.parquet and gaze.parquet.
         atlas: atlas.safetensors of unwrap_atlas, for the template at rest.
         tracking: all chunks of track_mesh.
-        out: eyes.json.
+        out: eyes.json; verdicts_eyes.csv is written beside it.
         settings: see the flags below.
     """
     eyes, gaze = read_table(index / "eyes.parquet"), read_table(index / "gaze.parquet")
@@ -45,7 +48,8 @@ def run(
     frames = np.sort(known.frame.unique())
     chosen = frames[np.linspace(0, len(frames) - 1, min(len(frames), settings.frames)).astype(np.int64)]
     log.info("%d of %d frames with a declared gaze", len(chosen), len(frames))
-    found = {}
+    found: dict[str, dict] = {}
+    verdicts: list[Verdict] = []
     for name, rows in eyes.groupby("eye"):
         vertices = np.sort(rows.vertex.to_numpy())
         if vertices[-1] >= len(rest):
@@ -55,7 +59,11 @@ def run(
         towards = np.array(list(looks.values())).reshape(-1, 3)
         eye = fit_eye(str(name), tuple(vertices.tolist()), rest[vertices], seen, towards, settings.cornea)
         found[str(name)] = eye.as_json()
+        axes = tracked_axes(str(name), rest[vertices], seen, towards)[1]
+        verdicts += [eye_verdict(str(name), eye, rest), gaze_verdict(str(name), list(looks), axes, towards)]
+    log_verdicts(log, verdicts)
     write_json(out, found)
+    write_table(out.with_name("verdicts_eyes.csv"), verdict_table(verdicts))
 
 
 def in_head(tracking: tuple[Path, ...]) -> dict[int, np.ndarray]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pipeline.base.command import run_as_command
 from pipeline.base.files import write_json, write_table
+from pipeline.base.verdicts import verdict_table
 from pipeline.capture.index.validation import index_folder
 from pipeline.config.index_capture import IndexCapture
 
@@ -26,13 +27,14 @@ def run(*, capture: Path, out: Path, settings: IndexCapture = IndexCapture()) ->
     Args:
         capture: the capture folder; capture.yaml lies at its root.
         out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, meshes, eyes and gaze.parquet,
-            capture.json and calibration_cameras, calibration_lights and calibration_color.json.
+            capture.json, verdicts_images.csv and calibration_cameras, calibration_lights and calibration_color.json.
     """
     index = index_folder(capture, settings.decode_threads)
     if index.tables["keypoints_2d"].empty and index.tables["meshes"].empty:
         log.warning("capture.yaml: keypoints_2d: none, or empty: calibration runs, but track_mesh will refuse")
     for name, table in index.tables.items():
         write_table(out / f"{name}.parquet", table)
+    write_table(out / "verdicts_images.csv", verdict_table(index.verdicts))
     for name, content in index.contents.items():
         write_json(out / f"{name}.json", content)
     log.info("%d images of %d cameras", len(index.tables["images"]), len(index.tables["cameras"]))

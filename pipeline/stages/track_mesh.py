@@ -24,7 +24,7 @@ import pandas as pd
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_arrays, write_table
-from pipeline.base.verdicts import log_verdicts
+from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.capture.images import ImageSource
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.signed_distance import View, silhouette_overlap
@@ -63,7 +63,7 @@ def run(
         index: folder of index tables that index_capture wrote.
         cameras: cameras.json at sensor resolution, in the stage frame.
         chunk: which chunk of sorted frames: [chunk * chunk_size, (chunk + 1) * chunk_size).
-        out: folder for {chunk:04d}.safetensors and {chunk:04d}.parquet.
+        out: folder for {chunk:04d}.safetensors, {chunk:04d}.parquet and verdicts_{chunk:04d}.csv.
         chunk_size: frames per chunk.
         patterns: patterns.parquet of book_patterns: which frames are fully lit; without it, images are not compared.
         lights: lights.parquet of calibrate_lights; needed with `patterns`.
@@ -149,7 +149,9 @@ def write_given(
             LOG.warning("%d frames have no mesh: %s: %s", len(named), why, named)
     overlaps = {name: silhouette_overlap([view], given.vertices, faces) for name, view in masked.items()}
     # Nobody detected keypoints; whether the masks fit is said here, and decided when a set is imported.
-    log_verdicts(LOG, [verdict for verdict in fit_verdicts(0, 0, overlaps) if verdict.kind == "masks"])
+    verdicts = [verdict for verdict in fit_verdicts(0, 0, overlaps) if verdict.kind == "masks"]
+    log_verdicts(LOG, verdicts)
+    write_table(out / f"verdicts_{chunk:04d}.csv", verdict_table(verdicts))
     write_arrays(out / f"{chunk:04d}.safetensors", given.arrays(frames))
     write_table(out / f"{chunk:04d}.parquet", table)
 
@@ -206,6 +208,7 @@ def _write(
     }  # fmt: skip
     if not template.rigged:
         del arrays["joint_rotations"]
+    write_table(out / f"verdicts_{chunk:04d}.csv", verdict_table(verdicts))
     write_arrays(out / f"{chunk:04d}.safetensors", arrays)
     write_table(out / f"{chunk:04d}.parquet", table)
 

@@ -4,5 +4,8 @@
 - `offset_viterbi`: the offset between log and images in every frame.
 - `led_faults`: LEDs that are dead or stuck, and frames under another pattern than the logged one.
 - `sync`: the verdict of both; `timeline`: its picture.
+- `image_means`, `stored_levels`: brightness of the images, and whether they are over- or underexposed.
+- `gain_changes`, `log_alternatives`: exposures that change; other surveys and transfer functions that the images might
+  bear out; `image_verdicts`: all of these.
 - `patterns`: the synced tables of frames and lit lights, mended where the check says so, and their test splits.
 """

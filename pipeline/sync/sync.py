@@ -59,6 +59,7 @@ class SyncCheck:
         lights: one verdict per light.
         powers: by how many sigmas a fault of each light would have shown.
         log_offsets: how well each frame fits each offset.
+        patterns: taken to have been on, without the faults.
     """
 
     verdict: str
@@ -70,6 +71,7 @@ class SyncCheck:
     lights: list[Verdict]
     powers: Powers
     log_offsets: LogOffsets
+    patterns: Patterns
 
     @property
     def timing(self) -> Verdict:
@@ -96,7 +98,7 @@ def check_sync(model: BrightnessModel, max_offset: int = 5, sigmas: float = 5.0)
         for f in found if f.kind in ("dead_light", "stuck_light")
     }  # fmt: skip
     frames, lights = _frame_table(model, log_offsets, patterns, found), _judge_lights(model, faults, powers, sigmas)
-    return SyncCheck(verdict, why, faults, frames, constants, ahead, lights, powers, log_offsets)
+    return SyncCheck(verdict, why, faults, frames, constants, ahead, lights, powers, log_offsets, patterns)
 
 
 def _usual_color(model: BrightnessModel, light: int) -> np.ndarray:

@@ -14,15 +14,19 @@ INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "e
 INDEX_JSON = ("capture", "calibration_cameras", "calibration_lights", "calibration_color")
 OUTPUTS = {
     "synthesize_capture": ["capture.yaml"],
-    "index_capture": [*(f"{name}.parquet" for name in INDEX), *(f"{name}.json" for name in INDEX_JSON)],
+    "index_capture": [
+        *(f"{name}.parquet" for name in INDEX),
+        *(f"{name}.json" for name in INDEX_JSON),
+        "verdicts_images.csv",
+    ],
     "calibrate_cameras": ["rig.json", "residuals_cameras.parquet", "quality_cameras.parquet", "verdicts_cameras.csv"],
     "calibrate_color": ["color.json", "residuals_color.parquet", "quality_color.parquet", "verdicts_color.csv"],
     "calibrate_lights": ["lights.parquet", "cameras.json", "residuals_lights.parquet", "verdicts_lights.csv"],
-    "book_patterns": ["patterns.parquet", "frames.parquet", "sync.json", "sync.png"],
-    "track_mesh": ["{chunk}.safetensors", "{chunk}.parquet"],
+    "book_patterns": ["patterns.parquet", "frames.parquet", "sync.json", "verdicts_patterns.csv", "sync.png"],
+    "track_mesh": ["{chunk}.safetensors", "{chunk}.parquet", "verdicts_{chunk}.csv"],
     "unwrap_atlas": ["atlas.safetensors", "atlas.png", "template.glb"],
     "plan_effects": [""],
-    "fit_eyes": [""],
+    "fit_eyes": ["", "../verdicts_eyes.csv"],
     "trace_irradiance": ["/000000.exr", ".parquet", ".png"],
     "bake_textures": [".safetensors", ".png"],
     "pack_shards": ["train/{chunk}.arrow", "validation/{chunk}.arrow", "test/{chunk}.arrow", "frames/{chunk}.arrow"],
@@ -83,6 +87,7 @@ for output in OUTPUTS:
     output = output.replace("{chunk}", flags.get("chunk", [""])[0])
     path = Path(f"{out}{output}") if output[:1] in ("", "/") else out / output
     path = out.with_suffix(output) if output[:1] == "." else path
+    path = out.parent / output[3:] if output[:3] == "../" else path
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text + " changed" * (output in CHANGED))
 """

@@ -77,6 +77,7 @@ checkpoint index_capture:
         calibration_cameras="results/{subject}/index/calibration_cameras.json",
         calibration_lights="results/{subject}/index/calibration_lights.json",
         calibration_color="results/{subject}/index/calibration_color.json",
+        verdicts="results/{subject}/index/verdicts_images.csv",
     log:
         "results/{subject}/logs/index_capture.log",
     benchmark:
@@ -112,6 +113,7 @@ rule book_patterns:
         patterns="results/{subject}/patterns.parquet",
         frames="results/{subject}/frames.parquet",
         sync="results/{subject}/sync.json",
+        verdicts="results/{subject}/verdicts_patterns.csv",
         picture=report(
             "results/{subject}/sync.png", caption="../report/sync.rst", category="Inputs", subcategory="{subject}"
         ),

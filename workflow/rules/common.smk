@@ -45,7 +45,10 @@ onstart:
 
 
 onsuccess:
-    for line in shown_verdicts(Path(RESULTS), STARTED):
+    judged, amiss = shown_verdicts(Path(RESULTS), STARTED)
+    for line in judged:
+        logger.info(line)
+    for line in amiss:
         logger.warning(line)
 
 

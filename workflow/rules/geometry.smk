@@ -11,6 +11,7 @@ rule track_mesh:
     output:
         tracking="results/{subject}/tracking/{chunk}.safetensors",
         quality="results/{subject}/tracking/{chunk}.parquet",
+        verdicts="results/{subject}/tracking/verdicts_{chunk}.csv",
     log:
         "results/{subject}/logs/track_mesh.{chunk}.log",
     benchmark:
@@ -111,6 +112,7 @@ rule fit_eyes:
         tracking=each_chunk("tracking/{chunk}.safetensors"),
     output:
         eyes="results/{subject}/eyes.json",
+        verdicts="results/{subject}/verdicts_eyes.csv",
     log:
         "results/{subject}/logs/fit_eyes.log",
     benchmark:

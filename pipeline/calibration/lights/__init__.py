@@ -1,1 +1,1 @@
-"""Light calibration: mirror balls and their highlights, positions, intensities, verdicts."""
+"""Light calibration: mirror balls, highlights, positions, intensities, survey, verdicts."""

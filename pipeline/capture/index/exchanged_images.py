@@ -8,6 +8,7 @@ import pandas as pd
 from jaxtyping import Float64
 
 from pipeline.base.errors import Complaints
+from pipeline.base.verdicts import Verdict
 from pipeline.capture.images import ImageSource, read_mask
 
 FRAMES = 8
@@ -32,8 +33,10 @@ upside down, by 0.1 to 0.3: not all that are turned are told."""
 
 def complain_of_exchanged(
     images: pd.DataFrame, sizes: pd.DataFrame, source: ImageSource, complaints: Complaints
-) -> None:
-    """Complain about cameras whose images were exchanged or turned; needs masks.
+) -> list[Verdict]:
+    """Complain about cameras whose images were exchanged or turned; needs masks. Returns a verdict on each.
+
+    Good: nothing speaks for another camera's masks, or for turned ones.
 
     Args:
         images: camera, frame, path and mask_path (null without a mask).
@@ -41,6 +44,7 @@ def complain_of_exchanged(
         source: of the images.
     """
     masked = images[images.mask_path.notna()]
+    verdicts = []
     for (width, height), alike in sizes.groupby(["width", "height"]):
         here = masked[masked.camera.isin(alike.camera)]
         cameras = sorted(here.camera.unique())
@@ -70,6 +74,9 @@ def complain_of_exchanged(
                 found=f"{found}, their own {fits[i, i]:.2f} and {fits[j, j]:.2f})",
                 hint="exchange the images of the two, or their masks",
             )  # fmt: skip
+        said = [f"correlation with its masks {fit:.2f}" for fit in np.diag(fits)]
+        verdicts += [Verdict("images", name, "good", why) for name, why in zip(cameras, said, strict=True)]
+    return sorted(verdicts, key=lambda verdict: verdict.name)
 
 
 def correlations(

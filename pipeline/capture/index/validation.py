@@ -11,6 +11,7 @@ import pandas as pd
 from pipeline.base.errors import Complaints
 from pipeline.base.files import digest_file
 from pipeline.base.splits import VALIDATION_FLAGS
+from pipeline.base.verdicts import Verdict
 from pipeline.capture.images import ImageSource
 from pipeline.capture.index import calibration_files, color_files, tables
 from pipeline.capture.index.csv_tables import complain_unknown
@@ -38,10 +39,14 @@ Tables = dict[str, pd.DataFrame | None]
 
 @dataclass(frozen=True)
 class CaptureIndex:
-    """Tables and JSON contents of a valid capture, by the names of the index's files."""
+    """Tables and JSON contents of a valid capture, and verdicts on its images.
+
+    By the names of the index's files.
+    """
 
     tables: dict[str, pd.DataFrame]
     contents: Contents
+    verdicts: list[Verdict]
 
 
 def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
@@ -62,11 +67,12 @@ def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
     complaints.raise_if_any()
     facts = manifest.images
     source = ImageSource(root, facts.transfer, facts.black_level, mask_format(manifest))
-    complain_of_exchanged(images, found["cameras"], source, complaints)
+    verdicts = complain_of_exchanged(images, found["cameras"], source, complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
     contents["capture"] = _capture_content(root, manifest, found["eyes"])
-    return CaptureIndex(found | {"images": _images_table(images, digests, found["frames"], manifest.splits)}, contents)
+    found |= {"images": _images_table(images, digests, found["frames"], manifest.splits)}
+    return CaptureIndex(found, contents, verdicts)
 
 
 def _read_tables(root: Path, manifest: Capture, complaints: Complaints) -> Tables:
