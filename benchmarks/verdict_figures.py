@@ -88,8 +88,11 @@ def mask_alarm(fault: str | None, seed: int) -> bool:
 SLIPPED, WRONG, LIMB = "frame slipped by 8 cm", "half of a frame's keypoints elsewhere", "a limb off in a frame"
 
 
-def frame_alarm(fault: str | None, seed: int) -> bool:
-    """Numbers of twelve tracked frames, as they vary from frame to frame; one in the middle is broken."""
+def frame_alarm(fault: str | None, seed: int, size: float = 0.08) -> bool:
+    """Numbers of twelve tracked frames, as they vary from frame to frame; one in the middle is broken.
+
+    One that slipped did by `size`, metres.
+    """
     rng, number, frame = np.random.default_rng(seed), seed % 5, 3 + seed % 6
     table = pd.DataFrame({
         "frame": np.arange(FRAMES), "segment": "a", "status": "tracked", "observations": 100,
@@ -98,7 +101,7 @@ def frame_alarm(fault: str | None, seed: int) -> bool:
     })  # fmt: skip
     vertices = motion(number).vertices + rng.normal(0, 0.001, (FRAMES, 1, 3))
     if fault == SLIPPED:
-        vertices[frame] += [0, 0.08, 0]
+        vertices[frame] += [0, size, 0]
     if fault == WRONG:
         table.loc[frame, "inliers"] = 50
     if fault == LIMB:
@@ -110,12 +113,12 @@ def frame_alarm(fault: str | None, seed: int) -> bool:
 KNOCKED, TURNED = "camera knocked by 3 cm after calibration", "calibration of another camera"
 
 
-def tracked_camera_alarm(fault: str | None, seed: int) -> bool:
-    """Residuals of six cameras' keypoints; cam00 is broken."""
+def tracked_camera_alarm(fault: str | None, seed: int, size: float = 0.03) -> bool:
+    """Residuals of six cameras' keypoints; cam00 is broken: knocked by `size`, metres."""
     rng, number = np.random.default_rng(seed), seed % 5
     rig = dict(cameras())
     if fault == KNOCKED:
-        rig["cam00"] = replace(rig["cam00"], t=rig["cam00"].t + np.array([0.03, 0, 0]))
+        rig["cam00"] = replace(rig["cam00"], t=rig["cam00"].t + np.array([size, 0, 0]))
     if fault == TURNED:
         rig["cam00"] = rig["cam01"]
     joints = motion(number).joints + rng.normal(0, TRACKED_M / 4, (FRAMES, 1, 3))

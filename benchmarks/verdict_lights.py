@@ -40,8 +40,8 @@ def outline(ball: np.ndarray, camera: Camera, noise_px: float, rng: np.random.Ge
     return camera.project(circle)[0] + rng.normal(0, noise_px, (90, 2))
 
 
-def ball_alarm(fault: str | None, seed: int) -> bool:
-    """Outlines in four cameras, good to 0.3 px; ball "0" is the one that is broken."""
+def ball_alarm(fault: str | None, seed: int, size: float = 0.1) -> bool:
+    """Outlines in four cameras, good to 0.3 px; ball "0" is the one that is broken: a radius by a share `size`."""
     rng = np.random.default_rng(seed)
     cameras, places = eyes_around(rng), rng.uniform(-0.25, 0.25, (2, 3))
     found = {}
@@ -51,7 +51,7 @@ def ball_alarm(fault: str | None, seed: int) -> bool:
             lines[0][30:50] += 6 * (lines[0][30:50] - lines[0].mean(0)) / 60
         if number == 0 and fault == OTHER:
             lines[0] = outline(places[1], cameras["cam0"], 0.3, rng)
-        radius = 1.1 * RADIUS_M if number == 0 and fault == UNIT else RADIUS_M
+        radius = (1 + size) * RADIUS_M if number == 0 and fault == UNIT else RADIUS_M
         found[str(number)] = locate_ball(list(cameras.values()), lines, radius)
     verdicts = ball_verdicts(found, {name: list(cameras) for name in found}, {}, CalibrateLights())
     return any(verdict.grade != "good" for verdict in verdicts if fault is None or verdict.name == "0")
@@ -60,8 +60,11 @@ def ball_alarm(fault: str | None, seed: int) -> bool:
 NAMES, MOVED, DEAD, STRAY = "names of two lights exchanged", "light half a metre away", "LED dead", "spots at random"
 
 
-def light_alarm(fault: str | None, seed: int) -> bool:
-    """Highlights of eight lights on six balls in four cameras, good to 0.03 px; L0 is the one that is broken."""
+def light_alarm(fault: str | None, seed: int, size: float = 0.5) -> bool:
+    """Highlights of eight lights on six balls in four cameras, good to 0.03 px; L0 is the one that is broken.
+
+    One that was moved was by `size`, metres.
+    """
     rng = np.random.default_rng(seed)
     cameras, places = eyes_around(rng), rng.uniform(-0.25, 0.25, (BALLS, 3))
     lights = rng.normal(size=(LIGHTS, 3))
@@ -71,7 +74,7 @@ def light_alarm(fault: str | None, seed: int) -> bool:
     if fault == NAMES:
         survey["light"] = [names[1], names[0], *names[2:]]
     if fault == MOVED:
-        shown[0] += 0.5 * np.cross(shown[0], [0.3, 0.5, 0.8]) / np.linalg.norm(np.cross(shown[0], [0.3, 0.5, 0.8]))
+        shown[0] += size * np.cross(shown[0], [0.3, 0.5, 0.8]) / np.linalg.norm(np.cross(shown[0], [0.3, 0.5, 0.8]))
     rows = []
     for b, place in enumerate(places):
         for name, camera in cameras.items():

@@ -18,17 +18,20 @@ from tests.support.rigs.light_stage import INTERLEAVINGS, Stage, brightness_mode
 CURVE, CHART, TINT, BURNT = "sRGB taken for linear", "values of another chart", "red lamp on one chart", "overexposed"
 
 
-def color_alarm(fault: str | None, seed: int) -> bool:
-    """Charts of four cameras that differ by 3 %, patches good to 0.1 % of white; cam0 is the one that is broken."""
+def color_alarm(fault: str | None, seed: int, size: float = 2.2) -> bool:
+    """Charts of four cameras that differ by 3 %, patches good to 0.1 % of white; cam0 is the one that is broken.
+
+    Red of a lamp is `size` times as strong, and an exponent forgotten is that.
+    """
     rng, settings, flawed, responses = np.random.default_rng(seed), CalibrateColor(), {}, {}
     order = rng.permutation(len(VALUES)) if fault == CHART else np.arange(len(VALUES))
     for name in (f"cam{c}" for c in range(4)):
-        light = np.array([2.2, 1.0, 1.0]) if fault == TINT and name == "cam0" else np.ones(3)
+        light = np.array([size, 1.0, 1.0]) if fault == TINT and name == "cam0" else np.ones(3)
         matrix = rng.uniform(0.7, 0.9) * np.eye(3) + rng.normal(0, 0.02, (3, 3))
         color = (VALUES * light) @ matrix.T + rng.normal(0, 0.001, VALUES.shape)
         used = np.ones(len(color), bool)
         if fault == CURVE and name == "cam0":
-            color = np.clip(color, 0, 1) ** (1 / 2.2)
+            color = np.clip(color, 0, 1) ** (1 / size)
         if fault == BURNT and name == "cam0":
             used = (5 * color < 0.99).all(1)
         squares = np.stack([np.tile(divmod(k, 6)[::-1], (4, 1)).astype(float) for k in range(len(color))])
@@ -54,8 +57,11 @@ def stage(number: int) -> Stage:
     return build_stage(number, frames=30, cameras=6, lights=20)
 
 
-def log_alarm(fault: str | None, seed: int) -> bool:
-    """Brightness of a traced figure under logged patterns."""
+def log_alarm(fault: str | None, seed: int, size: float = 0.5) -> bool:
+    """Brightness of a traced figure under logged patterns.
+
+    The pattern that a frame shows instead differs by `size` of all light of the brightest frame, or more.
+    """
     rng, here = np.random.default_rng(seed), stage(seed % 5)
     log = INTERLEAVINGS[CLEAR[seed % len(CLEAR)]](here, rng)
     shown = log.copy()
@@ -63,7 +69,9 @@ def log_alarm(fault: str | None, seed: int) -> bool:
         shown[:, int(log.sum((0, 2)).argmax())] = 0
     if fault == SWAP:
         apart = np.abs(log[:, None] - log).sum((2, 3))  # of every two frames' patterns
-        pairs = np.argwhere(apart > 0.5 * log.sum((1, 2)).max())
+        pairs = np.argwhere(apart > size * log.sum((1, 2)).max())
+        if size < 0.5:  # the least that are as far apart, one per frame on average
+            pairs = pairs[np.argsort(apart[*pairs.T], kind="stable")[: len(log)]]
         frame, other = pairs[rng.integers(len(pairs))]
         shown[frame] = log[other]
     numbers = np.arange(len(log)) + (fault == OFFSET)

@@ -18,8 +18,11 @@ CAMERAS, VIEWS = 3, 16
 KNOCKED, MIXED, FLAT = "camera knocked by 1 cm and 1 degree", "two views exchanged", "board always square to a camera"
 
 
-def camera_alarm(fault: str | None, seed: int) -> bool:
-    """Three cameras around a board with corners good to 0.1 px; camera 1 is the one that is broken."""
+def camera_alarm(fault: str | None, seed: int, size: float = 0.01) -> bool:
+    """Three cameras around a board with corners good to 0.1 px; camera 1 is the one that is broken.
+
+    A knock moves it by `size`, metres, and turns it by a degree per centimetre.
+    """
     rng = np.random.default_rng(seed)
     cameras, boards = planted_cameras(CAMERAS, rng, arc=1.2), boards_in_stage(VIEWS, rng, arc=1.2)
     if fault == FLAT:
@@ -31,9 +34,9 @@ def camera_alarm(fault: str | None, seed: int) -> bool:
     seen = observe(cameras, boards, 0.1, rng)
     if fault == KNOCKED:
         old = cameras[1]
-        R = cv2.Rodrigues(np.radians([0.0, 1.0, 0.0]))[0] @ old.R
+        R = cv2.Rodrigues(np.radians([0.0, 100 * size, 0.0]))[0] @ old.R
         moved = [*cameras]
-        moved[1] = replace(old, R=R, t=-R @ (old.center + 0.01 * old.R[0]))
+        moved[1] = replace(old, R=R, t=-R @ (old.center + size * old.R[0]))
         late = observe(moved, boards, 0.1, rng)
         parts = (seen.select(seen.view < VIEWS // 2), late.select(late.view >= VIEWS // 2))
         seen = Observations(*(np.concatenate([getattr(p, k) for p in parts]) for k in seen_fields()))

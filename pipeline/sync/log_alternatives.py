@@ -14,7 +14,7 @@ from itertools import permutations, product
 import numpy as np
 from jaxtyping import Float64
 
-from pipeline.base.verdicts import Verdict
+from pipeline.base.verdicts import Grade, Verdict
 from pipeline.sync.brightness import BrightnessModel, directions_from
 from pipeline.sync.led_faults import Fit, Patterns
 from pipeline.sync.subject_proxy import Ellipsoid, shading_response
@@ -27,11 +27,16 @@ SHIFT = 0.5
 """Shifts that are tried, over the median distance of the lights from the subject: a survey whose origin is not the
 stage's, such as a corner of the floor."""
 
-FARTHEST = 3.0
-"""Distance of the median light over that of the median camera beyond which, or below the inverse of which, the survey
-is in another unit: light falls with the square, so nobody puts lights three times as far; feet for metres are 3.28."""
+FEET = 1 / 0.3048
+"""Feet in a metre: the smallest factor between units of a survey."""
 
-FOOT_M = 0.3048
+FARTHER = FEET**0.5
+"""Distance of the median light over that of the median camera from which, or below the inverse of which, a survey is
+weak: lights and cameras hang on one frame, and half way to the next unit another one is as likely. Failed beyond
+`TOO_FAR`."""
+
+TOO_FAR = 4.0
+"""As `FARTHER`: light falls with the square of the distance, and nobody gives away fifteen sixteenths of it."""
 
 GAMMA = 2.2
 """Exponent of the transfer function that is forgotten, or undone twice."""
@@ -54,12 +59,14 @@ class Rig:
 def survey_verdict(model: BrightnessModel, patterns: Patterns, rig: Rig, sigmas: float) -> Verdict:
     """Judge where the lights are said to be.
 
-    Failed if another survey explains the images better by `sigmas`, or if the lights are farther than light reaches.
+    Failed if another survey explains the images better by `sigmas`, or if lights are in another unit than cameras.
     """
     farther = _median_distance(rig.lights, rig) / _median_distance(rig.cameras, rig)
-    if not 1 / FARTHEST < farther < FARTHEST:
+    apart = max(farther, 1 / farther)
+    if apart > FARTHER:
+        grade: Grade = "failed" if apart > TOO_FAR else "weak"
         found = f"lights {farther:.3g} times as far from the subject as cameras: are both in metres?"
-        return Verdict("survey", "lights", "failed", found)
+        return Verdict("survey", "lights", grade, found)
     here = Fit(model, patterns).score
     best, ahead = "", -np.inf
     for name, lights in _other_surveys(rig):
@@ -91,8 +98,6 @@ def _other_surveys(rig: Rig) -> Iterator[tuple[str, np.ndarray]]:
         c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
         if turn not in (-90.0, 90.0, 180.0):
             yield f"turned by {turn:g} degrees about y", rig.lights @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
-    yield "in feet, and written as metres", rig.lights * FOOT_M
-    yield "in metres, and written as feet", rig.lights / FOOT_M
     far = SHIFT * _median_distance(rig.lights, rig)
     for axis, sign in product(range(3), (-1, 1)):
         yield f"shifted by {sign * far:.2f} m along {AXES[axis]}", rig.lights + sign * far * np.eye(3)[axis]
