@@ -50,7 +50,8 @@ class SizedFault:
 
 SIZED = {
     "camera knocked": SizedFault(
-        "camera", verdict_rigs.KNOCKED, "mm and 0.1 degrees", (0.5, 1, 2, 3, 5), verdict_rigs.camera_alarm, 1e-3),
+        "camera", verdict_rigs.KNOCKED, "mm and 0.1 degrees", (0.05, 0.1, 0.2, 0.5, 1),
+        verdict_rigs.camera_alarm, 1e-3),
     "ball's radius wrong": SizedFault(
         "ball", verdict_lights.UNIT, "%", (0.5, 1, 2, 4, 8), verdict_lights.ball_alarm, 1e-2),
     "light moved": SizedFault(
@@ -60,7 +61,7 @@ SIZED = {
     "exponent forgotten, on charts": SizedFault(
         "color", verdict_logs.CURVE, "exponent", (1.02, 1.05, 1.1, 1.2, 1.4), verdict_logs.color_alarm, base=1),
     "pattern of one frame exchanged": SizedFault(
-        "log", verdict_logs.SWAP, "of all light", (0.1, 0.2, 0.3, 0.4, 0.5), verdict_logs.log_alarm),
+        "log", verdict_logs.SWAP, "of all light", (0.03, 0.06, 0.1, 0.2, 0.5), verdict_logs.log_alarm),
     "tracked frame slipped": SizedFault(
         "tracked frame", verdict_figures.SLIPPED, "mm", (2, 5, 10, 15, 20, 40), verdict_figures.frame_alarm, 1e-3),
     "camera knocked after calibration": SizedFault(

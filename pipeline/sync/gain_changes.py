@@ -53,40 +53,40 @@ class GainChange:
 
 
 def find_gain_changes(model: BrightnessModel, patterns: Patterns) -> list[GainChange]:
-    """All frames and images, and for each camera and all of them the clearest lasting change.
+    """Find frames and images that differ, or else the clearest lasting change.
 
-    A frame's images are only told apart if the frame as a whole is as it should be.
+    The latter if it is clearer than they are: it makes frames differ, too.
     """
     fit = Fit(model, patterns)
     predicted = model.predicted(patterns.levels)[fit.rows]
     frames, cameras = predicted.shape
-    tests = frames * (1 + 2 * cameras) + frames
+    tests = (frames + frames) * (1 + cameras)
     least = student_quantile(1 - FALSE_ALARMS / (2 * tests), DEGREES)
+    single = [change for change in _single(fit, predicted) if abs(change.sigmas) > least]
     lasting = [change for change in _lasting(fit, predicted) if abs(change.sigmas) > least]
     lasting = [change for change in lasting if abs(change.factor - 1) > CLICK]
-    found = [change for change in lasting if change.camera is None] or lasting
-    if not found:
-        found = [change for change in _single(fit, predicted, least) if abs(change.sigmas) > least]
-    return found
+    clearest = max([*lasting, *single], key=lambda change: abs(change.sigmas), default=None)
+    return single if clearest is None or not clearest.lasting else [clearest]
 
 
-def _single(fit: Fit, predicted: np.ndarray, least: float) -> Iterator[GainChange]:
-    """Changes of frames, then of images in the other frames."""
+def _single(fit: Fit, predicted: np.ndarray) -> Iterator[GainChange]:
+    """For each frame its own change or that of one of its images, whichever is the clearer.
+
+    Of a change that all images share, the frame's is: that of a part of it is less clear by Schwarz's inequality, and
+    the other way round.
+    """
     expected = fit.inverse @ fit.residuals / fit.inverse.diagonal()[:, None]  # Seen, less what the others predict.
-    gain, deviation = _along(expected @ fit.model.precision, predicted, fit.model.precision, fit.variances)
-    odd = np.abs(gain) > least * deviation
-    for row in np.flatnonzero(odd):
-        yield _change(fit, None, row, gain[row], deviation[row], False)
-    # One image against the others of its frame, too: those of all other frames and cameras are known.
-    own = fit.model.precision.diagonal()
-    pulled = (expected - np.where(odd, gain, 0)[:, None] * predicted) @ fit.model.precision
-    for camera in range(predicted.shape[1]):
-        mine = predicted[:, camera]
-        lit = mine > 0
-        share = pulled[:, camera] / np.where(lit, mine, 1) / own[camera]
-        spread = np.sqrt(fit.variances / own[camera]) / np.where(lit, mine, 1)
-        for row in np.flatnonzero(lit & ~odd & (np.abs(share) > least * spread)):
-            yield _change(fit, camera, row, share[row], spread[row], False)
+    pulled, own = expected @ fit.model.precision, fit.model.precision.diagonal()
+    gain, deviation = _along(pulled, predicted, fit.model.precision, fit.variances)
+    lit = predicted > 0
+    mine = np.where(lit, predicted, 1.0)
+    share, spread = pulled / mine / own, np.where(lit, np.sqrt(fit.variances[:, None] / own) / mine, np.inf)
+    for row, camera in enumerate(np.abs(share / spread).argmax(1)):
+        yield max(
+            _change(fit, None, row, gain[row], deviation[row], False),
+            _change(fit, int(camera), row, share[row, camera], spread[row, camera], False),
+            key=lambda change: abs(change.sigmas),
+        )
 
 
 def _along(

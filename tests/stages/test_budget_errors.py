@@ -15,8 +15,10 @@ from pipeline.base.files import read_arrays, read_json, read_table, write_arrays
 from pipeline.config.budget_errors import RETRAINED_STAGES, BudgetErrors
 from pipeline.dials.dial import Subject
 from pipeline.dials.true_inputs import TRUTH, Inputs
+from pipeline.figures.style import GRADE_COLORS
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
 from pipeline.stages import budget_errors
+from tests.support.figures.kept_figures import bars, kept_figures
 
 TURN, SHIFT = Rotation.from_rotvec([0.02, -0.01, 0.03]).as_matrix(), np.array([0.01, -0.02, 0.005])
 """True frame from the found one: x_true = TURN x + SHIFT."""
@@ -117,12 +119,17 @@ class TestStage:
         return started
 
     def test_one_part_after_the_other_becomes_ours(self, subject, tmp_path, started):
-        budget_errors.run(results=subject.results, capture=subject.capture, out=tmp_path / "out")
+        with kept_figures() as figures:
+            budget_errors.run(results=subject.results, capture=subject.capture, out=tmp_path / "out")
         table = pd.read_csv(tmp_path / "out/error_budget.csv", keep_default_na=False)
         assert table.step.tolist() == ["all true", "our color", "our lights", "our cameras", "our tracking"]
         assert table.true.tolist()[1:4] == ["lights cameras tracking", "cameras tracking", "tracking"]
         assert table.test_all_db.tolist() == [34, 33, 32, 31, 30]
-        assert (tmp_path / "out/error_budget.png").stat().st_size > 10_000
+        (axes,) = figures["error_budget.png"].axes
+        first, *others = bars(axes)
+        assert first[0] + first[1] == 34  # what true inputs score
+        assert others == [(before, -1, GRADE_COLORS["failed"]) for before in (34, 33, 32, 31)]
+        assert [label.get_text() for label in axes.get_yticklabels()] == table.step.tolist()
         stages = [words[0].rpartition(".")[2] for words in started]
         assert stages == 5 * list(RETRAINED_STAGES)
         cameras = [words[words.index("--cameras") + 1] for words in started[::3]]

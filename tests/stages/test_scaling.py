@@ -13,6 +13,7 @@ import pytest
 from benchmarks.bench_scaling import measure, write_results
 from benchmarks.scaling_cases import CASES, COUNTED, Case
 from benchmarks.scaling_projection import CAPTURES, TERMS, fit_terms, product
+from tests.support.figures.kept_figures import kept_figures
 
 ARRAYS = """
 import numpy as np
@@ -62,7 +63,8 @@ def planted_runs() -> pd.DataFrame:
 
 def test_planted_runs_are_projected_as_planted(tmp_path):
     runs = planted_runs()
-    write_results(tmp_path, runs)
+    with kept_figures() as figures:
+        write_results(tmp_path, runs)
     exponents, projection = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("exponents", "projection"))
     assert set(projection.capture) == set(CAPTURES) and set(projection.stage) == set(TERMS)
     grown = exponents[(exponents.stage == "pack_shards") & (exponents.cost == "CPU seconds")]
@@ -75,7 +77,15 @@ def test_planted_runs_are_projected_as_planted(tmp_path):
             assert getattr(row, f"{name}_low") <= getattr(row, name) <= getattr(row, f"{name}_high")
     sizes = CAPTURES["RFGCA"]["pack_shards"].sizes
     assert projection.beyond[2] == pytest.approx(math.prod(size / 512 for size in sizes.values()))
-    assert (tmp_path / "scaling.png").stat().st_size > 10_000
+    # A panel per case, the stage's name above and the size's below; dots at costs over those of the first size.
+    panels = {(axes.texts[-1].get_text(), axes.get_xlabel()): axes for axes in figures["scaling.png"].axes}
+    assert panels.keys() == {(case.stage, case.varied) for case in CASES}
+    for (stage, varied), axes in panels.items():
+        own = runs[(runs.stage == stage) & (runs.varied == varied)].sort_values(varied)
+        dots = [line.get_xydata() for line in axes.get_lines() if line.get_marker() == "o"]
+        for cost, drawn in zip(("CPU seconds", "peak MB"), dots, strict=True):
+            expected = np.stack([own[varied], own[cost] / own[cost].iloc[0]], 1)
+            np.testing.assert_allclose(drawn[drawn[:, 0].argsort()], expected)
 
 
 def test_coefficients_are_found_in_noise_and_never_negative():
