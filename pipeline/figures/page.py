@@ -15,7 +15,9 @@ from pipeline.base.verdicts import Grade, Verdict
 
 MARKS: dict[Grade, str] = {"good": "✓", "weak": "!", "failed": "✗"}
 KINDS = {
-    "camera": "cameras", "ball": "mirror balls", "light": "lights", "color": "colour of the cameras", "frame": "frames",
+    "images": "images", "camera": "cameras", "ball": "mirror balls", "light": "lights", "survey": "survey of lights",
+    "color": "colour of the cameras", "log": "log of patterns", "exposure": "exposures",
+    "transfer": "transfer function", "keypoints": "keypoints", "masks": "masks", "frame": "frames", "eye": "eyes", "gaze": "gaze",
 }  # fmt: skip
 
 STYLE = """

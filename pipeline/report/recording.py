@@ -26,6 +26,9 @@ CALIBRATION_PICTURES = {
     "charts.png": "Do all cameras show the chart in the same colours, once corrected?",
     "residual_histogram.png": "Is the noise what the fit took it for, with few gross mistakes?",
 }
+PATTERN_VERDICTS = ("index/verdicts_images.csv", "verdicts_patterns.csv")
+"""Verdicts on images and log, below the results of a subject."""
+
 FOLDED_AFTER = 2
 """Pictures that are open from the start."""
 
@@ -45,16 +48,14 @@ def calibration(results: Results) -> Part:
 def patterns(results: Results) -> Part:
     """Agreement of log and images, and the timeline of the patterns."""
     sync, frames = read_json(results.folder / "sync.json"), results.table("frames.parquet")
-    lights = pd.DataFrame(sync.get("lights", []))
     facts = [
         f"{len(frames)} frames, {int(frames.fully_lit.sum())} of them fully lit, {frames.pattern.nunique()} patterns, "
         f"{number(float(frames.lights_on[~frames.fully_lit].median()), 0)} lights on in the others (median).",
         f"Log and images: {sync['verdict'].replace('_', ' ')}: {sync['why']}.",
     ]
     html = "".join(paragraph(fact) for fact in facts)
-    if len(lights):
-        own = [Verdict("light", *row) for row in lights[["name", "grade", "reason"]].astype(str).values]
-        html += verdict_tiles(own) + folded("Lights that need a look, and all", verdict_list(own))
+    own = [verdict for name in PATTERN_VERDICTS for verdict in _verdicts(results.folder / name)]
+    html += verdict_tiles(own) + folded("What needs a look, and all", verdict_list(own)) if own else ""
     missing = missing_files(results.folder, ["sync.png"])
     html += "" if missing else results.pictures.figure(results.folder / "sync.png", "Timeline of light and patterns")
     return Part("Light patterns and sync", html, ", ".join(missing), results.make("sync.png"))
@@ -69,16 +70,19 @@ def tracking(results: Results) -> Part:
         facts += (
             f" Keypoints fit to {number(error.median())} px (RMS, median of frames), {number(error.max())} at worst."
         )
+    tables = [*sorted((results.folder / "tracking").glob("verdicts_*.csv")), results.folder / "verdicts_eyes.csv"]
+    own = [verdict for table in tables for verdict in _verdicts(table)]
+    judged = verdict_tiles(own) + folded("What needs a look, and all", verdict_list(own)) if own else ""
     folder, title = results.folder / "tracking/review", "Tracking"
     if not folder.is_dir():
-        return Part(title, paragraph(facts), "pictures of the tracking", results.make("tracking/review"))
+        return Part(title, paragraph(facts) + judged, "pictures of the tracking", results.make("tracking/review"))
     sheets = evenly(sorted(path.name for path in folder.glob("camera_*.png")), results.settings.most_sheets)
     shown = {
         "errors.png": "Does every frame fit as well as the others?",
         "worst.png": "The frames that fit worst: if the template fits here, it fits everywhere.",
         **{name: f"The template over images of {name.removeprefix('camera_').removesuffix('.png')}" for name in sheets},
     }
-    return Part(title, paragraph(facts) + _pictures(results, folder, shown))
+    return Part(title, paragraph(facts) + judged + _pictures(results, folder, shown))
 
 
 def atlas(results: Results) -> Part:
@@ -119,6 +123,11 @@ def effects(results: Results) -> Part:
     head = ["effect", "state", "asked for", "measured", "threshold", *(key.replace("_", " ") for key in others)]
     text = paragraph("Only what this capture calls for is simulated: what is off has no job, no channel, no parameter.")
     return Part("Effects", text + html_table("effects", head, rows, "wssnn"))
+
+
+def _verdicts(path: Path) -> list[Verdict]:
+    """Verdicts of a table; none where an earlier version wrote none."""
+    return read_verdicts(path) if path.exists() else []
 
 
 def _pictures(results: Results, folder: Path, captions: dict[str, str]) -> str:

@@ -27,6 +27,7 @@ RESULTS = "results"
 OPTIONAL_OF_PROJECT = ("hard_cases.csv", "effects_comparison.csv", "scaling/*", "growth/*")
 OPTIONAL_OF_SUBJECT = (
     "accuracy_cost.*", "error_budget/*", "calibration/review/*.png", "tracking/review/*.png", "relit/*/*/stills/*.png",
+    "verdicts_eyes.csv",
 )  # fmt: skip
 """What a report shows if it is there: below the project's results, and below the subject's."""
 

@@ -133,8 +133,13 @@ def _write_recording(folder: Path) -> None:
     for part, kind in (("cameras", "camera"), ("lights", "light"), ("color", "color")):
         verdicts = [Verdict(kind, "a", "good", "fits"), Verdict(kind, "b", "weak", f"{kind} <b> is uncertain")]
         verdict_table(verdicts).to_csv(folder / f"calibration/verdicts_{part}.csv", index=False)
-    light = {"kind": "light", "name": "L0", "grade": "good", "reason": "as logged"}
-    sync = {"verdict": "in_sync", "why": "as declared", "lights": [light]}
+    judged = [Verdict("light", "L0", "good", "as logged"), Verdict("exposure", "cam0", "weak", "over<exposed>")]
+    verdict_table(judged).to_csv(folder / "verdicts_patterns.csv", index=False)
+    gaze = verdict_table([Verdict("gaze", "left", "failed", "turns the other way")])
+    gaze.to_csv(folder / "verdicts_eyes.csv", index=False)
+    masks = verdict_table([Verdict("masks", "cam1", "good", "silhouettes overlap by 0.970")])
+    masks.to_csv(folder / "tracking/verdicts_0000.csv", index=False)
+    sync = {"verdict": "in_sync", "why": "as declared"}
     (folder / "sync.json").write_text(json.dumps(sync))
     lit = {"fully_lit": [k % 3 == 0 for k in range(16)], "pattern": range(16), "lights_on": [3, 1, 1, 2] * 4}
     pd.DataFrame({"frame": range(16)} | lit).to_parquet(folder / "frames.parquet")
