@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow
+import pyarrow.parquet as pq
 import safetensors.numpy
 
 from pipeline.base.errors import InputError
@@ -41,7 +43,8 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
         if Path(path).suffix == ".csv":
             table.to_csv(temporary, index=False)
         else:
-            table.to_parquet(temporary, index=False)
+            # On this thread alone, for the reason that `read_parquet` has.
+            pq.write_table(pyarrow.Table.from_pandas(table, preserve_index=False, nthreads=1), temporary)
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -52,9 +55,22 @@ def read_table(path: Path) -> pd.DataFrame:
     """
     _require_plain(path)
     try:
-        return pd.read_parquet(path)
+        return read_parquet(path)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected a parquet table, found: {error}") from error
+
+
+def read_parquet(path: Path) -> pd.DataFrame:
+    """Read a parquet table on this thread alone.
+
+    `pandas.read_parquet` hands the file to threads of Arrow, and waits for ever if the system refuses one of them its
+    stack, as it does when memory is short.
+
+    Raises:
+        OSError, ValueError, pyarrow.ArrowException: it cannot be read.
+    """
+    with pq.ParquetFile(path, pre_buffer=False) as file:
+        return file.read(use_threads=False).to_pandas(use_threads=False)
 
 
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray], metadata: Mapping[str, str] | None = None) -> None:

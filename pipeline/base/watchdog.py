@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TextIO
 
 from pipeline.base.watched_child import processor_seconds
@@ -39,12 +39,16 @@ def watched(output: TextIO, silent_s: float = SILENT_S) -> Iterator[None]:
     """
     ended = threading.Event()
     postponing = threading.Thread(target=_look_after, args=(output, silent_s, ended), daemon=True, name="watchdog")
-    postponing.start()
+    started = False
+    with suppress(RuntimeError):  # No memory for its stack: the block goes on unwatched.
+        postponing.start()
+        started = True
     try:
         yield
     finally:
         ended.set()
-        postponing.join()
+        if started:
+            postponing.join()
         faulthandler.cancel_dump_traceback_later()
 
 

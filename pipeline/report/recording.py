@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.base.files import read_json
+from pipeline.base.files import read_json, read_table
 from pipeline.base.spread import evenly
 from pipeline.base.verdicts import Verdict
 from pipeline.figures.calibration import PARTS, read_verdicts
@@ -63,7 +63,7 @@ def patterns(results: Results) -> Part:
 
 def tracking(results: Results) -> Part:
     """Error per frame, and the template over the images."""
-    frames = pd.concat([pd.read_parquet(path) for path in sorted((results.folder / "tracking").glob("[0-9]*.parquet"))])
+    frames = pd.concat([read_table(path) for path in sorted((results.folder / "tracking").glob("[0-9]*.parquet"))])
     error = frames.rms_px.dropna() if "rms_px" in frames else pd.Series(dtype=float)
     facts = f"{len(frames)} frames tracked."
     if len(error):

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
@@ -91,7 +90,7 @@ def _measured(tracking: tuple[Path, ...]) -> dict[str, np.ndarray]:
     """Motion of the frames that were measured, of all chunks."""
     chunks = []
     for path in tracking:
-        arrays, table = read_arrays(path), pd.read_parquet(path.with_suffix(".parquet"))
+        arrays, table = read_arrays(path), read_table(path.with_suffix(".parquet"))
         kept = np.isin(arrays["frames"], table.frame[table.status.isin(MEASURED)].to_numpy())
         chunks.append({name: arrays[name][kept] for name in MOTION})
     return {name: np.concatenate([chunk[name] for chunk in chunks]) for name in MOTION}

@@ -9,6 +9,7 @@ import pandas as pd
 import pyarrow
 
 from pipeline.base.errors import Complaints, InputError
+from pipeline.base.files import read_parquet as read_whole
 from pipeline.capture.index.csv_tables import DTYPES, Kind
 from pipeline.capture.paths import locate
 
@@ -16,7 +17,7 @@ from pipeline.capture.paths import locate
 def read_parquet(root: Path, path: str, columns: Mapping[str, Kind], complaints: Complaints) -> pd.DataFrame | None:
     """Read the wanted columns of a parquet table; None, and a complaint, if that fails."""
     try:
-        table = pd.read_parquet(locate(root, path))
+        table = read_whole(locate(root, path))
     except (InputError, pyarrow.ArrowException, OSError, ValueError) as error:
         complaints.add(path, "table", expected="a parquet table", found=str(error))
         return None

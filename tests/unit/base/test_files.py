@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -107,3 +109,35 @@ def test_devices_are_not_read(read) -> None:
     """The endless one would be read until the memory is full."""
     with pytest.raises(InputError, match="/dev/null: expected a file, found a device or a pipe"):
         read(Path("/dev/null"))
+
+
+LITTLE_MEMORY = """
+import resource, sys
+import psutil
+from pipeline.base.files import read_table
+allowed = psutil.Process().memory_info().vms + (4 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
+print(len(read_table(sys.argv[1])))
+"""
+
+
+def test_table_is_read_where_no_thread_can_be_started(tmp_path, repo_root):
+    """4 MiB hold the table, and no stack of 8 MiB."""
+    write_table(tmp_path / "a.parquet", pd.DataFrame({"frame": np.arange(1000), "name": "x"}))
+    words = [sys.executable, "-c", LITTLE_MEMORY, str(tmp_path / "a.parquet")]
+    done = subprocess.run(words, cwd=repo_root, capture_output=True, text=True, timeout=60)
+    assert done.stdout == "1000\n", done.stderr
+
+
+def test_table_is_what_pandas_writes_and_reads(tmp_path):
+    table = pd.DataFrame(
+        {"light": ["a", None, "NA"], "frame": [1, 2, 3], "x": [0.1, np.nan, np.inf], "known": [True, False, True],
+         "day": pd.to_datetime(["2026-01-01"] * 3), "kind": pd.Categorical(["u", "v", "u"])}
+    )  # fmt: skip
+    write_table(tmp_path / "ours.parquet", table)
+    table.to_parquet(tmp_path / "theirs.parquet", index=False)
+    assert (tmp_path / "ours.parquet").read_bytes() == (tmp_path / "theirs.parquet").read_bytes()
+    table.set_index("frame").to_parquet(tmp_path / "indexed.parquet")
+    for name in ("ours", "indexed"):
+        path = tmp_path / f"{name}.parquet"
+        pd.testing.assert_frame_equal(read_table(path), pd.read_parquet(path))
