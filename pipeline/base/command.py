@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import os
+import signal
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ import tyro
 from pipeline.base.errors import InputError
 from pipeline.base.output_lock import output_locked
 from pipeline.base.start_up import resume_collection
-from pipeline.base.stopping import Stopped
+from pipeline.base.stopping import Stopped, interrupted_once
 from pipeline.base.watchdog import watched
 
 
@@ -25,8 +26,8 @@ def run_as_command(
     """Turn a stage's `run` into its command line.
 
     Flags, help and defaults come from its signature and docstring. Prints an `InputError` as it stands and exits with
-    1, likewise what the system refuses (`OSError`, `MemoryError`), and `Stopped` with 128 + the signal; anything else
-    is a defect and keeps its traceback. A stage that stands still says where, after ten minutes
+    1, likewise what the system refuses (`OSError`, `MemoryError`), and `Stopped` or Ctrl-C with 128 + the signal;
+    anything else is a defect and keeps its traceback. A stage that stands still says where, after ten minutes
     (`pipeline.base.watchdog`). Its output is locked against a second one (`pipeline.base.output_lock`).
 
     Args:
@@ -41,7 +42,7 @@ def run_as_command(
         words.append(renamed.get(flag, flag) + sign + value)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:
-        with watched(sys.__stderr__):
+        with interrupted_once(), watched(sys.__stderr__):
             tyro.cli(_locked(run), prog=program, args=words, config=(tyro.conf.OmitArgPrefixes,))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -52,9 +53,17 @@ def run_as_command(
     except MemoryError as error:
         print(f"error: out of memory: {error}; start fewer processes, or give the stage more", file=sys.stderr)
         sys.exit(1)
+    except RuntimeError as error:  # Python's word for a thread that the system has no memory for.
+        if "can't start new thread" not in str(error):
+            raise
+        print(f"error: out of memory: {error}; start fewer processes, or give the stage more", file=sys.stderr)
+        sys.exit(1)
     except Stopped as stopped:
         print(stopped, file=sys.stderr)
         sys.exit(128 + stopped.number)
+    except KeyboardInterrupt:
+        print("stopped by SIGINT, as Ctrl-C sends it; the same command starts anew", file=sys.stderr)
+        sys.exit(128 + signal.SIGINT)
 
 
 def _locked(run: Callable[..., None]) -> Callable[..., None]:

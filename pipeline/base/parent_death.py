@@ -18,8 +18,17 @@ def end_with_parent() -> None:
     On Linux; elsewhere nothing.
     """
     parent = multiprocessing.parent_process()
-    if parent is None or not sys.platform.startswith("linux"):
+    if parent is not None:
+        end_with(parent.pid)
+
+
+def end_with(parent: int) -> None:
+    """Have the system end this process when its parent, which has this number, does.
+
+    On Linux; elsewhere nothing.
+    """
+    if not sys.platform.startswith("linux"):
         return
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent.pid:  # It has ended already.
+    if os.getppid() != parent:  # It has ended already.
         os.kill(os.getpid(), signal.SIGKILL)

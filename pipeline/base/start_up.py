@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import gc
 import os
+import signal
 import sys
 
 
@@ -28,6 +29,16 @@ def pause_collection() -> None:
     """
     if sys.argv[0] == "-m":
         gc.disable()
+
+
+def end_by_interrupts() -> None:
+    """Let SIGINT end the process at once while it imports, if Python runs a module.
+
+    There is nothing to tidy up yet, and half a page of what was being imported tells nobody anything. Where it is
+    ignored it stays so.
+    """
+    if sys.argv[0] == "-m" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def resume_collection() -> None:

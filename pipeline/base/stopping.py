@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 
@@ -47,3 +49,28 @@ class StopRequests:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.received = self.received or number
+
+
+@contextmanager
+def interrupted_once() -> Iterator[None]:
+    """Have the first SIGINT end the block by `KeyboardInterrupt`, and later ones change nothing.
+
+    A terminal sends it to Snakemake and to the stage, and Snakemake hands its own on: the second would interrupt what
+    the first has begun to tidy up. Where it is ignored, as in a script's background, it stays so. Python delivers
+    signals to the main thread alone; entered in another, this does nothing.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    main = threading.current_thread() is threading.main_thread()
+    if not main or before not in (signal.default_int_handler, signal.SIG_DFL):
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

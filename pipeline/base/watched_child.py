@@ -8,8 +8,11 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
+from functools import partial
 
 import psutil
+
+from pipeline.base.parent_death import end_with
 
 log = logging.getLogger("watched_child")
 
@@ -49,10 +52,11 @@ def run_watched(
             to an end.
     """
     for attempt in range(1, attempts + 1):
-        # A session of its own, so that what the child started ends with it.
+        # A session of its own, so that what the child started ends with it. Signals to this process' group miss it.
         child = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
-        )
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            start_new_session=True, preexec_fn=partial(end_with, os.getpid()),
+        )  # fmt: skip
         try:
             stuck = _wait(child, stall_s, limit_s)
         finally:

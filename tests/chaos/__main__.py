@@ -1,7 +1,7 @@
 """Run attacks and print what came of them.
 
     python -m tests.chaos [--parts captures settings kills surroundings twice] [--seed 1] [--count N] [--minutes M]
-        [--page docs/reliability.md]
+        [--subject tiny] [--page docs/reliability.md]
 
 Outcomes are added to attacks.csv as they come; a run that was ended goes on, and does nothing twice. A page beside it
 has the table. Exits with 1 if an outcome is a defect.
@@ -18,6 +18,7 @@ from pathlib import Path
 
 from tests.support.chaos import captures, forked_stage, kills, records, settings, sound_run, surroundings, twice
 from tests.support.chaos.outcome import DEFECTS, Attack
+from tests.support.chaos.sound_run import SUBJECT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,6 +40,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of all that is drawn")
     parser.add_argument("--count", type=int, help="attacks of each part, in place of its own number")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="after which no further attack begins")
+    parser.add_argument("--subject", default=SUBJECT, help="whose runs the part twice compares")
     parser.add_argument("--page", type=Path, help="page of docs that the table is put into")
     parser.add_argument("--only", default="", help="attacks whose name has these letters")
     asked = parser.parse_args()
@@ -50,14 +52,15 @@ def main() -> None:
     done = {(record.part, record.attack) for record in records.read(table)}
     for part in asked.parts:
         attacks, count = PARTS[part]
-        for attack in attacks(sound, asked.seed, asked.count or count):
+        more = {"subject": asked.subject} if part == "twice" else {}
+        for attack in attacks(sound, asked.seed, asked.count or count, **more):
             name = records.UNPRINTABLE.sub("?", attack.name)
             if (part, name) in done or asked.only not in name:
                 continue
             if time.monotonic() - started > 60 * asked.minutes:
                 break
             run_attack(part, attack, table, out)
-    found = records.read(table)
+    found = sorted(records.read(table), key=lambda record: list(PARTS).index(record.part))
     (out / "table.md").write_text(records.counted(found))
     print(records.counted(found))
     if asked.page:

@@ -20,7 +20,7 @@ from pipeline.workflow.job_requests import memory_mb, minutes, request_words, us
 from pipeline.workflow.job_size import job_size, unknown_size
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
 from pipeline.workflow.shown_verdicts import shown_verdicts
-from pipeline.workflow.termination import pass_sigterm_on
+from pipeline.workflow.termination import pass_signals_on
 
 STARTED = time.time()
 
@@ -30,7 +30,7 @@ os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.env
 # wait must sleep: spinning, they slow training ten times as soon as another process wants a core. Memory that was given
 # back is kept for the next array: fetching it from the system anew costs as much as filling it.
 shell.prefix(
-    "export NUMBA_NUM_THREADS=$OMP_NUM_THREADS OMP_WAIT_POLICY=passive"
+    "trap : TERM INT; export NUMBA_NUM_THREADS=$OMP_NUM_THREADS OMP_WAIT_POLICY=passive"
     " MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824; "
 )
 
@@ -39,9 +39,9 @@ if workflow.is_main_process and remove_dead_locks(Path(".snakemake")):
     logger.info("A run was killed, and what it had locked is free again.")
 
 
-# After Snakemake has set its own handler.
+# After Snakemake has set its own handlers.
 onstart:
-    pass_sigterm_on()
+    pass_signals_on()
 
 
 onsuccess:

@@ -6,7 +6,7 @@ import os
 import random
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
@@ -119,14 +119,20 @@ def copy_linked_over(source: Path, folder: Path) -> None:
             os.link(path, into)
 
 
-def judged(ended: forked_stage.Ended, stage: str, expected: dict[str, str], folder: Path) -> Result:
-    """The class of the second command."""
+def judged(
+    ended: forked_stage.Ended,
+    stage: str,
+    expected: dict[str, str],
+    folder: Path,
+    below: Collection[str] = (CAPTURE, RESULTS),
+) -> Result:
+    """The class of the second command, by the files below some folders."""
     if ended.hung:
         return Result(Outcome.HANG, stage, short(ended.printed))
     if ended.code:
         lost = Outcome.TRACEBACK if ended.defect else Outcome.LOST
         return Result(lost, stage, f"the same command again: {short(ended.printed)}")
-    if other := differences(expected, digests(folder)):
+    if other := differences(expected, digests(folder, below)):
         return Result(Outcome.DIFFERING, stage, "; ".join(other)[:400])
     return Result(Outcome.RIGHT, stage)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import json
 import random
-import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -188,7 +187,7 @@ def _planned(sound: SoundRun, folder: Path, content: str | bytes, wrong: bool, n
 
 def _judged(ended: forked_stage.Ended, stage: str, wrong: bool, named: str) -> Result:
     """The class of an ended command. A refusal is clear if it names what is wrong."""
-    said = short(re.sub(r"(?s).*(?=WorkflowError|^error)", "", ended.printed))
+    said = short(ended.printed[max(ended.printed.rfind("WorkflowError"), 0) :])
     if ended.hung:
         return Result(Outcome.HANG, stage, said)
     if ended.defect:

@@ -10,6 +10,7 @@ import gc
 import importlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -41,15 +42,31 @@ class SnakemakeServer:
         Its jobs are started with that Python too, as the Snakefile says.
         """
         with tempfile.NamedTemporaryFile("r") as printed:
-            call = [words, str(folder), str(python or sys.executable), printed.name]
-            self._process.stdin.write(json.dumps(call) + "\n")
-            self._process.stdin.flush()
-            code = int(self._process.stdout.readline())
-            return subprocess.CompletedProcess(words, code, stdout=printed.read())
+            self._call(words, folder, printed.name, python, False)
+            return subprocess.CompletedProcess(words, self.wait(), stdout=printed.read())
+
+    def start(self, words: list[str], folder: Path, printed: Path) -> int:
+        """Start the same with a process group of its own, whose number this is; what it prints goes to a file.
+
+        It has to be waited for before the next is started.
+        """
+        printed.touch()
+        return self._call(words, folder, str(printed), None, True)
+
+    def _call(self, words: list[str], folder: Path, printed: str, python: Path | None, own_group: bool) -> int:
+        self._process.stdin.write(
+            json.dumps([words, str(folder), str(python or sys.executable), printed, own_group]) + "\n"
+        )
+        self._process.stdin.flush()
+        return int(self._process.stdout.readline())
+
+    def wait(self) -> int:
+        """Exit code of what was started; minus the signal's number if one ended it."""
+        return int(self._process.stdout.readline())
 
 
 def serve() -> None:
-    """Answer each line of stdin, a call, by the exit code of its child."""
+    """Answer each line of stdin, a call, by the number of its child and then by its exit code."""
     import snakemake.cli
 
     for late in LATE:
@@ -57,12 +74,16 @@ def serve() -> None:
     snakemake.cli.get_argument_parser()  # It imports the plugins.
     gc.freeze()  # A child that collected what it shares with this process would copy it all.
     for line in sys.stdin:
-        words, folder, python, printed = json.loads(line)
+        words, folder, python, printed, own_group = json.loads(line)
         child = os.fork()
         if not child:
             sys.executable = python
+            if own_group:
+                os.setpgid(0, 0)
+                signal.signal(signal.SIGINT, signal.default_int_handler)  # Ignored in a script's background.
             _enter(folder, printed)
             os._exit(_exit_code(snakemake.cli.main, words))
+        print(child, flush=True)
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 
 

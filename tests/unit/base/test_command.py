@@ -1,5 +1,6 @@
 """How a stage's command ends: by what its `run` raises."""
 
+import os
 import signal
 import sys
 from pathlib import Path
@@ -28,6 +29,42 @@ def test_says_why_and_exits_with_a_code(monkeypatch, capsys, raised, code, print
         run_as_command(run)
     assert ended.value.code == code
     assert capsys.readouterr().err == printed
+
+
+def test_interrupts_end_a_stage_by_one_line_after_it_has_tidied_up(monkeypatch, capsys):
+    """Two of them, as a terminal and Snakemake send: the second does not disturb what the first has begun."""
+    tidied = []
+
+    def run() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+            tidied.append(True)
+
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            run_as_command(run)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (ended.value.code, tidied) == (128 + signal.SIGINT, [True])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the same command starts anew" in line
+
+
+def test_interrupts_that_are_ignored_stay_so(monkeypatch):
+    def run() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        run_as_command(run)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("words", [["--promise", "a=b"], ["--promise=a=b"], ["--estimate", "a=b"]])

@@ -1,14 +1,15 @@
-"""Garbage collection pauses while a stage imports, and only then."""
+"""While a stage imports, garbage collection pauses and Ctrl-C ends it at once; not otherwise."""
 
 from __future__ import annotations
 
 import gc
+import signal
 import subprocess
 import sys
 
 import pytest
 
-from pipeline.base.start_up import pause_collection, resume_collection
+from pipeline.base.start_up import end_by_interrupts, pause_collection, resume_collection
 
 SCRIPT = """
 import gc, sys
@@ -43,3 +44,21 @@ def test_nothing_changes_where_python_was_started_otherwise(monkeypatch, started
     assert gc.isenabled()
     resume_collection()
     assert gc.get_freeze_count() == before
+
+
+@pytest.mark.parametrize(
+    ("started", "before", "after"),
+    [
+        ("-m", signal.default_int_handler, signal.SIG_DFL),
+        ("-m", signal.SIG_IGN, signal.SIG_IGN),
+        ("stage.py", signal.default_int_handler, signal.default_int_handler),
+    ],
+)
+def test_interrupts_while_importing_leave_no_traceback(monkeypatch, started, before, after):
+    monkeypatch.setattr(sys, "argv", [started])
+    kept = signal.signal(signal.SIGINT, before)
+    try:
+        end_by_interrupts()
+        assert signal.getsignal(signal.SIGINT) == after
+    finally:
+        signal.signal(signal.SIGINT, kept)

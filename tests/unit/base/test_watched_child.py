@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -70,6 +71,20 @@ def test_stuck_children_are_ended_with_all_that_they_started(tmp_path) -> None:
     pids = [int(line) for line in (tmp_path / "pids").read_text().split()]
     assert len(pids) == 2
     assert_end(pids)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_child_ends_with_a_parent_that_is_ended(tmp_path, repo_root, number) -> None:
+    path = tmp_path / "pid"
+    inner = f"import os, time; open({str(path)!r}, 'w').write(f'{{os.getpid()}}\\n'); time.sleep(1000)"
+    code = "import sys\nfrom pipeline.base.watched_child import run_watched\n"
+    code += f"run_watched([sys.executable, '-c', {inner!r}])"
+    with subprocess.Popen(child(code), cwd=repo_root) as parent:
+        while not (path.exists() and path.read_text()):
+            assert parent.poll() is None
+            time.sleep(0.02)
+        parent.send_signal(number)
+    assert_end([int(path.read_text())])
 
 
 def test_busy_child_is_ended_at_its_limit() -> None:
