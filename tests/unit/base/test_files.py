@@ -115,16 +115,17 @@ LITTLE_MEMORY = """
 import resource, sys
 import psutil
 from pipeline.base.files import read_table
-allowed = psutil.Process().memory_info().vms + (4 << 20)
+allowed = psutil.Process().memory_info().vms + (int(sys.argv[2]) << 20)
 resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
 print(len(read_table(sys.argv[1])))
 """
 
 
-def test_table_is_read_where_no_thread_can_be_started(tmp_path, repo_root):
-    """4 MiB hold the table, and no stack of 8 MiB."""
+@pytest.mark.parametrize("mib", [4, 10])
+def test_table_is_read_where_no_thread_can_be_started(tmp_path, repo_root, mib):
+    """They hold the table, and the stacks, of 8 MiB, of no thread or of one."""
     write_table(tmp_path / "a.parquet", pd.DataFrame({"frame": np.arange(1000), "name": "x"}))
-    words = [sys.executable, "-c", LITTLE_MEMORY, str(tmp_path / "a.parquet")]
+    words = [sys.executable, "-c", LITTLE_MEMORY, str(tmp_path / "a.parquet"), str(mib)]
     done = subprocess.run(words, cwd=repo_root, capture_output=True, text=True, timeout=60)
     assert done.stdout == "1000\n", done.stderr
 
