@@ -6,6 +6,10 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
 
+MOST_SAID = 100
+"""Complaints that are said in one go: as many as anybody reads. Some files are wrong in every line."""
+
+
 class InputError(Exception):
     """Something outside the code is wrong; the message says what, where, and what to do.
 
@@ -45,14 +49,15 @@ class Complaints:
         return bool(self.messages)
 
     def raise_if_any(self) -> None:
-        """End with one error that names every complaint, or return if there is none.
+        """End with one error that names the complaints, or return if there is none.
 
         Raises:
             InputError: there is a complaint.
         """
         if self.messages:
             count = len(self.messages)
-            lines = [f"{self.subject}: {count} problem{'s' if count > 1 else ''}", *self.messages]
+            lines = [f"{self.subject}: {count} problem{'s' if count > 1 else ''}", *self.messages[:MOST_SAID]]
+            lines += [f"... and {count - MOST_SAID} more"] if count > MOST_SAID else []
             raise InputError("\n  ".join(lines))
 
 

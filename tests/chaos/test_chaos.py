@@ -113,7 +113,9 @@ def test_table_goes_on_where_it_was_left_and_counts_classes(tmp_path):
     assert [record.outcome for record in records.defects(found)] == [Outcome.HANG]
     assert Outcome.NONSENSE in DEFECTS and Outcome.JUDGED not in DEFECTS
     page = tmp_path / "page.md"
-    page.write_text("before\n<!-- attacks: begin -->\nold\n<!-- attacks: end -->\nafter\n")
+    head, row = records.counted(found).split(records.RULE)
+    others = ["| captures | 1 | old |\n", "| kills | 2 | kept |\n"]
+    marks = "<!-- attacks: begin -->\n", "<!-- attacks: end -->\n"
+    page.write_text("before\n" + marks[0] + head + records.RULE + "".join(others) + marks[1] + "after\n")
     records.write_page(page, found)
-    table = records.counted(found)
-    assert page.read_text() == f"before\n<!-- attacks: begin -->\n{table}<!-- attacks: end -->\nafter\n"
+    assert page.read_text() == "before\n" + marks[0] + head + records.RULE + row + others[1] + marks[1] + "after\n"

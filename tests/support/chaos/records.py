@@ -9,10 +9,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from docs.generate.markdown import put_between
+from docs.generate.markdown import parted, put_between
 from tests.support.chaos.outcome import DEFECTS, Outcome, Result
 
 COLUMNS = ("part", "attack", "outcome", "stage", "seconds", "said")
+
+HEAD = ("part", "attacks", *Outcome, "minutes")
+RULE = "|" + " --- |" * len(HEAD) + "\n"
+"""Line between the head of the table of classes and its rows."""
 
 UNPRINTABLE = re.compile(r"[^\x20-\x7e\xa0-\uffff]")
 
@@ -60,18 +64,27 @@ def counted(records: Iterable[Record]) -> str:
     records = list(records)
     counts = Counter((record.part, record.outcome) for record in records)
     parts = list(dict.fromkeys(record.part for record in records))
-    lines = [["part", "attacks", *Outcome, "minutes"]]
+    lines = [list(HEAD)]
     for part in parts:
         numbers = [counts[part, outcome] for outcome in Outcome]
         minutes = sum(record.seconds for record in records if record.part == part) / 60
         lines.append([part, str(sum(numbers)), *map(str, numbers), f"{minutes:.1f}"])
-    lines.insert(1, ["---"] * len(lines[0]))
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    head, *rows = ("| " + " | ".join(line) + " |\n" for line in lines)
+    return head + RULE + "".join(rows)
 
 
 def write_page(page: Path, records: Iterable[Record]) -> None:
-    """Put the table of classes between the marks of a page."""
-    put_between(page, "attacks", counted(records))
+    """Put the table of classes between the marks of a page; rows of parts without a record stay."""
+    written = _rows(parted(page, "attacks")[1])
+    head, rows = counted(records).split(RULE)
+    written |= _rows(head + RULE + rows)
+    put_between(page, "attacks", head + RULE + "".join(written.values()))
+
+
+def _rows(table: str) -> dict[str, str]:
+    """Lines of a table below its head, by their first cell."""
+    lines = table.partition(RULE)[2].splitlines(keepends=True)
+    return {line.split("|")[1].strip(): line for line in lines}
 
 
 def defects(records: Iterable[Record]) -> list[Record]:

@@ -27,6 +27,16 @@ def test_every_complaint_is_named_with_its_subject_and_count() -> None:
     ]
 
 
+def test_complaints_without_number_are_counted_and_not_all_said() -> None:
+    complaints = Complaints("settings")
+    complaints.messages += [f"line {number}" for number in range(20_000)]
+    with pytest.raises(InputError) as caught:
+        complaints.raise_if_any()
+    first, *lines, last = str(caught.value).splitlines()
+    assert (first, last) == ("settings: 20000 problems", "  ... and 19900 more")
+    assert lines == [f"  line {number}" for number in range(100)]
+
+
 def test_collecting_keeps_input_errors_and_lets_defects_through() -> None:
     complaints = Complaints("capture")
     with complaints.collecting():
