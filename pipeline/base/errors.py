@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
-
 MOST_SAID = 100
 """Complaints that are said in one go: as many as anybody reads. Some files are wrong in every line."""
 
