@@ -19,7 +19,7 @@ class Verdict:
     """Verdict on one calibrated thing: its grade, and the reason.
 
     Attributes:
-        kind: what it is: camera, ball, light or color.
+        kind: what it is on, one of the names in `pipeline.figures.page.KINDS`.
         name: its name in the capture.
         grade: good: use it; weak: usable, and worth a look or another recording; failed: not determined at all.
         reason: the numbers that decided it, and for weak or failed what to do.

@@ -17,8 +17,8 @@ MARKS: dict[Grade, str] = {"good": "✓", "weak": "!", "failed": "✗"}
 KINDS = {
     "images": "images", "camera": "cameras", "ball": "mirror balls", "light": "lights", "survey": "survey of lights",
     "color": "colour of the cameras", "log": "log of patterns", "exposure": "exposures",
-    "transfer": "transfer function", "keypoints": "keypoints", "masks": "masks", "frame": "frames",
-    "eye": "eyes", "gaze": "gaze",
+    "transfer": "transfer function", "keypoints": "keypoints", "masks": "masks", "frame": "frames", "eye": "eyes",
+    "gaze": "gaze",
 }  # fmt: skip
 
 STYLE = """

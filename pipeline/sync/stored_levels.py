@@ -41,7 +41,7 @@ def stored_levels(pixels: Float[np.ndarray, "pixels 3"]) -> tuple[float, float, 
     """
     brightest = pixels.max(1)
     top = float(brightest.max())
-    plateau = brightest >= top - SAME_LEVEL * abs(top)
+    plateau = (brightest >= top - SAME_LEVEL * abs(top)) & (top > 0)
     rest = brightest[~plateau]
     below = float((rest >= rest.max() - SAME_LEVEL * abs(rest.max())).sum()) if len(rest) else 0.0
     green = np.sort(pixels[:: -(-len(pixels) // SAMPLES), 1].astype(np.float64))
@@ -64,7 +64,8 @@ def level_flaws(images: pd.DataFrame) -> list[tuple[Grade, str]]:
     top = images.top.max()
     full = judged.top >= top - SAME_LEVEL * abs(top)
     # What clips stops at one value in all images.
-    clipped = float((judged.at_top * full).mean()) if full.sum() > 1 or len(judged) == 1 else 0.0
+    shared = (images.top >= top - SAME_LEVEL * abs(top)).sum() > 1 or len(images) == 1
+    clipped = float((judged.at_top * full).mean()) if shared else 0.0
     step = float(judged.step.median())
     flaws: list[tuple[Grade, str]] = []
     if clipped > CLIPPED_WEAK:

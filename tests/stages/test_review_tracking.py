@@ -135,9 +135,7 @@ def test_every_frame_has_its_dot_and_failed_ones_their_band(drawn: dict[str, Fig
     assert heights == [[100] * FRAMES, [30 if frame == SLIPPED else 95 for frame in range(FRAMES)]]
 
 
-def test_sheets_have_detections_where_they_were_and_mark_those_that_miss(
-    captured: dict, drawn: dict[str, Figure]
-) -> None:
+def test_sheets_mark_detections_that_fit_and_those_that_miss(captured: dict, drawn: dict[str, Figure]) -> None:
     """Of a camera that saw all well, and of one whose detections are 3 px aside."""
     table = read_table(captured["index"] / "keypoints_2d.parquet")
     missing = {}

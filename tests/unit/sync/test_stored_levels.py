@@ -27,7 +27,9 @@ def test_a_plateau_is_the_share_that_is_clipped(levels):
     assert top == 1.0
     # Less those that the next lower level holds: a level of a byte has one pixel in 200 here.
     assert plateau == pytest.approx((light[:, 0] >= 1).mean(), abs=0.005)
-    assert step * np.median(stored) == pytest.approx(1 / levels, rel=0.5 if levels == 255 else 5)
+    # Of as many levels as there are pixels that are looked at, neighbours are not seen: the distance is no smaller.
+    distance = step * np.median(stored)
+    assert 0.99 / levels < distance < (1.5 / levels if levels == 255 else 1e-3)
 
 
 def test_floats_that_reach_no_end_have_no_plateau():
@@ -43,7 +45,7 @@ def test_thresholds_are_those_of_35_decibels():
 
 
 @pytest.mark.parametrize(
-    ("gain", "grades"), [(1.0, []), (2.5, ["weak"]), (6.0, ["failed"]), (0.01, ["weak"]), (1e-4, ["failed"])]
+    ("gain", "grades"), [(0.9, []), (1.5, ["weak"]), (6.0, ["failed"]), (0.04, ["weak"]), (0.008, ["failed"])]
 )
 def test_images_of_eight_bits_are_judged_by_their_exposure(gain, grades):
     images = [np.round(np.minimum(gain * radiance(k), 1) * 255) / 255 for k in range(4)]
@@ -56,4 +58,5 @@ def test_a_bright_image_of_one_value_is_not_clipped_where_others_are_brighter():
 
 
 def test_a_lens_cap_is_underexposed():
-    assert [grade for grade, _ in level_flaws(table([np.zeros((500, 3))] * 2))] == ["failed", "failed"][1:] or True
+    ((grade, why),) = level_flaws(table([np.zeros((500, 3))] * 2))
+    assert grade == "failed" and "underexposed" in why
