@@ -53,7 +53,7 @@ def test_a_survey_in_other_axes_is_failed_and_the_way_back_named(stage, change, 
 
 
 def test_a_survey_with_another_origin_is_failed(stage):
-    verdict = surveyed(stage, stage.lights + [0, 0, 1.1])
+    verdict = surveyed(stage, stage.lights + np.array([0, 0, 1.1]))
     assert verdict.grade == "failed" and "along z" in verdict.reason and "by -" in verdict.reason
 
 
