@@ -13,6 +13,7 @@ from types import MappingProxyType
 
 import tyro
 
+from pipeline.base.address_space import require_address_space
 from pipeline.base.errors import InputError
 from pipeline.base.output_lock import output_locked
 from pipeline.base.start_up import resume_collection
@@ -42,6 +43,7 @@ def run_as_command(
         words.append(renamed.get(flag, flag) + sign + value)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
     try:
+        require_address_space()
         with interrupted_once(), watched(sys.__stderr__):
             tyro.cli(_locked(run), prog=program, args=words, config=(tyro.conf.OmitArgPrefixes,))
     except InputError as error:

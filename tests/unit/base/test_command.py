@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -119,3 +120,39 @@ def test_output_of_a_stage_is_locked_while_it_runs(monkeypatch, tmp_path):
     run_as_command(run)
     assert seen == [".shards.stage.0003.lock"]
     assert not list(tmp_path.iterdir())
+
+
+def test_threads_that_cannot_start_are_want_of_memory(monkeypatch, capsys):
+    def run() -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    with pytest.raises(SystemExit) as ended:
+        run_as_command(run)
+    assert ended.value.code == 1
+    assert capsys.readouterr().err.startswith("error: out of memory: can't start new thread;")
+
+
+def test_other_runtime_errors_are_defects(monkeypatch):
+    def run() -> None:
+        raise RuntimeError("shapes differ")
+
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    with pytest.raises(RuntimeError, match="shapes differ"):
+        run_as_command(run)
+
+
+@pytest.mark.parametrize("mib", [6])
+def test_trace_irradiance_with_little_memory_says_so_at_once(tmp_path, repo_root, mib):
+    """Left to itself it stood still, in Arrow, or crashed, in Embree."""
+    code = "import resource, psutil, pipeline.stages.trace_irradiance as stage\n"
+    code += f"allowed = psutil.Process().memory_info().vms + ({mib} << 20)\n"
+    code += "resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))\nstage.main()"
+    words = [
+        word for name in ("atlas", "tracking", "lights", "patterns", "frames", "out") for word in (f"--{name}", name)
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=repo_root, capture_output=True, text=True, timeout=100
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
+    assert done.stderr.startswith("error: out of memory: expected at least 1024 MiB of address space"), done.stderr
