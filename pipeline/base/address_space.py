@@ -1,4 +1,4 @@
-"""Limit on a process's address space, as `ulimit -v` sets it, and whether a stage can work below it."""
+"""Limit on the address space of a process, and whether a stage can work below it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ LEAST_BYTES = 1 << 30
 
 Libraries in native code do not ask whether the system refused them memory: Embree writes to where none is, LLVM and
 Arrow abort, and some wait for ever for a thread that was not started. Threads of this process and of their libraries
-reserve 8 MiB of stack and 64 MiB of heap each, and the kernels compiler another 100. Stages of the smallest capture
-ended so with up to 350 MiB; this is three times as much."""
+reserve 8 MiB of stack and 64 MiB of heap each. Tracing the irradiance of the smallest capture crashes with 350 MiB left
+and works with 600; a whole GiB is for larger ones."""
 
 
 def require_address_space() -> None:
