@@ -1,6 +1,7 @@
 """Memory and speed of training against the number of frames, and against the memory that frames may be kept in.
 
-    python -m benchmarks.bench_streaming --results results/tiny --frames 48 480 4800 --cache-mb 0 20 1000000
+    python -m benchmarks.bench_streaming --results results/tiny --frames 48 480 4800 --cache-mb 0 1000000 --visits 1
+    python -m benchmarks.bench_streaming --results results/walker --frames 48 --cache-mb 0 1000000 --scratch
 
 The frames of a finished subject, with two images each, are written as often as it takes under new numbers; an avatar is
 trained on them, one process on one thread, so that a step looks at one frame and all of them are visited. Memory is the
@@ -11,7 +12,6 @@ results/scaling/streaming.csv: a row for each number of frames and memory to kee
 from __future__ import annotations
 
 import argparse
-import itertools
 import os
 import subprocess
 import sys
@@ -76,12 +76,16 @@ def write_frames(results: Path, folder: Path, count: int) -> Path:
     return folder
 
 
-def train(results: Path, shards: Path, out: Path, settings: TrainAvatar, cache_mb: int) -> Taken:
+def train(
+    results: Path, shards: Path, out: Path, settings: TrainAvatar, cache_mb: int, scratch: Path | None = None
+) -> Taken:
     """A training in a process of its own."""
     words = {
         "subject": results.name, "atlas": results / "atlas.safetensors", "shards": shards,
         "effects": results / "effects.json", "out": out, "processes": 1, "cache-mb": cache_mb,
     }  # fmt: skip
+    if scratch is not None:
+        words["scratch"] = scratch
     if (results / "eyes.json").exists():
         words["fitted-eyes"] = results / "eyes.json"
     command = [sys.executable, "-m", "pipeline.stages.train_avatar", *flags(settings)]
@@ -105,6 +109,7 @@ def main() -> None:
     parser.add_argument(
         "--cache-mb", type=int, nargs="+", default=[0, 1_000_000], help="memory for frames that are kept"
     )
+    parser.add_argument("--scratch", action="store_true", help="also the first of these with traced light on a disk")
     parser.add_argument("--visits", type=float, default=2.0, help="steps for each frame")
     parser.add_argument("--out", type=Path, default=Path("results/scaling/streaming.csv"), help="table to write")
     options = parser.parse_args()
@@ -116,12 +121,15 @@ def main() -> None:
             shards, steps = write_frames(options.results, folder / str(count), count), round(options.visits * count)
             changes = {"steps": steps, "log_every": 1, "preview_every": 0, "device": "cpu", "checkpoint_every": steps}
             settings = TrainAvatar(**{**trained["settings"], "cameras_per_step": IMAGES_OF_FRAME, **changes})
-            for number, cache_mb in zip(itertools.count(), options.cache_mb, strict=False):
-                taken = train(options.results, shards, folder / f"{count}_{number}", settings, cache_mb)
+            ways = [(cache_mb, None) for cache_mb in options.cache_mb]
+            ways += [(options.cache_mb[0], folder / "scratch")] * options.scratch
+            for number, (cache_mb, scratch) in enumerate(ways):
+                taken = train(options.results, shards, folder / f"{count}_{number}", settings, cache_mb, scratch)
                 sizes = {"subject": options.results.name, "texels": trained["texels"], "frames": count, "steps": steps}
-                rows.append({**sizes, "cache_mb": cache_mb, **vars(taken), "steps_per_s": 1 / taken.s_per_step})
+                kept = {"cache_mb": cache_mb, "scratch": scratch is not None}
+                rows.append({**sizes, **kept, **vars(taken), "steps_per_s": 1 / taken.s_per_step})
                 print(pd.DataFrame(rows).to_string(index=False), flush=True)
-            avatars = {(folder / f"{count}_{n}/avatar.safetensors").read_bytes() for n in range(len(options.cache_mb))}
+            avatars = {(folder / f"{count}_{n}/avatar.safetensors").read_bytes() for n in range(len(ways))}
             print(f"{count} frames: {'the same bytes' if len(avatars) == 1 else 'DIFFERENT BYTES'} of the avatar")
     write_table(options.out, pd.DataFrame(rows))
 

@@ -121,6 +121,11 @@ class ProjectSettings(SubjectSettings):
         description="memory that training keeps frames in, of all its processes on a machine together, at most half of "
         "what is free; other frames are read and traced again at each visit; changes no result [MB]",
     )
+    training_scratch: str = Field(
+        "",
+        description="folder on a disk of the machine that trains, for traced light of frames beyond training_cache_mb, "
+        "which is then read, not traced again; at most half of what is free there; empty: none; changes no result",
+    )
     compare_subjects: CompareSubjects = CompareSubjects()
 
 

@@ -22,6 +22,7 @@ import torch
 
 from pipeline.avatar.frames.frame_stream import FrameStream
 from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.scratch import own_scratch
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec, unread_settings
@@ -72,6 +73,7 @@ def run(
     fitted_eyes: Path | None = None,
     processes: int = 0,
     cache_mb: int = 16_000,
+    scratch: Path | None = None,
     settings: TrainAvatar = TrainAvatar(),
 ) -> None:
     """Train an avatar on the shards of a subject.
@@ -88,13 +90,15 @@ def run(
         processes: that train together; 0: on a CPU one per thread, at most `steps_together`; on a GPU one.
         cache_mb: megabytes that frames may be kept in, at most half of the memory that is free at the start; all others
             are read from the shards and traced again at each visit, ahead of it. It changes no result.
+        scratch: folder on a local disk, for traced light of those others, which is then read and not traced again. At
+            most half of the disk's free space is filled; what was written is deleted at the end.
         settings: see the flags below.
     """
     paths = {"atlas": atlas, "shards": shards, "effects": effects, "out": out}
     arguments = {"subject": subject, "frames": frames, "fitted_eyes": fitted_eyes, "settings": settings, **paths}
-    arguments["cache_mb"] = cache_mb
+    arguments |= {"cache_mb": cache_mb, "scratch": scratch}
     together = partners(processes or suggested_processes(settings), run, arguments)
-    with together, joined_processes(settings.device) as processes:
+    with together, joined_processes(settings.device) as processes, own_scratch(scratch) as traced:
         images = read_image_shards([shards / "train"])
         if not len(images):
             raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
@@ -103,7 +107,7 @@ def run(
         frames = frames or shards / "frames"
         records, planned = read_frame_shards([frames]), read_plan(effects)
         kept = cache_bytes(cache_mb, processes.device)
-        inputs = FrameStream(texels, records, kept, frames_in_use(settings, processes), processes.device)
+        inputs = FrameStream(texels, records, kept, frames_in_use(settings, processes), processes.device, traced)
         spec = resolve_spec(settings, planned, "head" if records.table.is_head.any() else "body")
         if spec.shadow_net and all((record.irradiance == 1).all() for record in records.values()):
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")

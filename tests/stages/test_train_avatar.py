@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+import pipeline.avatar.frames.inputs as inputs_module
 import pipeline.stages.train_avatar as stage
 from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.training.checkpoint import load_avatar
@@ -171,16 +172,24 @@ def test_frames_that_are_not_kept_are_read_again_to_the_same_bits(tmp_path, monk
     read, get = [], FrameShards.__getitem__
     monkeypatch.setattr(FrameShards, "__getitem__", lambda self, frame: read.append(frame) or get(self, frame))
     settings, reads = SETTINGS.model_copy(update={"steps": 14, **choices}), []
-    for name, cache_mb in (("all", 1000), ("none", 0)):
-        read.clear()
-        stage.run(**stage_arguments(tmp_path), settings=settings, cache_mb=cache_mb, out=tmp_path / name)
-        reads.append(read.count(5))
-    assert reads[0] == 2  # once for its inputs, once for the places of the lights that are refined
-    assert reads[1] >= 4
-    for file in ("avatar.safetensors", "config.json", "previews/step_000013.png"):
-        assert (tmp_path / "all" / file).read_bytes() == (tmp_path / "none" / file).read_bytes(), file
-    tables = [pd.read_parquet(tmp_path / name / "log.parquet").drop(columns="seconds") for name in ("all", "none")]
-    pd.testing.assert_frame_equal(*tables)
+    traced, trace = [], inputs_module.trace_bits
+    monkeypatch.setattr(inputs_module, "trace_bits", lambda *given: traced.append(1) or trace(*given))
+    for name, cache_mb, scratch in (("all", 1000, None), ("none", 0, None), ("disk", 0, tmp_path / "scratch")):
+        read.clear(), traced.clear()
+        stage.run(
+            **stage_arguments(tmp_path), settings=settings, cache_mb=cache_mb, scratch=scratch, out=tmp_path / name
+        )
+        reads.append((read.count(5), len(traced)))
+    assert reads[0][0] == 2  # once for its inputs, once for the places of the lights that are refined
+    assert reads[1][0] >= 4 and reads[2][0] >= 4
+    assert [count for _, count in reads[::2]] == [len(frames) * bool(choices)] * 2  # the disk has what was traced
+    assert (reads[1][1] > len(frames)) == bool(choices)
+    assert not list((tmp_path / "scratch").iterdir())
+    for name in ("none", "disk"):
+        for file in ("avatar.safetensors", "config.json", "previews/step_000013.png"):
+            assert (tmp_path / "all" / file).read_bytes() == (tmp_path / name / file).read_bytes(), (name, file)
+        tables = [pd.read_parquet(tmp_path / run / "log.parquet").drop(columns="seconds") for run in ("all", name)]
+        pd.testing.assert_frame_equal(*tables)
 
 
 def test_a_run_killed_between_rounds_goes_on_to_the_same_bits(inputs, tmp_path, monkeypatch):

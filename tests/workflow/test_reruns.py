@@ -156,11 +156,13 @@ def test_changed_setting_reruns_its_stage_and_what_follows(workflow, setting, ex
 
 
 def test_training_processes_and_their_memory_rerun_nothing_and_are_told(workflow):
-    changed = ("training_processes=2", "training_cache_mb=300")
+    changed = ("training_processes=2", "training_cache_mb=300", "training_scratch=/somewhere")
     assert workflow.planned(TARGET, "--config", *changed) == {}
     shown = ("--dry-run", "--printshellcmds", "--forcerun", "train_avatar", "--config")
     told = workflow.snakemake(*shown, *changed, "--", TARGET).stdout
-    assert re.search(r"-m pipeline.stages.train_avatar --subject subjectA .*--processes 2 --cache-mb 300 ", told)
+    assert re.search(
+        r"-m pipeline.stages.train_avatar --subject subjectA .*--processes 2 --cache-mb 300 --scratch /somewhere ", told
+    )
 
 
 def test_variant_with_other_irradiance_gets_its_own_maps_beside_the_others(workflow):

@@ -105,9 +105,10 @@ rule train_avatar:
             {"frame_shards": lambda wildcards: job(wildcards).frame_folders()},
             eyes=lambda input: input.eyes,
         ),
+        scratch=training_scratch,
         settings=settings_for("train_avatar"),
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
         "python -m pipeline.stages.train_avatar {params.arguments:q} --processes {resources.processes} "
-        "--cache-mb {resources.cache_mb} {params.settings:q} > {log:q} 2>&1"
+        "--cache-mb {resources.cache_mb} {params.scratch:q} {params.settings:q} > {log:q} 2>&1"

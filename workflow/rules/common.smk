@@ -153,6 +153,11 @@ def capture_folder(wildcards, input):
     return job(wildcards).capture
 
 
+def training_scratch(wildcards, input):
+    """The flag that says where training may put what it would else make again; for the same reason a function of it."""
+    return ["--scratch", project.settings.training_scratch] if project.settings.training_scratch else []
+
+
 def traced_maps(input):
     """The folder of maps beside each of their tables."""
     return [table.removesuffix(".parquet") for table in input.irradiance]

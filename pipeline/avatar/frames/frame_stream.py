@@ -11,6 +11,7 @@ import torch
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_gains import AS_CALIBRATED, LightGains
+from pipeline.avatar.frames.scratch import Scratch
 from pipeline.capture.records import FrameRecord
 from pipeline.geometry.texels import Atlas
 
@@ -32,12 +33,14 @@ class FrameStream(Mapping[int, FrameInputs]):
         most_bytes: bytes that kept frames may hold, beside those in use; None: all are kept.
         in_use: number of frames that are visited at a time.
         device: where their tensors lie.
+        scratch: where the traced light of other frames is kept; None: it is traced anew.
     """
 
     def __init__(
         self, atlas: Atlas, records: Mapping[int, FrameRecord], most_bytes: float | None = None, in_use: int = 1,
-        device: torch.device | str = "cpu",
+        device: torch.device | str = "cpu", scratch: Scratch | None = None,
     ) -> None:  # fmt: skip
+        self.scratch = scratch
         self.atlas, self.records, self.device = atlas, records, device
         self.most_bytes, self.in_use = most_bytes, in_use
         self._gains, self._lock = AS_CALIBRATED, threading.Lock()
@@ -56,12 +59,20 @@ class FrameStream(Mapping[int, FrameInputs]):
             found, gains = self._visited.get(number) or self._kept.get(number), self._gains
         if found is None:
             found = FrameInputs(self.atlas, self.records[number], gains=gains, device=self.device)
+            if self.scratch is not None:
+                self.scratch.restore(number, found)
+        gone = {}
         with self._lock:
             self._visited.pop(number, None)
             self._visited[number] = found
             while len(self._visited) > self.in_use:
                 oldest = next(iter(self._visited))
-                self._leave(oldest, self._visited.pop(oldest))
+                frame = self._visited.pop(oldest)
+                if not self._leave(oldest, frame):
+                    gone[oldest] = frame
+        for oldest, frame in gone.items():
+            if self.scratch is not None:
+                self.scratch.store(oldest, frame)
         return found
 
     @property
@@ -77,13 +88,15 @@ class FrameStream(Mapping[int, FrameInputs]):
             for frames in (self._visited, self._kept):
                 frames.update({number: frame.with_gains(gains) for number, frame in frames.items()})
 
-    def _leave(self, number: int, frame: FrameInputs) -> None:
-        """Keep a frame that is in use no longer, with all that its visit made, if there is room."""
+    def _leave(self, number: int, frame: FrameInputs) -> bool:
+        """Keep a frame that is in use no longer, with all that its visit made, if there is room: whether there is."""
         self._kept.pop(number, None)
         self._bytes.pop(number, None)
         size = held_bytes(frame)
-        if self.most_bytes is None or sum(self._bytes.values()) + size <= self.most_bytes:
+        room = self.most_bytes is None or sum(self._bytes.values()) + size <= self.most_bytes
+        if room:
             self._kept[number], self._bytes[number] = frame, size
+        return room
 
 
 def held_bytes(frame: FrameInputs) -> int:
