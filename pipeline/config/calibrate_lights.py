@@ -6,6 +6,9 @@ from pydantic import Field
 
 from pipeline.config.settings import Settings
 
+LARGEST_CAMERA_SHIFT_M = 0.005
+"""Two calibrations of one rig agree to well below a millimetre; lights are known to 3 or 4."""
+
 
 class CalibrateLights(Settings):
     """Location of lights from their highlights in a mirror ball.
@@ -30,6 +33,9 @@ class CalibrateLights(Settings):
     )
     suspicious_distance_m: float = Field(
         0.25, gt=0, description="Distance from a light's surveyed position from which names may be mixed up [m]"
+    )
+    largest_camera_shift_m: float = Field(
+        LARGEST_CAMERA_SHIFT_M, gt=0, description="Shift since lights were calibrated up to which a camera stayed [m]"
     )
     weak_outline_px: float = Field(
         0.6, gt=0, description="Root mean square of an outline's residual above which a ball is called weak [px]"

@@ -6,8 +6,9 @@ Each ball is located by its outlines in all cameras that see it; which bright sp
 decide together; then all lights and balls are fitted to highlights and outlines at once (see
 pipeline.calibration.lights.mirror_lights). The measured lights, in the rig's frame, are laid over the surveyed ones
 without scaling: the survey is good to centimetres only, but it says where the stage is. Lights that are measured too
-poorly keep their surveyed position. With `method: known` the surveyed positions are taken as they are; the cameras,
-which are then known in the stage's frame, stay where they are.
+poorly keep their surveyed position. With `method: earlier` lights of an earlier calibration are taken, and
+cameras are placed by those that have not moved since. With `method: known` the surveyed positions are taken as they
+are; the cameras, which are then known in the stage's frame, stay where they are.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.lights.ball_photos import find_outlines, find_spots, use_most_balls
+from pipeline.calibration.lights.given_lights import take_earlier, take_survey
 from pipeline.calibration.lights.length_units import radius_in_rig, unit_complaint
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS, measure_lights, place_in_stage
 from pipeline.calibration.lights.light_verdicts import ball_verdicts, light_verdicts, refusals, why_not_measured
@@ -66,6 +68,11 @@ def run(
         lights, verdicts = take_survey(capture, survey, in_stage)
         write(out, lights, cameras, pd.DataFrame(columns=RESIDUAL_COLUMNS), verdicts)
         return
+    if calibration["method"] == "earlier":
+        files = [capture / calibration[name] for name in ("lights", "cameras")]
+        lights, cameras, verdicts = take_earlier(*files, cameras, survey, in_stage, settings.largest_camera_shift_m)
+        write(out, lights, cameras, pd.DataFrame(columns=RESIDUAL_COLUMNS), verdicts)
+        return
     calibration = use_most_balls(calibration, settings.most_balls)
     outlines, refused = find_outlines(capture, calibration)
     if not outlines:
@@ -102,16 +109,6 @@ def run(
     places = well[["x", "y", "z"]].to_numpy(np.float64)
     verdicts.append(survey_verdict(places, surveyed, alignment, in_stage, settings))
     write(out, lights, cameras, table, verdicts)
-
-
-def take_survey(capture: Path, survey: pd.DataFrame, in_stage: bool) -> tuple[pd.DataFrame, list[Verdict]]:
-    """The surveyed lights as they are, for cameras that are in their frame."""
-    if not in_stage:
-        hint = "known lights do not show in images and cannot place cameras that have a frame of their own"
-        raise InputError(f"{capture}: calibration.cameras: expected known cameras in the stage's frame; {hint}")
-    lights = survey[["light", "x", "y", "z"]].assign(sigma_m=0.0, status="surveyed", highlights=0)
-    why = "known: taken from lights.csv as it is; nothing measured"
-    return lights.reindex(columns=TABLE_COLUMNS), [Verdict("light", name, "good", why) for name in lights.light]
 
 
 def check_units(capture: Path, facts: pd.DataFrame, survey: pd.DataFrame, ball_ratio: float, tolerance: float) -> None:

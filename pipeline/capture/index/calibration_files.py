@@ -20,6 +20,7 @@ from pipeline.capture.index.image_checks import ExpectedImage, IndexSection
 from pipeline.capture.paths import find_files, locate
 from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
+    EarlierLights,
     KnownCameras,
     KnownLights,
     MirrorBallLights,
@@ -99,7 +100,7 @@ def _with_times(root: Path, path: str, views: list[dict], complaints: Complaints
 
 def find_light_calibration(
     root: Path,
-    section: MirrorBallLights | KnownLights,
+    section: MirrorBallLights | KnownLights | EarlierLights,
     cameras: pd.DataFrame,
     lights: pd.DataFrame,
     complaints: Complaints,
@@ -107,6 +108,13 @@ def find_light_calibration(
     """`calibration_lights.json`, and images of the mirror ball, which must be of sensor size."""
     if isinstance(section, KnownLights):
         return {"method": "known", "images": [], "silhouettes": []}, []
+    if isinstance(section, EarlierLights):
+        files = {"lights": section.lights, "cameras": section.cameras}
+        digests = {}
+        for name, path in files.items():
+            with complaints.collecting():
+                digests[f"{name}_digest"] = digest_file(locate(root, path))
+        return {"method": "earlier", "images": [], "silhouettes": [], **files, **digests}, []
     dark = find_files(root, section.silhouette)
     silhouettes = [{"position": v["position"], "camera": v["camera"], "path": p} for p, v in dark.items()]
     # The pattern of the lit images matches the silhouettes too, as a light called 'silhouette'.

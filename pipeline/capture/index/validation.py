@@ -25,6 +25,7 @@ from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.schema.camera_schema import PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
     Capture,
+    EarlierLights,
     Images,
     KnownCameras,
     KnownLights,
@@ -136,7 +137,9 @@ def _find_calibration(
 
 
 def _check_stage_frame(
-    cameras: PhotographedBoards | KnownCameras, lights: MirrorBallLights | KnownLights, complaints: Complaints
+    cameras: PhotographedBoards | KnownCameras,
+    lights: MirrorBallLights | KnownLights | EarlierLights,
+    complaints: Complaints,
 ) -> None:
     in_stage = isinstance(cameras, KnownCameras) and cameras.frame == "stage"
     if not in_stage and isinstance(lights, KnownLights):

@@ -62,6 +62,19 @@ class KnownLights(Section):
     method: Literal["known"] = Field(description="which method this section is about")
 
 
+class EarlierLights(Section):
+    """Lights that were calibrated on an earlier day and have not moved; no ball is needed.
+
+    Cameras in a frame of their own are placed by those that still stand where they stood, more than half.
+    """
+
+    method: Literal["earlier"] = Field(description="which method this section is about")
+    lights: ParquetPath = Field(description="lights.parquet of the earlier calibration")
+    cameras: Annotated[str, path_to(".json")] = Field(
+        description="cameras.json of the earlier calibration; cameras of one name are compared"
+    )
+
+
 class ChartColor(Section):
     """Each camera's colours are corrected by what it sees of a chart."""
 
@@ -111,7 +124,9 @@ class Calibration(Section):
     cameras: BoardCameras | CharucoCameras | KnownCameras = Field(
         discriminator="method", description="poses and lenses"
     )
-    lights: MirrorBallLights | KnownLights = Field(discriminator="method", description="positions of the LEDs")
+    lights: MirrorBallLights | KnownLights | EarlierLights = Field(
+        discriminator="method", description="positions of the LEDs"
+    )
     color: ChartColor | KnownColor | NoColor = Field(
         discriminator="method", description="colour response of each camera"
     )
