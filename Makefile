@@ -73,6 +73,7 @@ mutants: $(READY)
 
 verdicts: $(READY)
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_verdicts --out results/verdicts
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_verdict_sizes --out results/verdicts
 
 # pip-audit has an environment of its own: it only reads the locks.
 audit:
