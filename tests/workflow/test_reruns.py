@@ -86,8 +86,8 @@ text = json.dumps({**planned, "kind": "head" if head else "body", "content": con
 for output in OUTPUTS:
     output = output.replace("{chunk}", flags.get("chunk", [""])[0])
     path = Path(f"{out}{output}") if output[:1] in ("", "/") else out / output
-    path = out.with_suffix(output) if output[:1] == "." else path
-    path = out.parent / output[3:] if output[:3] == "../" else path
+    beside = out.parent / output[3:] if output[:3] == "../" else None
+    path = beside or (out.with_suffix(output) if output[:1] == "." else path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text + " changed" * (output in CHANGED))
 """
