@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +16,7 @@ from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.calibrate_cameras import run
-from tests.support.drawings.boards import BOARD, FOCAL, camera_at, draw, pose, write_capture
+from tests.support.drawings.boards import BOARD, FOCAL, K, camera_at, draw, pose, write_capture
 from tests.support.rigs.cameras import boards_in_stage, center_errors, observe, planted_cameras, solve
 
 TURNS = np.random.default_rng(2).uniform(-0.5, 0.5, (12, 3))
@@ -217,3 +218,32 @@ def test_views_partly_outside_the_image(case):
     assert np.all(errors < 4 * np.sqrt(3) * rig.center_sigma_m)
     case.check(errors.max(), 5e-3, unit="m")
     assert rig.focal_sigma.max() < 2e-3
+
+
+def refocused(image, zoom):
+    """The image by a lens whose focal length is `zoom` times as long: larger about the principal point."""
+    (cx, cy), shift = K[:2, 2] - 0.5, 1 - zoom
+    enlarge = np.array([[zoom, 0, shift * cx], [0, zoom, shift * cy]])
+    return cv2.warpAffine(image, enlarge, image.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+
+
+def test_a_camera_refocused_halfway_through(tmp_path, caplog):
+    """3 % longer from view 6 on: no single lens fits; the camera is named, and the others are as good as ever."""
+    images = record(dict.fromkeys(RIG, range(12)))
+    images |= {("b", v): refocused(images["b", v], 1.03) for v in range(6, 12)}
+    with caplog.at_level(logging.INFO):
+        message = refused(tmp_path, images)
+    # A longer lens looks like one that came nearer: 3 % of 1.3 m.
+    assert "b moved before view 6" in message
+    assert "a lens that was refocused looks the same" in message
+    assert "camera a: good" in caplog.text and "camera c: good" in caplog.text
+
+
+def test_motion_blur_of_some_images(case, tmp_path):
+    """5 px of 320 along the rows in a third of the images of one camera."""
+    images = record(dict.fromkeys(RIG, range(12)))
+    streak = np.full((1, 5), 1 / 5)
+    images |= {("b", v): cv2.filter2D(images["b", v], -1, streak) for v in (1, 4, 7, 10)}
+    cameras = calibrate(tmp_path, images)
+    assert pd.read_csv(tmp_path / "out/verdicts_cameras.csv").grade.tolist() == ["good"] * 3
+    case.check(abs(cameras["b"].K[0, 0] / FOCAL - 1), 5e-3)

@@ -227,3 +227,32 @@ def test_patches_of_one_hue_are_refused(tmp_path, caplog):
     paths = write_capture(tmp_path, lambda response: np.minimum(draw_chart(response, values), 1.0), corners=corners)
     message = refused(paths, caplog, CalibrateColor(least_patches=6))
     assert "the patches that are left are of too few hues" in message
+
+
+def test_a_chart_under_two_lights_of_other_colours_is_refused(tmp_path, caplog):
+    """Daylight on its left half, an incandescent lamp on its right: no one response fits."""
+    lamp = np.diag([1.1, 0.5, 0.2])
+
+    def two_lights(response):
+        right = draw_chart(response @ lamp)
+        middle = int(chart_pixels((3, 2))[0, 0])
+        image = draw_chart(response)
+        image[:, middle:] = right[:, middle:]
+        return image
+
+    assert "hidden, out of the image or under another light?" in refused(write_capture(tmp_path, two_lights), caplog)
+
+
+def test_hot_pixels_change_nothing(case, tmp_path):
+    """One pixel in 500 at full scale, in one channel each: they count as saturated, too few to spoil a patch."""
+
+    def with_hot_pixels(response):
+        image = draw_chart(response)
+        random = np.random.default_rng(5)
+        hot = random.integers(0, image.size, image.size // 1500)
+        image.reshape(-1)[hot] = 1.0
+        return image
+
+    run(**write_capture(tmp_path, with_hot_pixels))
+    assert verdict(tmp_path).reason.startswith("24 patches") and verdict(tmp_path).grade == "good"
+    case.check(max(errors_of_corrections(tmp_path, PLANTED).values()), TOLERANCE)

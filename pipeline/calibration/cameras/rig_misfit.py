@@ -41,6 +41,7 @@ def complain_of_misfits(
     for movement in inspection.movements:
         if movement.shift_px > largest_shift_px:
             hint = f"remove or record again the views before {movement.shot}, or those from it on"
+            hint += "; a lens that was refocused looks the same"
             expected = "cameras that stand still"
             if not is_knock(movement):
                 expected, hint = "views that fit together", f"{MIXED}; or {hint}"

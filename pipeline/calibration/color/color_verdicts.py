@@ -79,7 +79,7 @@ def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
     hidden = 1 + np.flatnonzero(response.odd(settings.largest_residual))
     if len(hidden) > MOST_HIDDEN:
         expected = f"a chart of which at most {MOST_HIDDEN} patches show something else"
-        hint = "is part of it hidden or out of the image?"
+        hint = "is part of it hidden, out of the image or under another light?"
         return [Flaw("failed", expected, f"{len(hidden)}: {listed(hidden)}", hint)]
     if sigma > settings.largest_sigma:
         expected = f"a response known to {settings.largest_sigma:.1%}"
