@@ -6,6 +6,7 @@ import copy
 import random
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -16,10 +17,11 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.capture.schema.manifest import read_manifest
 from pipeline.config.loading import load_project
 from tests.support.captures.builder import MANIFEST
-from tests.support.chaos import records
+from tests.support.chaos import forked_stage, records, twice
 from tests.support.chaos.mutations.mutation import Meaning
 from tests.support.chaos.outcome import DEFECTS, Outcome, Result
 from tests.support.chaos.settings import VALUES, is_wrong
+from tests.support.chaos.sound_run import SoundRun
 
 SEED, SETTINGS = 20, 40
 
@@ -101,6 +103,25 @@ def test_settings_that_the_published_schema_refuses_are_refused(repo_root, tmp_p
             assert not is_wrong(section, key, value), f"{section}.{key}: {value!r}"
         wrong += is_wrong(section, key, value)
     assert wrong > SETTINGS / 3
+
+
+@pytest.mark.parametrize(("second", "outcome"), [("a", Outcome.RIGHT), ("b", Outcome.DIFFERING)])
+def test_runs_of_another_subject_are_compared_with_its_own_first(tmp_path, monkeypatch, second, outcome):
+    contents = {2: "a", 1: second}
+
+    def start(words, folder):
+        file = folder / "results/other/metrics.csv"
+        assert words == ["--cores", words[1], "--", "results/other/metrics.csv"]
+        file.parent.mkdir(parents=True)
+        file.write_text(contents[int(words[1])])
+        return SimpleNamespace(ended=lambda allowed_s: forked_stage.Ended(0, ""))
+
+    monkeypatch.setattr(forked_stage, "start_snakemake", start)
+    (attack,) = twice.attacks(SoundRun(tmp_path / "sound", ()), SEED, 2, subject="other")
+    again = tmp_path / "again"
+    result = attack.run(again)
+    assert (result.outcome, attack.name) == (outcome, "other on 1 cores, from nothing")
+    assert (again / "pipeline").readlink() == tmp_path / "sound/pipeline"
 
 
 def test_table_goes_on_where_it_was_left_and_counts_classes(tmp_path):
