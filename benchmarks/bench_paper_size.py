@@ -19,7 +19,6 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -32,7 +31,6 @@ from benchmarks.schedule import Cluster, Job, Schedule, read_graph, simulate
 from pipeline.base.files import write_table
 from pipeline.base.yaml_files import read_yaml
 from pipeline.config.loading import Project, load_project
-from pipeline.config.subjects import chunk_ids
 from pipeline.workflow.job_files import JobFiles
 from pipeline.workflow.job_requests import TABLE, read_costs
 from pipeline.workflow.job_size import job_size
@@ -43,19 +41,8 @@ TARGET = f"results/{SUBJECT}/metrics.csv"
 NODES = (1, 16, 256)
 """Numbers of nodes of the simulated clusters, each with what the Slurm profile asks for at most."""
 
-INDEX = [f"index/{name}.parquet" for name in (
-    "cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "eyes", "gaze", "meshes",
-)] + [f"index/{name}.json" for name in (
-    "capture", "calibration_cameras", "calibration_lights", "calibration_color",
-)]  # fmt: skip
-DONE = [
-    *INDEX, "calibration/rig.json", "calibration/residuals_cameras.parquet", "calibration/quality_cameras.parquet",
-    "calibration/verdicts_cameras.csv", "calibration/color.json", "calibration/residuals_color.parquet",
-    "calibration/verdicts_color.csv", "calibration/lights.parquet", "calibration/cameras.json",
-    "calibration/residuals_lights.parquet", "calibration/verdicts_lights.csv", "patterns.parquet", "frames.parquet",
-    "sync.json", "sync.png", "atlas.safetensors", "atlas.png", "template.glb", "effects.json",
-]  # fmt: skip
-"""Outputs of the stages up to the plan of effects, by which the number of jobs is decided."""
+UNPLANNED = ("pack_shards", "train_avatar", "evaluate_avatar")
+"""Stages after the plan of effects. What those before it write decides the number of their jobs."""
 
 
 def snakemake(folder: Path, *words: str) -> tuple[str, Planning]:
@@ -77,13 +64,17 @@ def snakemake(folder: Path, *words: str) -> tuple[str, Planning]:
     return text, Planning(wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, jobs)
 
 
-def write_done(folder: Path, chunks: Sequence[str]) -> None:
-    """Stages up to the plan of effects, done, and all at the same time: none is newer than what it was made of."""
-    results = folder / "results" / SUBJECT
-    tracked = [f"tracking/{chunk}.{suffix}" for chunk in chunks for suffix in ("safetensors", "parquet")]
-    write_finished(results, [*DONE, *tracked])
+def write_done(folder: Path, summary: str) -> None:
+    """Stages up to the plan of effects, done, and all at the same time: none is newer than what it was made of.
+
+    Args:
+        folder: of the project.
+        summary: what `snakemake --summary` says of a run from nothing.
+    """
+    rows = [line.split("\t") for line in summary.splitlines() if line.startswith("results/")]
+    write_finished(folder, [path for path, _, rule, *_ in rows if rule not in UNPLANNED], SUBJECT)
     now = time.time()
-    for path in results.rglob("*"):
+    for path in (folder / "results").rglob("*"):
         os.utime(path, (now, now))
 
 
@@ -137,9 +128,7 @@ def main() -> None:
         folder = Path(made, "project")
         write_project(ROOT, folder, size, SUBJECT)
         _, fresh = snakemake(folder, "--dry-run", "--quiet", "rules")
-        with working_in(folder):
-            chunks = chunk_ids(paper_project(), SUBJECT)
-        write_done(folder, chunks)
+        write_done(folder, snakemake(folder, "--summary")[0])
         _, whole = snakemake(folder, "--dry-run", "--quiet", "rules")
         dot, _ = snakemake(folder, "--dag", "dot")
         jobs = dict(Counter(read_graph(dot)[0].values()))

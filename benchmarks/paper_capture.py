@@ -110,11 +110,11 @@ def write_links(folder: Path, cameras: Iterable[str], frames: np.ndarray) -> Non
             os.symlink("../../image.png", own / f"{frame:06d}.png")
 
 
-def write_finished(results: Path, files: Iterable[str]) -> None:
+def write_finished(folder: Path, files: Iterable[str], subject: str) -> None:
     """Empty files in place of what stages wrote, and what a plan reads of them: the kind and the planned effects."""
     for name in files:
-        path = results / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    results = folder / "results" / subject
     write_json(results / "index/capture.json", {"kind": "body"})
     write_json(results / "effects.json", {name: {"on": name in PLANNED} for name in EFFECTS})
