@@ -39,10 +39,17 @@ class ShardRows:
         return self._readers[shard].get_batch(index - int(self._starts[shard]))
 
     def columns(self, names: Sequence[str]) -> pa.Table:
-        """Some columns of all rows; no other is read or decompressed."""
+        """Some columns of all rows, a copy of their own; no other is read or decompressed.
+
+        A file at a time: a row takes some 30 kB before it is joined with the others.
+        """
         chosen = pa.ipc.IpcReadOptions(included_fields=[self.schema.get_field_index(name) for name in names])
-        files = [pa.ipc.open_file(pa.BufferReader(pa.py_buffer(held)), options=chosen) for held in self._maps]
-        return pa.concat_tables([file.read_all() for file in files])
+        tables = []
+        for held in self._maps:
+            rows = pa.ipc.open_file(pa.BufferReader(pa.py_buffer(held)), options=chosen).read_all()
+            tables.append(rows.combine_chunks())
+            held.madvise(mmap.MADV_DONTNEED)
+        return pa.concat_tables(tables)
 
     def forget(self) -> None:
         """Give back the memory of what was looked at.
