@@ -14,7 +14,6 @@ from tests.support.rigs.light_stage import always_fully_lit, brightness_model, b
 
 STAND_IN = Ellipsoid(np.array([0.0, -0.05, 0.0]), np.diag([0.3, 0.85, 0.25]))
 FRAMES = 30
-TURN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
 
 
 @pytest.fixture(scope="module")
@@ -42,9 +41,7 @@ def test_a_true_survey_is_good(stage):
     ("change", "says"),
     [
         (np.diag([-1.0, 1, 1]), "(-x, y, z)"),
-        (np.diag([1.0, -1, -1]), "(x, -y, -z)"),
         (np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]), "(x, z, y)"),
-        (TURN, "(-z, y, x)"),
     ],
 )
 def test_a_survey_in_other_axes_is_failed_and_the_way_back_named(stage, change, says):
