@@ -95,7 +95,7 @@ def identify_board(grays: Sequence[UInt8[np.ndarray, "height width"]], declared:
 def matching_dictionary(
     photos: Sequence[BoardPhoto], declared: Sequence[str], names: Sequence[str]
 ) -> tuple[str, bool, int] | None:
-    """Dictionary, of some, that reads most markers, whether they are inverted, and how many there are.
+    """Dictionary, of some, that reads most markers; whether inverted, and how many they are.
 
     None if none reads any.
 
