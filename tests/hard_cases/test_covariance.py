@@ -85,7 +85,8 @@ def test_needles_of_rank_1(case: HardCase, long_px: float, wide_px: float, dilat
     used = max(dilation, MIN_DILATION_PX2)
     # The scales that float32 holds, in pixels; and the turn that its quaternion stands for.
     held = tuple(float(s) / px for s in scales.detach()[0, :2])
-    turn = 2 * math.degrees(math.atan2(float(gaussian[1][0, 3]), float(gaussian[1][0, 0])))
+    rotation = gaussian[1][0].detach()
+    turn = 2 * math.degrees(math.atan2(float(rotation[3]), float(rotation[0])))
     exact = exact_alphas(held, turn, used)
     decided = np.abs(exact / MIN_ALPHA - 1) > 1e-4
     case.check(worst(found.alpha.detach().numpy()[decided], exact[decided], 1.0), VALUE)

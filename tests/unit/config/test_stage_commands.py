@@ -13,16 +13,18 @@ BY_HAND = {
     "pack_shards": {"only_frames"}, "trace_irradiance": {"environment"}, "relight_avatar": {"keyframes"},
 }  # fmt: skip
 """Flags that no file of the results feeds."""
+OF_THE_MACHINE = {"threads", "workers", "processes", "cache_mb", "scratch"}
+"""Flags that say what a machine lends; they change no result, so a rule adds them beside the words of the listing."""
 
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_flags_are_those_of_the_stage(repo_root, stage):
-    """All that a stage must be told is told, and nothing else; threads, processes and settings come from elsewhere."""
+    """All that a stage must be told is told, nothing else; settings and what a machine lends come from elsewhere."""
     tree = ast.parse((repo_root / f"pipeline/stages/{stage}.py").read_text())
     (run,) = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "run")
     known = {argument.arg for argument in run.args.kwonlyargs} - {"settings", *BY_HAND.get(stage, ())}
     flags = {part.partition("=")[0] for part in ARGUMENTS[stage].split()}
-    assert known - {"threads", "workers", "processes"} == flags
+    assert known - OF_THE_MACHINE == flags
     assert ("threads" in known) == (stage in THREADED)
 
 

@@ -83,7 +83,7 @@ MANIFEST_BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "unknown method": (
         manifest(lambda m: m["calibration"]["lights"].update(method="ball")),
-        ["calibration.lights.method: expected one of 'mirror_ball', 'known', found 'ball'"],
+        ["calibration.lights.method: expected one of 'mirror_ball', 'known', 'earlier', found 'ball'"],
     ),
     "no method": (
         manifest(lambda m: m["calibration"]["color"].pop("method")),
