@@ -152,6 +152,7 @@ def _normal_equations(
         normal = jacobian.T @ weighted
     else:
         matrix = scipy.sparse.csr_array(jacobian)
-        weighted = scipy.sparse.diags_array(weight) @ matrix
+        weighted = matrix.copy()
+        weighted.data *= np.repeat(weight, np.diff(matrix.indptr))
         normal = (matrix.T @ weighted).toarray()
     return normal + np.diag(precision), weighted.T @ residual.ravel() + precision * offset

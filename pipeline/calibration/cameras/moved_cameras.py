@@ -138,7 +138,7 @@ def _pose_per_view(
     that is left of them when all else follows [views, 6, views, 6]; corners by pose [2 corners, 6]; and the scale of a
     pose [6], which puts metres and radians on one footing.
     """
-    jacobian = rig.model.residuals(rig.parameters)[1].tocsr()[np.repeat(2 * mine, 2) + np.tile([0, 1], len(mine))]
+    jacobian = rig.model.residuals(rig.parameters)[1][np.repeat(2 * mine, 2) + np.tile([0, 1], len(mine))]
     used = np.unique(jacobian.indices)
     position = np.searchsorted(rig.model.free, rig.model.pose_columns(camera))
     by_pose = jacobian[:, position].toarray()

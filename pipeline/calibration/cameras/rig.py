@@ -86,7 +86,7 @@ def adjust_rig(
 def _adjust(model: RigModel) -> Rig:
     start, (mean, sigma), free = model.start(), model.priors(), model.free
 
-    def evaluate(x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csc_array]:
+    def evaluate(x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csr_array]:
         full = start.copy()
         full[free] = x
         return model.residuals(full)

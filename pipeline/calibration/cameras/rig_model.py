@@ -199,53 +199,66 @@ class RigModel:
             jacobian[3 * c : 3 * c + 3, self.pose_columns(c)] = by_pose
         return jacobian
 
-    def residuals(self, x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csc_array]:
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which entries of the blocks of `residuals` belong to free parameters [2 n, entries], and CSR's two indices.
+
+        An entry's column ascends within a row: intrinsics, camera, board, time, lag.
+        """
+        c, v = self.observations.camera, self.observations.view
+        cameras = len(self.lens_cameras) * self.intrinsics_count
+        boards = cameras + len(self.cameras) * POSE
+        column = [
+            self.lens_index[c][:, None] * self.intrinsics_count + np.arange(self.intrinsics_count),
+            cameras + c[:, None] * POSE + np.arange(POSE),
+            boards + v[:, None] * POSE + np.arange(POSE),
+        ]
+        place = np.full(self.start().size + 1, -1)
+        place[self.free] = np.arange(len(self.free))
+        if len(self.clocked[0]):
+            image, nowhere = self.clocked[1], len(place) - 1
+            times = [self.times_columns.start + image, self.lag_columns.start + c]
+            column.append(np.where(image >= 0, times, nowhere).T)
+        at = np.repeat(place[np.concatenate(column, 1)], 2, axis=0)
+        kept = at >= 0
+        return kept, at[kept], np.concatenate([[0], np.cumsum(kept.sum(1))])
+
+    def residuals(self, x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csr_array]:
         """Projected minus observed corners [n, 2], and the sparse Jacobian [2 n, free parameters]."""
         c, v = self.observations.camera, self.observations.view
         start_R = np.stack([camera.R for camera in self.cameras])
         intrinsics, camera_pose, board_pose = self.split(x)
-        lens = self.lens_index[c]
         R = _rotations(camera_pose, start_R)[c]
         turned = np.einsum("nij,nj->ni", _rotations(board_pose, self.rig_from_board[:, :3, :3])[v], self.points)
         in_rig = turned + board_pose[v, 3:]
         rotated = np.einsum("nij,nj->ni", R, in_rig)
         pixel, by_intrinsics, by_point = project_with_jacobian(
-            self.lens, intrinsics[lens], rotated + camera_pose[c, 3:]
+            self.lens, intrinsics[self.lens_index[c]], rotated + camera_pose[c, 3:]
         )
         by_camera_turn = -by_point @ skew(rotated) @ left_jacobian(np.ascontiguousarray(camera_pose[:, :3]))[c]
         by_rig = by_point @ R
         by_board_turn = -by_rig @ skew(turned) @ left_jacobian(np.ascontiguousarray(board_pose[:, :3]))[v]
-        blocks = np.concatenate([by_intrinsics, by_camera_turn, by_point, by_board_turn, by_rig], -1)
-        boards = intrinsics.size + camera_pose.size
-        column = np.concatenate([
-            lens[:, None] * self.intrinsics_count + np.arange(self.intrinsics_count),
-            intrinsics.size + c[:, None] * POSE + np.arange(POSE),
-            boards + v[:, None] * POSE + np.arange(POSE),
-        ], 1)  # fmt: skip
-        rows = np.broadcast_to(np.arange(2 * len(c)).reshape(-1, 2, 1), blocks.shape)
-        column = np.broadcast_to(column[:, None], blocks.shape)
-        matrix = scipy.sparse.csc_array((blocks.ravel(), (rows.ravel(), column.ravel())), shape=(2 * len(c), len(x)))
+        blocks = [by_intrinsics, by_camera_turn, by_point, by_board_turn, by_rig]
         residual = pixel - self.observations.pixel
         if len(self.clocked[0]):
             moved, by_time = self._moved(x)
-            residual, matrix = residual + moved, matrix + by_time
-        return residual, matrix[:, self.free]
+            residual = residual + moved
+            blocks += [by_time[:, :, None]] * 2  # a camera's lag adds to the image's time
+        kept, column, rows = self._pattern
+        value = np.concatenate(blocks, -1).reshape(kept.shape)[kept]
+        return residual, scipy.sparse.csr_array((value, column, rows), shape=(len(kept), len(self.free)))
 
-    def _moved(self, x: np.ndarray) -> tuple[np.ndarray, scipy.sparse.csc_array]:
-        """How far each corner has moved since its view's mean time [n, 2], and the derivative [2 n, parameters].
+    def _moved(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far each corner has moved since its view's mean time [n, 2], and its derivative by the image's time.
 
         To second order: a hand turns round in tenths of a second, and images of one view are as much as a tenth apart.
         """
         image, motion = self.clocked[1], self.observations.motion
-        rows = np.flatnonzero(image >= 0)
-        columns = np.stack([self.times_columns.start + image, self.lag_columns.start + self.observations.camera], 1)
-        late = x[columns[rows]].sum(1)[:, None]
-        moved, slope = np.zeros_like(motion.velocity), motion.velocity[rows] - motion.acceleration[rows] * late
-        moved[rows] = (motion.velocity[rows] - motion.acceleration[rows] * late / 2) * late
-        at = np.repeat(2 * rows[:, None] + [0, 1], 2, axis=1)
-        column, value = np.tile(columns[rows], 2), np.repeat(slope, 2, axis=1)
-        shape = (2 * len(image), len(x))
-        return moved, scipy.sparse.csc_array((value.ravel(), (at.ravel(), column.ravel())), shape=shape)
+        timed = (image >= 0)[:, None]
+        late = np.where(timed, x[self.times_columns][image][:, None], 0)
+        late = late + np.where(timed, x[self.lag_columns][self.observations.camera][:, None], 0)
+        moved = (motion.velocity - motion.acceleration * late / 2) * late
+        return np.where(timed, moved, 0), np.where(timed, motion.velocity - motion.acceleration * late, 0)
 
 
 def intrinsics_prior_sigma(camera: Camera) -> Float64[np.ndarray, " intrinsics"]:
