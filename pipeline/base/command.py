@@ -77,7 +77,7 @@ def _locked(run: Callable[..., None]) -> Callable[..., None]:
         if "out" not in arguments or int(os.environ.get("RANK", 0)):
             run(**arguments)
             return
-        chunk = [f"{arguments['chunk']:04d}"] if "chunk" in arguments else []
+        chunk = [] if arguments.get("chunk") is None else [f"{arguments['chunk']:04d}"]
         with output_locked(arguments["out"], ".".join([Path(sys.argv[0]).stem, *chunk])):
             run(**arguments)
 

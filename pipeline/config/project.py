@@ -58,6 +58,12 @@ class SubjectSettings(Settings):
     )
     path: str = Field("", description="folder of one capture of a public set, as it ships; nothing is written there")
     chunk_frames: int = Field(64, ge=1, le=9999, description="frames that one job handles together [frames]")
+    chunk_images: int = Field(
+        4096,
+        ge=1,
+        description="images that one job checks, or scores of, at least: larger captures are checked and scored by "
+        "several jobs, each for some chunks of frames; changes no result [images]",
+    )
     variants: dict[Name, dict[str, Any]] = Field(
         {"full": {}},
         min_length=1,

@@ -67,12 +67,16 @@ def watched_files(project: Project, subject: str) -> list[str]:
     description = folder / "capture.yaml"
     if project.subject(subject).source != "native":
         return [str(description)]
+    if has_few_files(project, subject):
+        return sorted(map(str, _files_below(folder)))
+    tables = [folder / path for path in _named_files(read_description(description))]
+    return sorted(map(str, [description, *(path for path in tables if _is_inside(path, folder))]))
+
+
+def has_few_files(project: Project, subject: str) -> bool:
+    """Whether the folder of a recorded capture has at most `track_capture_files` files, each of which is watched."""
     limit = project.settings.track_capture_files
-    files = list(islice(_files_below(folder), limit + 1))
-    if len(files) > limit:
-        tables = [folder / path for path in _named_files(read_description(description))]
-        files = [description, *(path for path in tables if _is_inside(path, folder))]
-    return sorted(map(str, files))
+    return len(list(islice(_files_below(Path(project.settings.captures) / subject), limit + 1))) <= limit
 
 
 def dataset_files(project: Project, subject: str) -> list[str]:

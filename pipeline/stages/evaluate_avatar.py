@@ -6,6 +6,9 @@ stands in the table. Out: metrics.csv (variant x split x lighting), metrics_per_
 variant: its scores on all test images, on validation images, on new segments and on new light), avatar_times.csv and
 images/VARIANT_{worst,median,best}.png of test images; images/VARIANT_layers.png shows albedo, normal, roughness,
 visibility, diffuse and specular light and shadow of the median one (RGCA Figure 3).
+
+Images of a large capture are scored by jobs of their own, each those of an avatar in some chunks of frames; the tables
+that are made of theirs are the same.
 """
 
 from __future__ import annotations
@@ -13,23 +16,19 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.avatar.intrinsic_layers import IntrinsicLayers, as_pictures
-from pipeline.avatar.training.checkpoint import camera_view, load_avatar
+from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.splits import VALIDATION
-from pipeline.capture.images import write_png
-from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
-from pipeline.metrics.comparison import labelled_panels, side_by_side
+from pipeline.figures.scored_images import LAYERS, remove_pictures, write_layers, write_pictures
 from pipeline.metrics.evaluation import (
     COLOR_SPACE,
     LIT,
@@ -38,17 +37,13 @@ from pipeline.metrics.evaluation import (
     Render,
     evaluate,
     region,
-    scored_pair,
     summarize,
-    worst_median_best,
 )
 from pipeline.metrics.image_metrics import asked_metrics, metrics_in
+from pipeline.metrics.joined_scores import joined_scores
 from pipeline.metrics.lpips import open_lpips
 
 log = logging.getLogger("evaluate_avatar")
-
-LAYERS = "layers"
-"""End of the names of pictures of intrinsic layers."""
 
 TIMED_IMAGES = 5
 """Pictures whose time is taken, spread over the held-out ones: enough for a median that one slow moment cannot move."""
@@ -63,6 +58,9 @@ def run(
     out: Path,
     subject: str,
     frames: tuple[Path, ...] = (),
+    scores: Path | None = None,
+    chunk: int | None = None,
+    chunks: int = 1,
     settings: EvaluateAvatar = EvaluateAvatar(),
 ) -> None:
     """Score avatars on held-out images.
@@ -72,9 +70,13 @@ def run(
         shards: folder with test/, validation/ and frames/ of pack_shards.
         effects: effects.json of plan_effects; what is on is logged beside the scores.
         avatars: folders of train_avatar; each folder's name is the variant.
-        out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv, avatar_times.csv and images/.
+        out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv, avatar_times.csv and images/; with
+            `chunk`, for CHUNK.parquet.
         subject: name of the subject, for the table.
         frames: folder of frame shards of each avatar, if they are not all lit as in SHARDS/frames.
+        scores: folder of a folder VARIANT for each avatar, written with `chunk`: no image is scored again.
+        chunk: score only the images of this chunk, of the one avatar that is given, and write a table of them.
+        chunks: number of chunks that are scored from there, if any.
         settings: see the flags below.
     """
     variants = [folder.name for folder in avatars]
@@ -82,16 +84,25 @@ def run(
         raise InputError(
             f"--avatars: expected folders of different names, found {variants}; a variant is its folder's name"
         )
+    if chunk is not None and len(avatars) > 1:
+        raise InputError(f"--avatars: expected one folder, as a chunk is scored for each alone, found {len(avatars)}")
     lpips, weights = open_lpips(settings.lpips_net, settings.lpips_backbone)
     if lpips is None:
         log.warning("LPIPS stays empty: %s", weights)
     frames = frames or (shards / "frames",) * len(avatars)
     if len(frames) != len(avatars):
         raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
-    images = read_image_shards([shards / "test", shards / VALIDATION])
-    lit = {path: read_frame_shards([path]) for path in frames}
+    parts = [""] if chunk is None else [f"{chunk + each:04d}.arrow" for each in range(chunks)]
+    images = read_image_shards([shards / split / part for split in ("test", VALIDATION) for part in parts])
+    lit = {path: read_frame_shards([path / part for part in parts]) for path in frames}
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     metrics = asked_metrics(settings.metrics)
+    if chunk is not None:
+        avatar = load_avatar(avatars[0], atlas)
+        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace)
+        write_table(out / f"{chunk:04d}.parquet", scored)
+        log.info("%s: %d images of %d chunks from %d", avatars[0].name, len(scored), chunks, chunk)
+        return
     network = {"lpips_net": settings.lpips_net, "lpips_weights": weights}
     protocol = {"color_space": COLOR_SPACE, "region": region(metrics), **network}
 
@@ -104,7 +115,10 @@ def run(
     for folder, path in zip(avatars, frames, strict=True):
         avatar = load_avatar(folder, atlas)
         render = avatar.render
-        per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace)
+        if scores is None:
+            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace)
+        else:
+            per_image = joined_scores(scores / folder.name, images.table)
         names = {"subject": subject, "variant": folder.name}
         config = read_json(folder / "config.json")
         built = {name: config.get(name, "") for name in ("built", "why")}
@@ -151,40 +165,6 @@ def names_first(table: pd.DataFrame) -> pd.DataFrame:
     """The same table, subject and variant leading."""
     leading = ["subject", "variant"]
     return table[leading + [column for column in table.columns if column not in leading]]
-
-
-def write_pictures(
-    folder: Path, variant: str, render: Render, per_image: pd.DataFrame, images: ImageShards, frames: FrameShards
-) -> None:
-    """Write VARIANT_worst.png, _median.png and _best.png by PSNR; nothing if no image has one."""
-    for name, row in worst_median_best(per_image).items():
-        image = images[int(row["index"])]
-        captured, rendered = scored_pair(render, image, frames[image.frame])
-        lit = "fully lit" if image.fully_lit else "partially lit"
-        label = f"{variant}, {name}: {image.camera}, frame {image.frame}, {lit}, PSNR {row.psnr_db:.2f} dB"
-        write_png(folder / f"{variant}_{name}.png", side_by_side(captured, rendered, label))
-
-
-def write_layers(
-    folder: Path, variant: str, layers_of: Callable[[FrameRecord, ImageRecord], IntrinsicLayers],
-    per_image: pd.DataFrame, images: ImageShards, frames: FrameShards,
-) -> None:  # fmt: skip
-    """Write VARIANT_layers.png, the intrinsic layers of the median image, if there is one."""
-    row = worst_median_best(per_image).get("median")
-    if row is None:
-        return
-    image = images[int(row["index"])]
-    layers = layers_of(frames[image.frame], image)
-    label = f"{variant}: {image.camera}, frame {image.frame}"
-    write_png(folder / f"{variant}_{LAYERS}.png", labelled_panels(as_pictures(layers, camera_view(image)), label))
-
-
-def remove_pictures(folder: Path, names: Sequence[str]) -> None:
-    """Delete pictures of all variants that end in these names, and the folder if that was all."""
-    for path in [path for name in names for path in folder.glob(f"*_{name}.png")]:
-        path.unlink()
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
 
 
 def main() -> None:

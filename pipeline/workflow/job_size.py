@@ -54,6 +54,7 @@ class JobSize:
         decode_threads: that index_capture decodes images with, a setting.
         threads: that the job works with.
         cache_mb: megabytes that training keeps frames in.
+        listed: images that the job reads of in tables; it need not read them.
         sync_cameras, tracking_cameras: whose images book_patterns and track_mesh look at, at most; settings.
     """
 
@@ -69,6 +70,7 @@ class JobSize:
     decode_threads: int = 1
     threads: int = 1
     cache_mb: int = 16_000
+    listed: int = 0
     sync_cameras: int = 16
     tracking_cameras: int = 24
 
@@ -100,6 +102,7 @@ def job_size(files: JobFiles) -> JobSize:
         processes=files.project.settings.training_processes or max(section.steps_together for section in trained),
         decode_threads=settings.index_capture.decode_threads,
         cache_mb=files.project.settings.training_cache_mb,
+        listed=0 if files.chunk is not None else capture.images,
         sync_cameras=settings.book_patterns.sync_cameras,
         tracking_cameras=max(settings.track_mesh.outline_cameras, settings.track_mesh.image_cameras),
     )

@@ -25,7 +25,8 @@ rule synthesize_capture:
         "{params.settings:q} > {log:q} 2>&1"
 
 
-rule import_capture:
+# A checkpoint, as what it writes decides how many jobs check the images.
+checkpoint import_capture:
     input:
         lambda wildcards: job(wildcards).dataset_files(),
     output:
@@ -62,7 +63,8 @@ rule import_capture:
 # index therefore name a file of it, as `ancient`, which by itself reruns nothing.
 checkpoint index_capture:
     input:
-        lambda wildcards: job(wildcards).capture_files(),
+        capture=lambda wildcards: job(wildcards).capture_files(),
+        inspected=inspected_images,
     output:
         cameras="results/{subject}/index/cameras.parquet",
         frames="results/{subject}/index/frames.parquet",
@@ -86,19 +88,42 @@ checkpoint index_capture:
         "../../envs/cpu.yaml"
     threads: threads_for("index_capture")
     resources:
-        mem_mb=memory_for("index_capture"),
-        runtime=minutes_for("index_capture"),
+        mem_mb=memory_for("index_capture", size_joining(inspected_tables)),
+        runtime=minutes_for("index_capture", size_joining(inspected_tables)),
     params:
         code=code_for("index_capture"),
         capture=capture_folder,
         arguments=arguments_for("index_capture"),
         origin=lambda wildcards: job(wildcards).capture_origin(),
+        inspected=lambda wildcards, input: ["--inspected", *input.inspected] if input.inspected else [],
+        chunks=[],
         settings=settings_for("index_capture"),
     message:
         "{wildcards.subject}: checking and indexing the capture"
     shell:
         "python -m pipeline.stages.index_capture --capture {params.capture:q} {params.arguments:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "{params.inspected:q} {params.chunks:q} {params.settings:q} > {log:q} 2>&1"
+
+
+# Where they are many: images of some chunks of frames, each decoded once. Complaints are left to the index.
+use rule index_capture as inspect_images with:
+    input:
+        capture=lambda wildcards: job(wildcards).capture_files(),
+    output:
+        table="results/{subject}/inspected/{chunk}.parquet",
+    log:
+        "results/{subject}/logs/index_capture.{chunk}.log",
+    benchmark:
+        "results/{subject}/benchmarks/index_capture.{chunk}.tsv"
+    resources:
+        mem_mb=memory_for("index_capture", size_of_share),
+        runtime=minutes_for("index_capture", size_of_share),
+    params:
+        arguments=arguments_for("index_capture", index=lambda wildcards: job(wildcards).path("inspected")),
+        inspected=[],
+        chunks=lambda wildcards: [*chunk_words(job(wildcards)), "--chunk-size", job(wildcards).settings.chunk_frames],
+    message:
+        "{wildcards.subject}: checking images, chunk {wildcards.chunk}"
 
 
 rule book_patterns:

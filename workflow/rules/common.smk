@@ -19,6 +19,15 @@ from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read
 from pipeline.workflow.job_requests import memory_mb, minutes, request_words, useful_threads
 from pipeline.workflow.job_size import job_size, unknown_size
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
+from pipeline.workflow.shared_images import (
+    chunk_words,
+    inspected_tables,
+    joined_size,
+    score_tables,
+    scored_files,
+    scoring_flags,
+    share_size,
+)
 from pipeline.workflow.shown_verdicts import shown_verdicts
 from pipeline.workflow.termination import pass_signals_on
 
@@ -84,19 +93,29 @@ def size_of(wildcards):
     return job_size(job(wildcards)) if "subject" in wildcards.keys() else unknown_size()
 
 
+def size_of_share(wildcards):
+    """Sizes of a job that inspects or scores a share of the images."""
+    return share_size(job(wildcards))
+
+
+def size_joining(tables):
+    """A function of wildcards: sizes of a job that joins such tables, or does without them what they are made for."""
+    return lambda wildcards: joined_size(job(wildcards), tables(job(wildcards)))
+
+
 def threads_for(stage):
     """A function of wildcards: the threads that a stage can use; Snakemake takes at most --cores and --max-threads."""
     return lambda wildcards: useful_threads(stage, size_of(wildcards))
 
 
-def memory_for(stage):
+def memory_for(stage, size=size_of):
     """A function of wildcards: megabytes that a stage asks for, more at each attempt."""
-    return lambda wildcards, threads, attempt: memory_mb(stage, size_of(wildcards), threads, attempt)
+    return lambda wildcards, threads, attempt: memory_mb(stage, size(wildcards), threads, attempt)
 
 
-def minutes_for(stage):
+def minutes_for(stage, size=size_of):
     """A function of wildcards: minutes that a stage asks for, more at each attempt."""
-    return lambda wildcards, threads, attempt: minutes(stage, size_of(wildcards), threads, attempt)
+    return lambda wildcards, threads, attempt: minutes(stage, size(wildcards), threads, attempt)
 
 
 def all_cores(wildcards):
@@ -206,6 +225,13 @@ def capture_kind(wildcards):
 def traced_irradiance(wildcards):
     planned = planned_effects(wildcards)
     return job(wildcards).traced_irradiance(planned, capture_kind(wildcards))
+
+
+def inspected_images(wildcards):
+    """Tables of inspected images; of a capture that is imported first, its size is not known before."""
+    if wildcards.subject in project.imported_subjects:
+        checkpoints.import_capture.get(subject=wildcards.subject)
+    return inspected_tables(job(wildcards))
 
 
 def mean_textures(wildcards):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -118,14 +118,12 @@ def _is_relative(path: str) -> bool:
     return True
 
 
-def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None, manifest: Capture) -> list[ExpectedImage]:
-    """Expectations of the images and masks found."""
+def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None, manifest: Capture) -> Iterator[ExpectedImage]:
+    """Expectations of the images and masks found, one after the other."""
     masks, imported = mask_format(manifest), manifest.imported is not None
     sizes = {} if cameras is None else {row.camera: (row.width, row.height) for row in cameras.itertuples()}
-    expected = []
     for row in images.itertuples():
-        expected.append(ExpectedImage(row.path, "color", row.camera, sizes[row.camera], imported=imported))
+        yield ExpectedImage(row.path, "color", row.camera, sizes[row.camera], imported=imported)
         if isinstance(row.mask_path, str):
             size = sizes[row.camera]
-            expected.append(ExpectedImage(row.mask_path, "mask", row.camera, size, masks=masks, imported=imported))
-    return expected
+            yield ExpectedImage(row.mask_path, "mask", row.camera, size, masks=masks, imported=imported)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +13,6 @@ import numpy as np
 
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.base.files import digest_bytes
-from pipeline.base.progress import progress
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.images import decode_image, decode_mask, decode_stored
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
@@ -21,6 +20,10 @@ from pipeline.capture.paths import locate
 
 NAMED_UNREADABLE = 5
 """Unreadable images that are named for each camera before the rest are only counted."""
+
+AHEAD_OF_A_THREAD = 16
+"""Images for each thread that wait to be inspected, or to be looked at: a slow one holds the others up no longer than
+it takes fifteen others."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ IndexSection = tuple[dict[str, Any], list[ExpectedImage]]
 """What the index says about a section of the calibration, and its images that are still to be decoded."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Flaw:
     """Difference of an image from what is expected; images with equal flaws share one complaint."""
 
@@ -60,7 +63,7 @@ class Flaw:
     found: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Inspection:
     """An image's content digest and flaws, and the reason if it cannot be decoded.
 
@@ -106,25 +109,50 @@ def _fits(image: ExpectedImage, size: tuple[int, int]) -> bool:
     return size == image.size
 
 
-def inspect_images(root: Path, images: list[ExpectedImage], complaints: Complaints, threads: int) -> dict[str, str]:
-    """Inspect all images; complaints are gathered by camera and flaw. Returns path to digest.
+Known = Callable[[ExpectedImage], Inspection | None]
+"""What is known of an image before it is read."""
 
-    Threads are enough: OpenCV, OpenEXR and BLAKE2 release Python's lock.
+
+def nothing_known(image: ExpectedImage) -> None:
+    """No inspection: of an image of which nothing is known."""
+
+
+def inspections(
+    root: Path, images: Iterable[ExpectedImage], threads: int, known: Known = nothing_known
+) -> Iterator[tuple[ExpectedImage, Inspection]]:
+    """Inspect images on some threads, or look up what is known of them; each with its inspection, in their order.
+
+    Threads are enough: OpenCV, OpenEXR and BLAKE2 release Python's lock. Few images are ahead of the one that is
+    yielded: what waits takes no more memory with more images.
     """
-    digests, alike, unreadable, masks_black = {}, defaultdict(list), defaultdict(list), []
     with ThreadPoolExecutor(threads) as pool:
-        inspections = pool.map(lambda image: inspect_image(root, image), images)
-        for image, inspection in zip(images, progress(inspections, "images checked", len(images)), strict=True):
-            digests[image.path] = inspection.digest
-            if image.what == "mask" and not inspection.unreadable:
-                masks_black.append(inspection.black)
-            if inspection.unreadable:
-                unreadable[image.camera].append(inspection.unreadable)
-            for flaw in inspection.flaws:
-                alike[flaw].append(image.path)
-    if masks_black and all(masks_black):
+        ahead: deque = deque()
+        for image in images:
+            ahead.append((image, known(image) or pool.submit(inspect_image, root, image)))
+            if len(ahead) > AHEAD_OF_A_THREAD * threads:
+                yield _finished(*ahead.popleft())
+        while ahead:
+            yield _finished(*ahead.popleft())
+
+
+def _finished(image: ExpectedImage, found: Inspection | Future[Inspection]) -> tuple[ExpectedImage, Inspection]:
+    return image, found if isinstance(found, Inspection) else found.result()
+
+
+def gather(inspected: Iterable[tuple[ExpectedImage, Inspection]], complaints: Complaints) -> dict[str, str]:
+    """Complain about flawed images, by camera and flaw. Returns path to digest."""
+    digests, alike, unreadable, masks_black = {}, defaultdict(list), defaultdict(list), Counter()
+    for image, inspection in inspected:
+        digests[image.path] = inspection.digest
+        if image.what == "mask" and not inspection.unreadable:
+            masks_black[inspection.black] += 1
+        if inspection.unreadable:
+            unreadable[image.camera].append(inspection.unreadable)
+        for flaw in inspection.flaws:
+            alike[flaw].append(image.path)
+    if masks_black[True] and not masks_black[False]:
         hint = "mark the subject by 255, or leave masks out of capture.yaml"
-        found = f"none above 0 in all {len(masks_black)} masks"
+        found = f"none above 0 in all {masks_black[True]} masks"
         complaints.add("masks", "pixels", expected="the subject in some", found=found, hint=hint)
     for camera, messages in unreadable.items():
         complaints.messages += messages[:NAMED_UNREADABLE]

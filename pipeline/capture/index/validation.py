@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,15 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints
 from pipeline.base.files import digest_file
-from pipeline.base.splits import VALIDATION_FLAGS
+from pipeline.base.progress import progress
 from pipeline.base.verdicts import Verdict
 from pipeline.capture.images import ImageSource
 from pipeline.capture.index import calibration_files, color_files, tables
-from pipeline.capture.index.csv_tables import complain_unknown
 from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
 from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
-from pipeline.capture.index.image_checks import ExpectedImage, inspect_images
+from pipeline.capture.index.held_out import check_splits, images_table
+from pipeline.capture.index.image_checks import ExpectedImage, Known, gather, inspections, nothing_known
 from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.template_checks import check_template
 from pipeline.capture.mask_format import PLAIN_MASKS
@@ -30,7 +31,6 @@ from pipeline.capture.schema.capture_yaml import (
     KnownCameras,
     KnownLights,
     MirrorBallLights,
-    Splits,
 )
 from pipeline.capture.schema.manifest import MANIFEST, read_manifest
 
@@ -50,8 +50,13 @@ class CaptureIndex:
     verdicts: list[Verdict]
 
 
-def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
+def index_folder(root: Path, threads: int = 4, known: Known = nothing_known) -> CaptureIndex:
     """Validate a capture and index it. What is wrong in one place hides nothing that is wrong in another.
+
+    Args:
+        root: folder of the capture.
+        threads: that decode images.
+        known: inspections that were made before; all other images are inspected here.
 
     Raises:
         InputError: naming everything that is wrong, if anything is.
@@ -62,9 +67,10 @@ def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
     contents, expected = _find_calibration(root, manifest, found, complaints)
     _check_transfer(manifest.images, complaints)
     images = find_frame_images(root, manifest, found["cameras"], found["frames"], complaints)
-    expected += expected_images(images, found["cameras"], manifest)
-    digests = inspect_images(root, expected, complaints, threads)
-    _check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
+    total = len(expected) + int(images[["path", "mask_path"]].notna().to_numpy().sum())
+    inspected = inspections(root, chain(expected, expected_images(images, found["cameras"], manifest)), threads, known)
+    digests = gather(progress(inspected, "images checked", total), complaints)
+    check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
     facts = manifest.images
     source = ImageSource(root, facts.transfer, facts.black_level, mask_format(manifest))
@@ -72,7 +78,7 @@ def index_folder(root: Path, threads: int = 4) -> CaptureIndex:
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
     contents["capture"] = _capture_content(root, manifest, found["eyes"])
-    found |= {"images": _images_table(images, digests, found["frames"], manifest.splits)}
+    found |= {"images": images_table(images, digests, found["frames"], manifest.splits)}
     return CaptureIndex(found, contents, verdicts)
 
 
@@ -157,55 +163,6 @@ def _check_transfer(images: Images | None, complaints: Complaints) -> None:
             MANIFEST, "images.transfer", expected="linear: OpenEXR files hold linear light by definition",
             found="srgb", hint="say linear, or convert the images to .png",
         )  # fmt: skip
-
-
-def _check_splits(
-    splits: Splits | None, cameras: pd.DataFrame | None, frames: pd.DataFrame | None, complaints: Complaints
-) -> None:
-    if splits is None or cameras is None or frames is None:
-        return
-    listed_in = {
-        "test_cameras": (cameras["camera"], "the table of cameras"),
-        "test_frames": (frames["frame"], "the table of frames"),
-        "test_segments": (frames["segment"], "the table of frames"),
-        "test_patterns": (frames["frame"], "the table of frames"),
-        "validation_cameras": (cameras["camera"], "the table of cameras"),
-        "validation_frames": (frames["frame"], "the table of frames"),
-        "validation_patterns": (frames["frame"], "the table of frames"),
-    }
-    for key, (known, where) in listed_in.items():
-        complain_unknown(complaints, MANIFEST, f"splits.{key}", getattr(splits, key) or [], list(known), where)
-    held_out = [*splits.test_frames, *splits.test_patterns]
-    held_out += [*(splits.validation_frames or []), *(splits.validation_patterns or [])]
-    training_frames = ~(frames["frame"].isin(held_out) | frames["segment"].isin(splits.test_segments))
-    held_out_cameras = [*splits.test_cameras, *(splits.validation_cameras or [])]
-    if not training_frames.any() or cameras["camera"].isin(held_out_cameras).all():
-        found = "every camera, or every frame, held out"
-        complaints.add(MANIFEST, "splits", expected="some images that no split holds out, to train on", found=found)
-
-
-def _images_table(images: pd.DataFrame, digests: dict[str, str], frames: pd.DataFrame, splits: Splits) -> pd.DataFrame:
-    segments = images["frame"].map(frames.set_index("frame")["segment"])
-    return images.assign(
-        digest=images["path"].map(digests).astype("str"),
-        mask_digest=images["mask_path"].map(digests).astype("str"),
-        test_camera=images["camera"].isin(splits.test_cameras),
-        test_frame=images["frame"].isin(splits.test_frames),
-        test_segment=segments.isin(splits.test_segments),
-        # Of the frames that the capture names; book_patterns finds all that show the same pattern.
-        test_pattern=images["frame"].isin(splits.test_patterns),
-        **_validation_columns(images, splits),
-    )
-
-
-def _validation_columns(images: pd.DataFrame, splits: Splits) -> dict[str, pd.Series]:
-    """Flags of validation images. Those of frames are null where the capture names none: `book_patterns` chooses."""
-    frames = (splits.validation_frames, splits.validation_patterns)
-    by_frame = [images["frame"].isin(listed or []).astype("boolean") for listed in frames]
-    if not splits.names_validation:
-        by_frame = [pd.Series(pd.NA, images.index, "boolean")] * len(frames)
-    flags = (images["camera"].isin(splits.validation_cameras or []), *by_frame)
-    return dict(zip(VALIDATION_FLAGS, flags, strict=True))
 
 
 def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[str, Any]:

@@ -1,0 +1,112 @@
+"""Images of a chunk of frames, inspected by a job of their own: a table that the index is then made from.
+
+Such a job complains about nothing. It looks at what is there and decodes it; whoever makes the index says all that is
+wrong at once, as if it had inspected every image itself, and inspects those of which no table says anything.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.errors import Complaints, InputError
+from pipeline.base.files import read_table, write_table
+from pipeline.capture.archives import is_there
+from pipeline.capture.index import tables
+from pipeline.capture.index.frame_images import IMAGE_COLUMNS, expected_images
+from pipeline.capture.index.image_checks import ExpectedImage, Flaw, Inspection, inspections
+from pipeline.capture.index.parquet_tables import read_parquet
+from pipeline.capture.paths import fill
+from pipeline.capture.schema.capture_yaml import Capture
+from pipeline.capture.schema.manifest import read_manifest
+
+COLUMNS = ("what", "camera", "path", "digest", "black", "unreadable", "flaws")
+"""Of the table. `flaws` is a JSON list of [camera, key, expected, found], empty for none."""
+
+
+class InspectedImages:
+    """What tables of inspected images say, by image: about 300 bytes each.
+
+    Args:
+        paths: the tables.
+
+    Raises:
+        InputError: if a file is no such table.
+    """
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        # By purpose and camera first: one file may be named for two of them, and need not be right for both.
+        self._found: dict[tuple[str, str], dict[str, Inspection]] = {}
+        for path in paths:
+            table = read_table(path)
+            if tuple(table.columns) != COLUMNS:
+                raise InputError(f"{path}: expected columns {', '.join(COLUMNS)}, found {', '.join(table.columns)}")
+            for what, camera, name, *rest in zip(*(table[column].tolist() for column in COLUMNS), strict=True):
+                self._found.setdefault((what, camera), {})[name] = _inspection(*rest)
+
+    def __call__(self, image: ExpectedImage) -> Inspection | None:
+        """Inspection of an image; None if no table has it."""
+        return self._found.get((image.what, image.camera), {}).get(image.path)
+
+
+def _inspection(digest: str, black: bool, unreadable: str, flaws: str) -> Inspection:
+    return Inspection(digest, tuple(Flaw(*each) for each in json.loads(flaws)) if flaws else (), unreadable, black)
+
+
+def inspect_frames(root: Path, out: Path, first: int, count: int, threads: int) -> int:
+    """Inspect the images and masks of some frames and write their table; returns their number.
+
+    What is in doubt is left out: a table that cannot be read, a camera that none lists, a file that is missing.
+
+    Args:
+        root: folder of the capture.
+        out: table to write.
+        first, count: of the sorted frames, the position of the first and their number.
+        threads: that decode.
+    """
+    rows = []
+    for image, found in inspections(root, _images(root, first, count), threads):
+        flaws = json.dumps([astuple(flaw) for flaw in found.flaws]) if found.flaws else ""
+        rows.append((image.what, image.camera, image.path, found.digest, found.black, found.unreadable, flaws))
+    write_table(out, pd.DataFrame(rows, columns=list(COLUMNS)).astype({"black": bool}))
+    return len(rows)
+
+
+def _images(root: Path, first: int, count: int) -> Iterable[ExpectedImage]:
+    ignored = Complaints(root)
+    try:
+        manifest = read_manifest(root, ignored)
+    except InputError:
+        return []
+    if not manifest.images or not manifest.cameras or not manifest.frames:
+        return []
+    cameras = tables.read_cameras_csv(root, manifest.cameras, manifest.images.downsample_from_sensor, ignored)
+    frames = tables.read_frames_csv(root, manifest.frames, ignored)
+    if cameras is None or frames is None:
+        return []
+    numbers = np.sort(frames["frame"].to_numpy())[first : first + count]
+    listed = _listed(root, manifest, cameras["camera"].tolist(), numbers.tolist(), ignored)
+    for column in ("path", "mask_path"):
+        listed[column] = [path if isinstance(path, str) and is_there(root / path) else None for path in listed[column]]
+    return expected_images(listed[listed["path"].notna()], cameras, manifest)
+
+
+def _listed(
+    root: Path, manifest: Capture, cameras: list[str], numbers: list[int], complaints: Complaints
+) -> pd.DataFrame:
+    """Images of these frames as a capture names them, whether or not they are there; columns of `IMAGE_COLUMNS`."""
+    images, masks = manifest.images, manifest.masks
+    if images.table is not None:
+        table = read_parquet(root, images.table, IMAGE_COLUMNS, complaints)
+        if table is None:
+            return pd.DataFrame(columns=list(IMAGE_COLUMNS))
+        return table[table["camera"].isin(cameras) & table["frame"].isin(numbers)].copy()
+    pattern = masks.path if masks is not None else None
+    keys = [(camera, number) for camera in cameras for number in numbers]
+    rows = [(c, n, *(fill(p, camera=c, frame=n) if p else None for p in (images.path, pattern))) for c, n in keys]
+    return pd.DataFrame(rows, columns=list(IMAGE_COLUMNS))
