@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,12 @@ import torch
 from pipeline.avatar.intrinsic_layers import IntrinsicLayers
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord, ImageRecord
-from pipeline.capture.shards import read_frame_shards, write_frame_shard, write_image_shard
+from pipeline.capture.shards import (
+    read_frame_shards,
+    read_image_shards,
+    write_frame_shard,
+    write_image_shard,
+)
 from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.stages import evaluate_avatar
@@ -89,6 +95,68 @@ def evaluate(results, *variants: str, frames=(), **settings):
         frames=frames,
         settings=EvaluateAvatar(**settings),
     )
+
+
+class TestSharedByJobs:
+    """Two jobs score the images of two and one chunks of frames, a third joins their tables."""
+
+    @pytest.fixture
+    def chunks(self, results):
+        """The same images, and others of validation, in three chunks of a frame each."""
+        folder = results / "shards"
+        records = {name: read_image_shards([folder / name])[:] for name in ("test", "validation")}
+        records["validation"] = [record("c2", frame, validation=True) for frame in range(3)]
+        frames = read_frame_shards([folder / "frames"])
+        for frame, held in frames.items():
+            for name, images in records.items():
+                own = [image for image in images if image.frame == frame]
+                write_image_shard(folder / f"new/{name}/{frame:04d}.arrow", own)
+            write_frame_shard(folder / f"new/frames/{frame:04d}.arrow", [held])
+        folder.rename(results / "before")
+        (results / "before/new").rename(folder)
+        return results
+
+    def share(self, results, chunk, chunks, variants=("good",)):
+        evaluate_avatar.run(
+            atlas=results / "atlas.safetensors", shards=results / "shards", effects=results / "effects.json",
+            avatars=tuple(results / "avatars" / name for name in variants), out=results / "scores" / variants[0],
+            subject="someone", chunk=chunk, chunks=chunks, settings=EvaluateAvatar(pictures=False),
+        )  # fmt: skip
+
+    def joined(self, results):
+        evaluate_avatar.run(
+            atlas=results / "atlas.safetensors", shards=results / "shards", effects=results / "effects.json",
+            avatars=(results / "avatars/good",), out=results, subject="someone", scores=results / "scores",
+        )  # fmt: skip
+        return {path.name: path.read_bytes() for path in self.written(results)}
+
+    def written(self, results):
+        names = ("metrics.csv", "metrics_per_image.parquet", "ablations.csv")
+        return [*(results / name for name in names), *(results / "images").iterdir()]
+
+    def test_tables_and_pictures_have_the_same_bytes_and_nothing_is_scored_again(self, chunks, monkeypatch):
+        evaluate(chunks, "good")
+        expected = {path.name: path.read_bytes() for path in self.written(chunks)}
+        assert len(pd.read_parquet(chunks / "metrics_per_image.parquet")) == 7
+        self.share(chunks, 0, 2)
+        self.share(chunks, 2, 1)
+        monkeypatch.delattr(evaluate_avatar, "evaluate")
+        assert self.joined(chunks) == expected
+
+    def test_lost_and_repeated_scores_are_refused(self, chunks):
+        self.share(chunks, 0, 2)
+        with pytest.raises(InputError, match=r"expected scores of each of 7 .* found 5 of them, 0 repeated"):
+            self.joined(chunks)
+        self.share(chunks, 1, 2)
+        with pytest.raises(InputError, match="found 4 of them, 3 repeated and 0 of other images; delete the folder"):
+            self.joined(chunks)
+        shutil.rmtree(chunks / "scores/good")
+        with pytest.raises(InputError, match="scores/good: expected tables of scores, found none"):
+            self.joined(chunks)
+
+    def test_a_share_is_of_one_avatar(self, chunks):
+        with pytest.raises(InputError, match="expected one folder, as a chunk is scored for each alone, found 2"):
+            self.share(chunks, 0, 1, ("good", "bad"))
 
 
 def expected_psnr(error: float) -> float:

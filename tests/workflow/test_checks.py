@@ -68,6 +68,20 @@ def test_chunks_and_variants_multiply_their_jobs(workflow):
     }
 
 
+def test_images_of_many_chunks_are_shared_by_jobs_of_whole_chunks(workflow):
+    """Three chunks of 10 frames of 8 cameras, two of which hold 100 images: two jobs inspect, two score each avatar."""
+    options = ["--config", "chunk_frames=10", "chunk_images=100", "variants={full: {}, matte: {specular: false}}"]
+    assert workflow.planned("results/subjectA/metrics.csv", *options) == {
+        "synthesize_capture": 1,
+        **ALWAYS,
+        "inspect_images": 2,
+        "track_mesh": 3,
+        "pack_shards": 3,
+        "train_avatar": 2,
+        "score_images": 4,
+    }
+
+
 def test_recorded_capture_is_found_elsewhere_and_never_made(workflow, tmp_path):
     folder = tmp_path / "elsewhere" / "someone"
     folder.mkdir(parents=True)

@@ -58,8 +58,8 @@ rule evaluate_avatar:
     message:
         "{wildcards.subject}: scoring avatars on held-out images"
     shell:
-        "python -m pipeline.stages.evaluate_avatar {params.arguments:q} {params.parts:q} {params.settings:q} "
-        "> {log:q} 2>&1"
+        "python -m pipeline.stages.evaluate_avatar {params.arguments:q} {params.parts:q} "
+        "{params.settings:q} > {log:q} 2>&1"
 
 
 # What is an output has to be there: without pictures their folder is none.

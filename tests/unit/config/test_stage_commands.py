@@ -10,6 +10,7 @@ from pipeline import STAGES
 from pipeline.config.stage_commands import ARGUMENTS, FILES, THREADED, stage_arguments, subject_files
 
 BY_HAND = {
+    "index_capture": {"inspected", "chunk", "chunks", "chunk_size"}, "evaluate_avatar": {"scores", "chunk", "chunks"},
     "pack_shards": {"only_frames"}, "trace_irradiance": {"environment"}, "relight_avatar": {"keyframes"},
 }  # fmt: skip
 """Flags that no file of the results feeds."""

@@ -147,7 +147,7 @@ def test_size_of_a_synthetic_subject_is_that_of_its_settings(project):
     )  # fmt: skip
     expected = JobSize(
         cameras=5, lights=8, frames=23, pixels=5120, texels=6000, steps=90, step_pixels=6 * 5120, avatars=2,
-        processes=4, decode_threads=4,
+        processes=4, decode_threads=4, listed=5 * 23,
     )  # fmt: skip
     assert job_size(JobFiles(loaded, "someone")) == expected
     assert job_size(JobFiles(loaded, "someone", chunk="0001")).frames == 10

@@ -31,7 +31,8 @@ def test_stages_that_read_the_capture_are_told_where_it_lies(stage):
 def test_every_stage_asks_for_memory_and_time_by_its_own_size(stage):
     rules = [rule for path in RULES for rule in re.split(r"(?m)^(?:rule|checkpoint) ", path.read_text())]
     (rule,) = [rule for rule in rules if f'"python -m pipeline.stages.{stage} ' in rule]
-    assert f'mem_mb=memory_for("{stage}")' in rule and f'runtime=minutes_for("{stage}")' in rule
+    for asked in ("mem_mb=memory_for", "runtime=minutes_for"):
+        assert f'{asked}("{stage}")' in rule or f'{asked}("{stage}", size_' in rule
     assert f'threads: threads_for("{stage}")' in rule or "threads: all_cores" in rule
 
 
