@@ -73,8 +73,8 @@ def _locked(run: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(run)
     def locked(**arguments: object) -> None:
-        # Of processes that torchrun starts, the first alone writes.
-        if "out" not in arguments or int(os.environ.get("RANK", 0)):
+        # Of processes that torchrun or srun starts, the first alone writes.
+        if "out" not in arguments or int(os.environ.get("RANK", os.environ.get("SLURM_PROCID", 0))):
             run(**arguments)
             return
         chunk = [] if arguments.get("chunk") is None else [f"{arguments['chunk']:04d}"]

@@ -118,8 +118,15 @@ class ProjectSettings(SubjectSettings):
     training_processes: int = Field(
         0,
         ge=0,
-        description="processes that train one avatar together, as many as GPUs; 0: on a CPU one per core, at most "
-        "train_avatar.steps_together, on a GPU one",
+        description="processes that train one avatar together, on each node, as many as GPUs; 0: on a CPU one per "
+        "core, at most train_avatar.steps_together, on a GPU one",
+    )
+    training_nodes: int = Field(
+        1,
+        ge=1,
+        le=1024,
+        description="nodes of a Slurm cluster that train one avatar together, each with `training_processes`; other "
+        "stages have one node for each job",
     )
     training_cache_mb: int = Field(
         16_000,

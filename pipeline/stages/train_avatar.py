@@ -3,8 +3,8 @@
 Adam on the per-texel parameters and the shadow network of `pipeline.avatar.model`, against the training images of the
 shards (losses: RFGCA 17, 18, Appendix B). A checkpoint is written as it goes, and when a signal asks to stop; a run
 that was stopped continues from it to the same result, provided that code, settings, shards, atlas and plan are what
-they were. Several processes work side by side, on one machine by themselves; on several, `python -m
-torch.distributed.run ... -m pipeline.stages.train_avatar ...` starts them.
+they were. Several processes work side by side, on one machine by themselves; on several, srun starts the stage on each
+node of a Slurm cluster, and elsewhere `python -m torch.distributed.run ... -m pipeline.stages.train_avatar ...`.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from pipeline.avatar.training.light_rounds import refine, refinement_step, relig
 from pipeline.avatar.training.local_processes import cache_bytes, partners, suggested_processes
 from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.read_ahead import ReadAhead, Rounds, frames_in_use
+from pipeline.avatar.training.slurm_nodes import become_torchrun, shares_a_step
 from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule, chosen_images, require_no_held_out
 from pipeline.avatar.training.training_log import TrainingLog
@@ -87,13 +88,16 @@ def run(
             checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
         frames: folder of frame shards with other irradiance maps than SHARDS/frames.
         fitted_eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
-        processes: that train together; 0: on a CPU one per thread, at most `steps_together`; on a GPU one.
+        processes: that train together, on each node; 0: on a CPU one per thread, at most `steps_together`; on a GPU
+            one.
         cache_mb: megabytes that frames may be kept in, at most half of the memory that is free at the start; all others
             are read from the shards and traced again at each visit, ahead of it. It changes no result.
         scratch: folder on a local disk, for traced light of those others, which is then read and not traced again. At
             most half of the disk's free space is filled; what was written is deleted at the end.
         settings: see the flags below.
     """
+    if shares_a_step():
+        become_torchrun(processes or suggested_processes(settings))
     paths = {"atlas": atlas, "shards": shards, "effects": effects, "out": out}
     arguments = {"subject": subject, "frames": frames, "fitted_eyes": fitted_eyes, "settings": settings, **paths}
     arguments |= {"cache_mb": cache_mb, "scratch": scratch}

@@ -90,6 +90,7 @@ rule train_avatar:
         "../../envs/cpu.yaml"
     threads: threads_for("train_avatar")
     resources:
+        **resources_of_nodes(),
         mem_mb=memory_for("train_avatar"),
         runtime=minutes_for("train_avatar"),
         # Resources, which rerun nothing: the number of processes changes nothing but the order of sums, and what is
@@ -110,5 +111,6 @@ rule train_avatar:
     message:
         "{wildcards.subject}: training avatar {wildcards.variant}"
     shell:
+        "{resources.launcher} "
         "python -m pipeline.stages.train_avatar {params.arguments:q} --processes {resources.processes} "
         "--cache-mb {resources.cache_mb} {params.scratch:q} {params.settings:q} > {log:q} 2>&1"

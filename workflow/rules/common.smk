@@ -1,5 +1,6 @@
 # What the stages' rules share: the validated configuration, and functions of wildcards.
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -175,6 +176,20 @@ def capture_folder(wildcards, input):
 def training_scratch(wildcards, input):
     """The flag that says where training may put what it would else make again; for the same reason a function of it."""
     return ["--scratch", project.settings.training_scratch] if project.settings.training_scratch else []
+
+
+def resources_of_nodes():
+    """What a training on several nodes asks for: one task on each, which the job itself starts, by srun."""
+    nodes = project.settings.training_nodes
+    if nodes == 1:
+        return {"launcher": ""}
+    if shutil.which("srun") is None:
+        raise WorkflowError(
+            f"configuration: training_nodes: expected 1 where there is no Slurm, found {nodes} and no srun"
+        )
+    on_each = f"srun --nodes={nodes} --ntasks={nodes} --ntasks-per-node=1 --kill-on-bad-exit=1"
+    launcher = lambda wildcards, threads: f"{on_each} --cpus-per-task={threads}"
+    return {"nodes": nodes, "tasks": nodes, "mpi": "srun", "launcher": launcher}
 
 
 def traced_maps(input):

@@ -3,8 +3,8 @@
 Each works on other steps of a round, or where there are more processes than steps, on other images of a step; all sum
 their gradients.
 
-Started by `pipeline.avatar.training.local_processes` on one machine, or by `python -m torch.distributed.run
---nproc_per_node N -m pipeline.stages.train_avatar ...` on several; alone otherwise. The gradients of all
+Started by `pipeline.avatar.training.local_processes` on one machine, or by torchrun on several, which
+`pipeline.avatar.training.slurm_nodes` starts under Slurm; alone otherwise. The gradients of all
 parameters lie in one flat tensor that is summed by one call, rather than in the buckets of `DistributedDataParallel`:
 that needs no wrapped module, whose one `forward` would have to be `prepare`, `view` and the losses in one; a parameter
 that a process did not use has the gradient zero there, instead of holding up the others; and the same tensor answers,
