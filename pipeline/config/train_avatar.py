@@ -381,6 +381,14 @@ class TrainAvatar(Settings):
         return self
 
     @model_validator(mode="after")
+    def _gpu_knows_no_median_depth(self) -> TrainAvatar:
+        lobe = self.shading in ("transfer", "harmonics") and self.highlight != "harmonics"
+        per_pixel = lobe and self.specular != "off" and self.deferred != "off"
+        if self.device == "cuda" and self.depth == "median" and per_pixel:
+            raise ValueError("device: cuda: expected depth: traced, normalised or expected, found median")
+        return self
+
+    @model_validator(mode="after")
     def _light_in_harmonics_has_no_visibility(self) -> TrainAvatar:
         if self.shading == "harmonics" and self.visibility == "traced":
             raise ValueError("shading: harmonics: expected visibility: learned, found traced, which it cannot use")

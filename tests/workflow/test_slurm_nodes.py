@@ -76,10 +76,11 @@ class Training:
     """A job that trains on two nodes."""
 
     def __init__(self, cluster, subject, out, repo_root):
-        self.cluster, self.out, self.log = cluster, out, out.parent / "job.log"
+        self.cluster, self.out = cluster, out
+        self.log = out.parent / f"{len(list(out.parent.glob('*.log')))}.log"
         self.environment = {**cluster.environment, "PYTHONPATH": str(repo_root), "OMP_NUM_THREADS": "1"}
         wrapped = f"srun {ON_TWO} --kill-on-bad-exit=1 {shlex.join(command(subject, out))}"
-        words = f"--parsable --no-requeue --mem=4000 {ON_TWO} --open-mode=append --output={self.log}".split()
+        words = f"--parsable --no-requeue --mem=4000 {ON_TWO} --output={self.log}".split()
         words += [f"--chdir={repo_root}", f"--wrap={wrapped}"]
         done = subprocess.run(["sbatch", *words], env=self.environment, capture_output=True, text=True, check=True)
         self.number = done.stdout.strip()
@@ -147,16 +148,29 @@ def test_lost_process_is_started_again_from_the_checkpoint(alone, train, rank):
     assert (job.out / "avatar.safetensors").read_bytes() == alone
 
 
-def test_cancelled_job_leaves_where_it_was_and_the_next_goes_on(alone, train):
+def test_signal_lets_all_write_where_they_are_and_the_next_job_goes_on(alone, train):
+    """As `--signal=TERM@120` sends it before the time is up: to what srun has started, and not to srun."""
     job = train()
     job.wait_for_checkpoint()
-    job.cluster.run("scancel", job.number)
-    assert job.ended() == "CANCELLED"
+    job.cluster.run("scancel", "--signal=TERM", job.number)
+    assert job.ended() == "FAILED"
     stopped = re.search(r"stopped after (\d+) of 400 steps", job.printed())
     assert stopped, job.printed()
     again = train()
     assert again.ended() == "COMPLETED", again.printed()
     assert continued(again.printed()) == [int(stopped[1])]
+    assert (again.out / "avatar.safetensors").read_bytes() == alone
+
+
+def test_job_after_a_cancelled_one_goes_on_from_the_checkpoint(alone, train):
+    """srun, which is cancelled too, lets nothing finish its round."""
+    job = train()
+    job.wait_for_checkpoint()
+    job.cluster.run("scancel", job.number)
+    assert job.ended() == "CANCELLED"
+    again = train()
+    assert again.ended() == "COMPLETED", again.printed()
+    assert continued(again.printed())[0] >= SETTINGS.checkpoint_every
     assert (again.out / "avatar.safetensors").read_bytes() == alone
 
 
