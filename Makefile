@@ -55,7 +55,7 @@ slurm: $(READY)
 # Ten minutes, of a cluster of two nodes on this machine; needs Debian's munge, slurmctld, slurmd and slurm-client.
 slurm-test: slurm
 	$(QUIET) $(BIN)/python -m pytest -q -rs -m slurm -o faulthandler_timeout=0 tests/workflow/test_slurm.py \
-	    tests/workflow/test_slurm_stopping.py
+	    tests/workflow/test_slurm_stopping.py tests/workflow/test_slurm_nodes.py
 
 hard-cases: $(READY)
 	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv

@@ -81,9 +81,13 @@ MEGABYTES = {
 }  # fmt: skip
 """Stage -> products of sizes that the memory of a job is a sum of."""
 
-KNOWN_MB = {"train_avatar": {("kept_texels",): 1e-6 * KEPT_BYTES}}
-"""Memory that is not fitted: of frames that training keeps. In the runs fitted, subjects with more frames have more
-texels, too."""
+KNOWN_MB = {
+    "train_avatar": {("kept_texels",): 1e-6 * KEPT_BYTES},
+    "index_capture": {("listed",): 0.0017},
+}
+"""Memory that is not fitted: of frames that training keeps, and of rows of an image and its mask, which
+`benchmarks/bench_shared_images.py` measures. In the runs fitted, subjects with more frames have more texels, too, and
+none has many images."""
 
 THREADS, PROCESSES = 2, 2
 """Of the runs: `snakemake --cores 2`, and the training processes that it leads to on a CPU."""

@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pandas as pd
@@ -32,8 +32,9 @@ from pipeline.base.files import write_table
 from pipeline.base.yaml_files import read_yaml
 from pipeline.config.loading import Project, load_project
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_requests import TABLE, read_costs
+from pipeline.workflow.job_requests import CHUNKED, TABLE, read_costs
 from pipeline.workflow.job_size import job_size
+from pipeline.workflow.shared_images import SHARES, inspected_tables, joined_size, score_tables, share_size
 
 ROOT, SUBJECT, PRESET = Path(__file__).resolve().parents[1], "paper", "config/presets/gpu.yaml"
 TARGET = f"results/{SUBJECT}/metrics.csv"
@@ -41,7 +42,7 @@ TARGET = f"results/{SUBJECT}/metrics.csv"
 NODES = (1, 16, 256)
 """Numbers of nodes of the simulated clusters, each with what the Slurm profile asks for at most."""
 
-UNPLANNED = ("pack_shards", "train_avatar", "evaluate_avatar")
+UNPLANNED = ("pack_shards", "train_avatar", "score_images", "evaluate_avatar")
 """Stages after the plan of effects. What those before it write decides the number of their jobs."""
 
 
@@ -92,10 +93,13 @@ def working_in(folder: Path):
 def costs_of(folder: Path, jobs: dict[str, int]) -> dict[str, StageCost]:
     """Costs of the stages, as the workflow asks for them."""
     with working_in(folder):
-        project = paper_project()
-        size = job_size(JobFiles(project, SUBJECT))
-        chunk = job_size(JobFiles(project, SUBJECT, chunk="0000"))
-        return stage_costs(size, chunk, jobs, read_costs(TABLE), Cluster(1).cores)
+        files = JobFiles(paper_project(), SUBJECT)
+        size, chunk = job_size(files), replace(files, chunk="0000")
+        joining = {"index_capture": inspected_tables(files), "evaluate_avatar": score_tables(files)}
+        own = dict.fromkeys(jobs, size) | dict.fromkeys(CHUNKED, job_size(chunk))
+        own |= dict.fromkeys(SHARES, share_size(chunk))
+        own |= {stage: joined_size(files, tables) for stage, tables in joining.items()}
+        return stage_costs(size, own, jobs, read_costs(TABLE), Cluster(1).cores)
 
 
 def paper_project() -> Project:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pipeline.workflow.job_requests import CHUNKED, THREAD_SHARE, CostTerms, looked_at, memory_mb, useful_threads
+from pipeline.workflow.job_requests import THREAD_SHARE, CostTerms, looked_at, memory_mb, useful_threads
 from pipeline.workflow.job_size import JobSize
+from pipeline.workflow.shared_images import SHARES
 
 FITTED = (
     JobSize(8, 24, 24, 19_200, 30_626, 1500, 38_400, 1),
@@ -81,33 +82,34 @@ def beyond_fitted(terms: CostTerms, size: JobSize) -> float:
 
 
 def stage_costs(
-    size: JobSize, chunk: JobSize, jobs: Mapping[str, int], costs: Mapping[tuple[str, str], CostTerms],
-    most_threads: int,
+    size: JobSize, own_sizes: Mapping[str, JobSize], jobs: Mapping[str, int],
+    costs: Mapping[tuple[str, str], CostTerms], most_threads: int,
 ) -> dict[str, StageCost]:  # fmt: skip
-    """Costs of the stages of a run.
+    """Costs of the rules of a run.
 
     Args:
         size: of the capture.
-        chunk: of a chunk of its frames.
+        own_sizes: of a job of each rule.
         jobs: rules and their numbers of jobs.
         costs: of `read_costs`.
         most_threads: of a node.
     """
     found = {}
-    for stage, count in jobs.items():
-        own = looked_at(stage, chunk if stage in CHUNKED else size)
+    for rule, count in jobs.items():
+        stage = SHARES.get(rule, rule)
+        own = looked_at(stage, own_sizes[rule])
         threads, terms = min(useful_threads(stage, own), most_threads), costs[stage, "seconds"]
         beyond = beyond_fitted(terms, own)
         middle, off = terms.highest(own) / terms.worst, terms.worst * beyond**EXPONENT_ERROR
         cpu = Range(middle / off, middle, middle * off)
-        read, written = stage_bytes(stage, size)
+        read, written = rule_bytes(rule, size, shared=not own.frames)
         wall = cpu.times(1 / (1 + THREAD_SHARE * (threads - 1)))
-        found[stage] = StageCost(count, threads, memory_mb(stage, own, threads, 1), cpu, wall, read, written, beyond)
+        found[rule] = StageCost(count, threads, memory_mb(stage, own, threads, 1), cpu, wall, read, written, beyond)
     return found
 
 
-def stage_bytes(stage: str, size: JobSize) -> tuple[Range, Range]:
-    """Bytes that all jobs of a stage read and write."""
+def rule_bytes(rule: str, size: JobSize, shared: bool = False) -> tuple[Range, Range]:
+    """Bytes that all jobs of a rule read and write, of a capture of that size; `shared`: others read the images."""
     images = size.frames * size.cameras
     raw = Range(*(images * size.pixels * (each + MASK) for each in RAW))
     packed = Range(*(images * size.pixels * PACKED * each for each in CROP))
@@ -117,14 +119,16 @@ def stage_bytes(stage: str, size: JobSize) -> tuple[Range, Range]:
     visits = min(size.steps, size.frames) if size.steps else 0
     frames_read = per_frame.times(max(1.0, visits / max(size.frames, 1)))
     known = {
-        "index_capture": (raw, index),
+        "inspect_images": (raw, index),
+        "index_capture": (index if shared else raw, index),
         "book_patterns": (raw.times(min(1.0, size.sync_cameras / size.cameras)), none),
         "trace_irradiance": (none, per_frame),
         "pack_shards": (_sum(raw, per_frame), _sum(packed, per_frame)),
         "train_avatar": (_sum(steps, frames_read), none),
-        "evaluate_avatar": (packed.times(HELD_OUT), none),
+        "score_images": (packed.times(HELD_OUT), none),
+        "evaluate_avatar": (none if shared else packed.times(HELD_OUT), none),
     }
-    return known.get(stage, (none, none))
+    return known.get(rule, (none, none))
 
 
 def _sum(a: Range, b: Range) -> Range:

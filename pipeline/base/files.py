@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow
+import pyarrow.compute
 import pyarrow.parquet as pq
 import safetensors.numpy
 
 from pipeline.base.errors import InputError
 from pipeline.base.whole_files import written_whole
+
+ROWS_AT_A_TIME = 1 << 16
+"""Of a table of which some rows are wanted: some 10 MB."""
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -58,6 +62,23 @@ def read_table(path: Path) -> pd.DataFrame:
         return read_parquet(path)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected a parquet table, found: {error}") from error
+
+
+def read_rows(path: Path, column: str, values: Collection[Any]) -> pd.DataFrame:
+    """Read the rows of a parquet table whose column has one of these values; few others are in memory at a time.
+
+    Raises:
+        InputError: the file is missing, no plain file, or not a parquet table with such a column.
+    """
+    _require_plain(path)
+    try:
+        with pq.ParquetFile(path, pre_buffer=False) as file:
+            wanted = pyarrow.array(list(values), file.schema_arrow.field(column).type)
+            batches = file.iter_batches(ROWS_AT_A_TIME, use_threads=False)
+            kept = [rows.filter(pyarrow.compute.is_in(rows[column], wanted)) for rows in batches]
+            return pyarrow.Table.from_batches(kept, file.schema_arrow).to_pandas(use_threads=False)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: expected a parquet table with a column {column}, found: {error}") from error
 
 
 def read_parquet(path: Path) -> pd.DataFrame:

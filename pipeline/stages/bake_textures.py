@@ -20,7 +20,7 @@ import pandas as pd
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints, InputError
-from pipeline.base.files import read_json, read_table
+from pipeline.base.files import read_json, read_rows, read_table
 from pipeline.base.progress import progress
 from pipeline.capture.head_data import write_textures
 from pipeline.capture.images import ImageSource
@@ -110,8 +110,8 @@ def training_images(index: Path, shown: list[int], calibrated: Collection[str], 
         InputError: if a camera is not calibrated, or there is no such image.
     """
     path, complaints = index / "images.parquet", Complaints("bake_textures")
-    images = read_table(path)
-    images = images[images.frame.isin(shown) & ~images.test_camera.astype(bool)].sort_values(["frame", "camera"])
+    images = read_rows(path, "frame", shown)
+    images = images[~images.test_camera.astype(bool)].sort_values(["frame", "camera"])
     if images.empty:
         complaints.add(path, "camera", expected="images of fully lit frames by training cameras", found="none")
     for camera in sorted(set(images.camera) - set(calibrated)):

@@ -20,7 +20,7 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints
-from pipeline.base.files import read_arrays, read_json, read_table
+from pipeline.base.files import read_arrays, read_json, read_rows, read_table
 from pipeline.base.progress import progress
 from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.capture.crops import cut_crop, mesh_silhouette
@@ -89,8 +89,7 @@ def run(
     ]
     booked = read_table(frames).set_index("frame")
     booked = booked[booked.index.isin(numbers)].sort_index()
-    images = read_table(index / "images.parquet")
-    images = images[images.frame.isin(booked.index)].sort_values(["frame", "camera"])
+    images = read_rows(index / "images.parquet", "frame", booked.index).sort_values(["frame", "camera"])
     # The index knows the frames that the capture lists; book_patterns, all others that show the same pattern.
     images["test_pattern"] = images.frame.map(booked.test_pattern).astype(bool)
     test = images[list(TEST_FLAGS)].any(axis=1)

@@ -13,6 +13,9 @@ from pipeline.config.subjects import chunk_ids, has_few_files
 from pipeline.workflow.job_files import JobFiles
 from pipeline.workflow.job_size import JobSize, job_size
 
+SHARES = {"inspect_images": "index_capture", "score_images": "evaluate_avatar"}
+"""Rules of these jobs -> the stage that each runs."""
+
 INSPECTED, SCORES = "inspected/{chunk}.parquet", "scores/{variant}/{chunk}.parquet"
 """Tables of these jobs below the subject's results."""
 

@@ -10,12 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.base import files
 from pipeline.base.errors import InputError
 from pipeline.base.files import (
     digest_bytes,
     digest_file,
     read_arrays,
     read_json,
+    read_rows,
     read_table,
     write_arrays,
     write_json,
@@ -64,6 +66,23 @@ def test_tables_keep_values_types_and_nulls(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(read_table(tmp_path / "a.parquet"), table)
     write_table(tmp_path / "a.csv", table)
     assert (tmp_path / "a.csv").read_text().splitlines() == ["frame,x,path", "1,0.1,a", "2,,"]
+
+
+def test_rows_that_are_wanted_are_those_of_the_table(tmp_path: Path, monkeypatch) -> None:
+    """In its order and with its types, wherever a piece of it ends."""
+    table = pd.DataFrame(
+        {"frame": [3, 1, 2, 3, 1], "path": ["a", None, "c", "d", "e"], "flag": [True, False] * 2 + [None]}
+    )
+    table = table.astype({"path": "str", "flag": "boolean"})
+    write_table(tmp_path / "a.parquet", table)
+    for rows in (2, 100):
+        monkeypatch.setattr(files, "ROWS_AT_A_TIME", rows)
+        for wanted in ([3, 1], [2], [9], []):
+            expected = read_table(tmp_path / "a.parquet").query("frame in @wanted").reset_index(drop=True)
+            pd.testing.assert_frame_equal(read_rows(tmp_path / "a.parquet", "frame", wanted), expected)
+    for lost in ("b.parquet", "a.parquet"):
+        with pytest.raises(InputError, match=f"{lost}: expected a parquet table with a column camera, found"):
+            read_rows(tmp_path / lost, "camera", ["c0"])
 
 
 def test_arrays_keep_bits_of_any_layout(tmp_path: Path) -> None:
