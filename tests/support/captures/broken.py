@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.capture.index.validation import index_folder
+from pipeline.stages.index_capture import run
 from tests.support.captures.builder import (
     edit_manifest,
     replace_text,
@@ -20,6 +21,20 @@ from tests.support.captures.builder import (
 def read_complaints(capture: Path) -> str:
     with pytest.raises(InputError) as caught:
         index_folder(capture)
+    return str(caught.value)
+
+
+def inspected_by_two(capture: Path, folder: Path) -> tuple[Path, ...]:
+    """Tables of two jobs that inspect images: of the first two of three frames, and of the last."""
+    run(capture=capture, out=folder, chunk=0, chunks=2, chunk_size=1)
+    run(capture=capture, out=folder, chunk=2, chunk_size=1)
+    return folder / "0000.parquet", folder / "0002.parquet"
+
+
+def read_shared_complaints(capture: Path, folder: Path) -> str:
+    """What is said of a broken capture whose images two jobs have inspected."""
+    with pytest.raises(InputError) as caught:
+        run(capture=capture, out=folder / "index", inspected=inspected_by_two(capture, folder / "inspected"))
     return str(caught.value)
 
 

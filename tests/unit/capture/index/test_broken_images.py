@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.captures.broken import Break, check_break
+from tests.support.captures.broken import Break, check_break, read_complaints, read_shared_complaints
 from tests.support.captures.builder import (
     HEIGHT,
     WIDTH,
@@ -98,3 +98,10 @@ IMAGE_BREAKS: dict[str, tuple[Break, list[str]]] = {
 @pytest.mark.parametrize("name", IMAGE_BREAKS)
 def test_image_complaint(name: str, known: Path, tmp_path: Path) -> None:
     check_break(known, tmp_path, *IMAGE_BREAKS[name])
+
+
+@pytest.mark.parametrize("name", IMAGE_BREAKS)
+def test_image_that_another_job_inspected_is_complained_of_in_the_same_words(name: str, known: Path, tmp_path: Path):
+    broken = shutil.copytree(known, tmp_path / "capture", symlinks=True)
+    IMAGE_BREAKS[name][0](broken)
+    assert read_shared_complaints(broken, tmp_path) == read_complaints(broken)

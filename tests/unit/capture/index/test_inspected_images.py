@@ -12,16 +12,8 @@ from pipeline.base.errors import InputError
 from pipeline.capture.index import image_checks
 from pipeline.capture.index.inspected_images import InspectedImages
 from pipeline.stages.index_capture import run
-from tests.support.captures.broken import read_complaints
+from tests.support.captures.broken import inspected_by_two
 from tests.support.captures.builder import build_capture, edit_manifest
-from tests.unit.capture.index.test_broken_images import IMAGE_BREAKS
-
-
-def shares(capture: Path, folder: Path) -> tuple[Path, ...]:
-    """Tables of two jobs: of the first two of three frames, and of the last."""
-    run(capture=capture, out=folder, chunk=0, chunks=2, chunk_size=1)
-    run(capture=capture, out=folder, chunk=2, chunk_size=1)
-    return folder / "0000.parquet", folder / "0002.parquet"
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -32,7 +24,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def test_index_has_the_same_bytes_and_reads_no_image_again(tmp_path, monkeypatch, measured):
     capture = build_capture(tmp_path / "tiny", measured=measured)
     run(capture=capture, out=tmp_path / "one")
-    tables = shares(capture, tmp_path / "shares")
+    tables = inspected_by_two(capture, tmp_path / "shares")
     inspect, read = image_checks.inspect_image, []
     monkeypatch.setattr(
         image_checks, "inspect_image", lambda root, image: (read.append(image), inspect(root, image))[1]
@@ -43,28 +35,18 @@ def test_index_has_the_same_bytes_and_reads_no_image_again(tmp_path, monkeypatch
     assert [len(pd.read_parquet(table)) for table in tables] == [2 * 2 * 2, 2 * 2]
 
 
-@pytest.mark.parametrize("name", IMAGE_BREAKS)
-def test_what_is_wrong_is_said_in_the_same_words(tmp_path, name):
-    capture = build_capture(tmp_path / "tiny")
-    IMAGE_BREAKS[name][0](capture)
-    tables = shares(capture, tmp_path / "shares")
-    with pytest.raises(InputError) as said:
-        run(capture=capture, out=tmp_path / "joined", inspected=tables)
-    assert str(said.value) == read_complaints(capture)
-
-
 @pytest.mark.parametrize("lost", ["capture.yaml", "frames.csv", "cameras.csv"])
 def test_share_of_a_capture_in_doubt_is_empty_and_complains_of_nothing(tmp_path, lost):
     capture = build_capture(tmp_path / "tiny")
     (capture / lost).unlink()
-    for table in shares(capture, tmp_path / "shares"):
+    for table in inspected_by_two(capture, tmp_path / "shares"):
         assert pd.read_parquet(table).empty
 
 
 def test_images_of_which_no_table_says_anything_are_inspected(tmp_path):
     capture = build_capture(tmp_path / "tiny")
     run(capture=capture, out=tmp_path / "one")
-    run(capture=capture, out=tmp_path / "joined", inspected=shares(capture, tmp_path / "shares")[:1])
+    run(capture=capture, out=tmp_path / "joined", inspected=inspected_by_two(capture, tmp_path / "shares")[:1])
     assert contents(tmp_path / "one") == contents(tmp_path / "joined")
 
 
@@ -84,7 +66,7 @@ def test_images_listed_in_a_table_are_shared_by_frame(tmp_path):
 
     edit_manifest(capture, listed)
     run(capture=capture, out=tmp_path / "one")
-    tables = shares(capture, tmp_path / "shares")
+    tables = inspected_by_two(capture, tmp_path / "shares")
     assert [len(pd.read_parquet(table)) for table in tables] == [2 * 2 * 2, 2 * 2]
     run(capture=capture, out=tmp_path / "joined", inspected=tables)
     assert contents(tmp_path / "one") == contents(tmp_path / "joined")
@@ -92,7 +74,7 @@ def test_images_listed_in_a_table_are_shared_by_frame(tmp_path):
 
 def test_another_table_is_refused_by_name(tmp_path):
     capture = build_capture(tmp_path / "tiny")
-    tables = shares(capture, tmp_path / "shares")
+    tables = inspected_by_two(capture, tmp_path / "shares")
     shutil.copy(capture / "keypoints_2d.parquet", tables[1])
     with pytest.raises(InputError, match=r"0002\.parquet: expected columns what, camera, .* found frame"):
         InspectedImages(tables)
