@@ -63,7 +63,7 @@ checkpoint import_capture:
 # index therefore name a file of it, as `ancient`, which by itself reruns nothing.
 checkpoint index_capture:
     input:
-        capture=lambda wildcards: job(wildcards).capture_files(),
+        capture=lambda wildcards: capture_files(wildcards.subject),
         inspected=inspected_images,
     output:
         cameras="results/{subject}/index/cameras.parquet",
@@ -108,7 +108,7 @@ checkpoint index_capture:
 # Where they are many: images of some chunks of frames, each decoded once. Complaints are left to the index.
 use rule index_capture as inspect_images with:
     input:
-        capture=lambda wildcards: job(wildcards).capture_files(),
+        capture=lambda wildcards: capture_files(wildcards.subject),
     output:
         table="results/{subject}/inspected/{chunk}.parquet",
     log:

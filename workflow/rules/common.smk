@@ -1,4 +1,5 @@
 # What the stages' rules share: the validated configuration, and functions of wildcards.
+import functools
 import os
 import shutil
 import sys
@@ -79,6 +80,12 @@ captures = os.path.normpath(project.settings.captures)
 def job(wildcards):
     """The files of a job, as the configuration asks for them."""
     return JobFiles(project, wildcards.subject, wildcards.get("variant"), wildcards.get("chunk"))
+
+
+@functools.cache
+def capture_files(subject):
+    """Files whose content decides whether the capture is checked anew; looked for once, for all jobs that check it."""
+    return JobFiles(project, subject).capture_files()
 
 
 def code_for(stage):
