@@ -29,6 +29,9 @@ DEADLINE_S = 1800
 CHUNKED = ("track_mesh", "trace_irradiance", "pack_shards")
 """Rules with a job for each of the three chunks."""
 
+SHARED, IMAGES = ("inspect_images", "score_images"), "chunk_images: 12\n"
+"""Rules that share the images of two and one chunks, of ten each; on one machine one job handles all."""
+
 
 @pytest.fixture(scope="module", autouse=True)
 def possible(request):
@@ -97,11 +100,11 @@ def started(workflow, cluster, *words):
 def cancelled(local, copy_of_project, tmp_path_factory):
     """A run on two nodes from nothing, whose training was cancelled: the run, and the jobs of each rule."""
     workflow = copy_of_project(tmp_path_factory.mktemp("slurm") / "project")
-    workflow.append("config/subjects/tiny.yaml", "chunk_frames: 2\n")
+    workflow.append("config/subjects/tiny.yaml", f"chunk_frames: 2\n{IMAGES}")
     with SlurmCluster(tmp_path_factory.mktemp("cluster")) as cluster, started(workflow, cluster) as run:
         cluster.run("scancel", run.training_with_checkpoint().number)
         run.finish()
-        yield workflow, {rule: run.jobs(rule) for rule in (*CHUNKED, "train_avatar", "evaluate_avatar")}
+        yield workflow, {rule: run.jobs(rule) for rule in (*CHUNKED, *SHARED, "train_avatar", "evaluate_avatar")}
 
 
 def metrics(workflow):
@@ -133,6 +136,11 @@ def test_chunks_run_on_both_nodes_side_by_side(cancelled):
     assert any(first != second for found in pairs.values() for first, second in found), pairs
 
 
+def test_two_jobs_share_the_images(cancelled):
+    for rule in SHARED:
+        assert [job.state for job in cancelled[1][rule]] == ["COMPLETED"] * 2, rule
+
+
 def test_cancelled_training_goes_on_from_its_checkpoint(cancelled):
     workflow, jobs = cancelled
     assert [job.state for job in jobs["train_avatar"]] == ["CANCELLED", "COMPLETED"]
@@ -150,4 +158,15 @@ def test_training_goes_on_after_its_node_is_lost(local, cancelled, tmp_path):
     assert (first.state, second.state) == ("NODE_FAIL", "COMPLETED")
     assert first.node == lost.node != second.node
     assert int(re.search(r"continuing after (\d+) steps", training_log(workflow))[1]) >= 10
+    assert metrics(workflow) == metrics(local)
+
+
+def test_training_on_two_nodes_is_a_job_of_the_workflow(local, cancelled, tmp_path):
+    """Of one process each, which does whole steps: to the bytes of one machine."""
+    workflow = cancelled[0].copied(tmp_path / "project")
+    words = ("--forcerun", "train_avatar", "--config", "training_nodes=2", "training_processes=1")
+    with SlurmCluster(tmp_path / "cluster") as cluster, started(workflow, cluster, *words) as run:
+        run.finish()
+        (job,) = run.jobs("train_avatar")
+    assert (job.state, job.node) == ("COMPLETED", "n[1-2]")
     assert metrics(workflow) == metrics(local)
