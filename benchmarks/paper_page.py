@@ -90,7 +90,7 @@ ABSURDITIES = (
     ("calibrate_lights", "a mirror ball photographed by every camera under every light",
      "photograph it with a few cameras"),
     ("train_avatar", "{train} CPU hours in one job",
-     "a GPU, for which the preset is made; fewer steps; or `training_nodes`, as many as `steps_together` at most help"),
+     "a GPU, for which the preset is made; fewer steps; or several nodes, `training_nodes`"),
     ("score_images", "{scores} CPU hours for {held} of the images", "fewer held-out images"),
 )  # fmt: skip
 """Rule, what is wrong with it at this size, and what can be done."""

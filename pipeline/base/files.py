@@ -65,7 +65,9 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def read_rows(path: Path, column: str, values: Collection[Any]) -> pd.DataFrame:
-    """Read the rows of a parquet table whose column has one of these values; few others are in memory at a time.
+    """Read the rows of a parquet table whose column has one of these values.
+
+    Few others are in memory at a time.
 
     Raises:
         InputError: the file is missing, no plain file, or not a parquet table with such a column.

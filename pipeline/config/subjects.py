@@ -74,7 +74,7 @@ def watched_files(project: Project, subject: str) -> list[str]:
 
 
 def has_few_files(project: Project, subject: str) -> bool:
-    """Whether the folder of a recorded capture has at most `track_capture_files` files, each of which is watched."""
+    """Tell whether a recorded capture has at most `track_capture_files` files: each is watched."""
     limit = project.settings.track_capture_files
     return len(list(islice(_files_below(Path(project.settings.captures) / subject), limit + 1))) <= limit
 

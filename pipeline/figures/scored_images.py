@@ -1,4 +1,7 @@
-"""Pictures of held-out images that an avatar renders worst, best and as usual, and of what its light is made."""
+"""Pictures of the held-out images that an avatar renders worst, as usual and best.
+
+And of what its light is made.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scores of single images that several jobs wrote, joined to those that one job would have written."""
+"""Scores of single images, written by several jobs, joined to those of one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ KEY = ["camera", "frame"]
 
 
 def joined_scores(folder: Path, images: pd.DataFrame) -> pd.DataFrame:
-    """Join the tables of a folder into one with a row for each image, as `pipeline.metrics.evaluation.evaluate` has it.
+    """Join the tables of a folder into one with a row for each image.
+
+    It is what `pipeline.metrics.evaluation.evaluate` would have returned.
 
     Args:
         folder: of tables that `evaluate` returned for some of the images, each image in one of them.

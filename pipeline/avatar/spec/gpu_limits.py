@@ -1,4 +1,4 @@
-"""Limits of a GPU: what an avatar may not ask of it, said before anything is read or trained."""
+"""Limits of a GPU: what an avatar may not ask of it, said before it is trained."""
 
 from __future__ import annotations
 

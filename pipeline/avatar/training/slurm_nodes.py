@@ -1,7 +1,7 @@
-"""Training on several nodes of a Slurm cluster: each of srun's tasks becomes torchrun, and they meet on the first node.
+"""Training on several nodes of a Slurm cluster: each of srun's tasks becomes torchrun.
 
-`srun --ntasks-per-node=1 python -m pipeline.stages.train_avatar ...` is all it takes. Where the tasks meet follows from
-the variables that Slurm gives to each. If a process is lost, torchrun starts all of them again, and they go on from the
+`srun --ntasks-per-node=1 python -m pipeline.stages.train_avatar ...` is all it takes. The tasks meet on the first node,
+at an address that follows from the variables that Slurm gives to each. If a process is lost, torchrun starts all of them again, and they go on from the
 checkpoint; if a node is, the job fails, and its next attempt goes on from there.
 """
 
@@ -34,12 +34,12 @@ Ask = Callable[..., str]
 
 
 def shares_a_step(variables: Mapping[str, str] = os.environ) -> bool:
-    """Whether srun has started this process as one of several, which torchrun has not."""
+    """Tell whether srun has started this process as one of several, and torchrun has not."""
     return "WORLD_SIZE" not in variables and int(variables.get("SLURM_STEP_NUM_TASKS", "1")) > 1
 
 
 def become_torchrun(processes: int) -> None:
-    """Replace this process, one of srun's tasks, by torchrun with so many processes on this node.
+    """Replace this process, a task of srun's, by torchrun with so many processes here.
 
     Raises:
         InputError: if a node has several tasks, or Slurm does not say where nodes are.

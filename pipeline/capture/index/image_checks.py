@@ -120,10 +120,10 @@ def nothing_known(image: ExpectedImage) -> None:
 def inspections(
     root: Path, images: Iterable[ExpectedImage], threads: int, known: Known = nothing_known
 ) -> Iterator[tuple[ExpectedImage, Inspection]]:
-    """Inspect images on some threads, or look up what is known of them; each with its inspection, in their order.
+    """Inspect images on some threads, or look up what is known of them.
 
-    Threads are enough: OpenCV, OpenEXR and BLAKE2 release Python's lock. Few images are ahead of the one that is
-    yielded: what waits takes no more memory with more images.
+    Each is returned with its inspection, in their order. Threads are enough: OpenCV, OpenEXR and BLAKE2 release Python's
+    lock. Few images are ahead of the one that is yielded: what waits takes no more memory with more images.
     """
     with ThreadPoolExecutor(threads) as pool:
         ahead: deque = deque()

@@ -1,5 +1,6 @@
-"""Images of a chunk of frames, inspected by a job of their own: a table that the index is then made from.
+"""Images of a chunk of frames, inspected by a job of their own.
 
+It writes a table, from which the index is then made.
 Such a job complains about nothing. It looks at what is there and decodes it; whoever makes the index says all that is
 wrong at once, as if it had inspected every image itself, and inspects those of which no table says anything.
 """
@@ -30,7 +31,7 @@ COLUMNS = ("what", "camera", "path", "digest", "black", "unreadable", "flaws")
 
 
 class InspectedImages:
-    """What tables of inspected images say, by image: about 300 bytes each.
+    """Inspections by image, of tables of them: about 300 bytes each.
 
     Args:
         paths: the tables.
