@@ -1,8 +1,8 @@
 """Training on several nodes of a Slurm cluster: each of srun's tasks becomes torchrun.
 
 `srun --ntasks-per-node=1 python -m pipeline.stages.train_avatar ...` is all it takes. The tasks meet on the first node,
-at an address that follows from the variables that Slurm gives to each. If a process is lost, torchrun starts all of them again, and they go on from the
-checkpoint; if a node is, the job fails, and its next attempt goes on from there.
+at an address that follows from the variables that Slurm gives to each. If a process is lost, torchrun starts all of
+them again, and they go on from the checkpoint; if a node is, the job fails, and its next attempt goes on from there.
 """
 
 from __future__ import annotations

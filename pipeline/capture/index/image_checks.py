@@ -122,8 +122,8 @@ def inspections(
 ) -> Iterator[tuple[ExpectedImage, Inspection]]:
     """Inspect images on some threads, or look up what is known of them.
 
-    Each is returned with its inspection, in their order. Threads are enough: OpenCV, OpenEXR and BLAKE2 release Python's
-    lock. Few images are ahead of the one that is yielded: what waits takes no more memory with more images.
+    Each is returned with its inspection, in their order. Threads are enough: OpenCV, OpenEXR and BLAKE2 release
+    Python's lock. Few images are ahead of the one that is yielded: what waits takes no more memory with more images.
     """
     with ThreadPoolExecutor(threads) as pool:
         ahead: deque = deque()
