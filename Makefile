@@ -52,7 +52,7 @@ test: $(READY)
 slurm: $(READY)
 	$(INSTALL) --no-build-isolation --editable '.[slurm]'
 
-# Ten minutes, of a cluster of two nodes on this machine; needs Debian's munge, slurmctld, slurmd and slurm-client.
+# Twenty minutes, of clusters of two or three nodes on this machine; needs Debian's munge, slurmctld, slurmd and slurm-client.
 slurm-test: slurm
 	$(QUIET) $(BIN)/python -m pytest -q -rs -m slurm -o faulthandler_timeout=0 tests/workflow/test_slurm.py \
 	    tests/workflow/test_slurm_stopping.py tests/workflow/test_slurm_nodes.py
