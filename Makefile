@@ -19,7 +19,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test slurm slurm-test hard-cases chaos mutants verdicts audit scaling growth effects time lint docs schema curves presets lock viewer FORCE
+.PHONY: help test slurm slurm-test hard-cases chaos mutants verdicts audit scaling growth effects time lint docs detect schema curves presets lock viewer FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -35,6 +35,7 @@ help:
 	@echo 'make time                          measure where the time goes, and write that page; TIMED=results/SUBJECT ...'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make docs                          build the documentation into build/docs'
+	@echo 'make detect                        install what finds keypoints and masks in photographs, into .venv-detect'
 	@echo 'make schema                        write what is generated: config.yaml, its schema, pages of settings and commands'
 	@echo 'make curves                        measure what accuracy costs on subjectA, for presets and budgets'
 	@echo 'make presets                       write the presets draft, standard and reference from these curves'
@@ -124,6 +125,16 @@ $(DOCS_READY): pyproject.toml
 	$(DOCS_BIN)/python -c 'import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
 	    print(*project["optional-dependencies"]["docs"], sep="\n")' > .venv-docs/requirements.txt
 	$(DOCS_BIN)/python -m pip install --requirement .venv-docs/requirements.txt
+	touch '$@'
+
+# The detector wants another NumPy than the stages, and has an environment of its own.
+DETECT_READY := .venv-detect/.ready
+detect: $(DETECT_READY)
+
+$(DETECT_READY): envs/detect.yaml
+	test -x .venv-detect/bin/python || $(PYTHON) -m venv .venv-detect
+	sed -n 's/^ *- "\(.*\)"$$/\1/p' envs/detect.yaml > .venv-detect/requirements.txt
+	.venv-detect/bin/python -m pip install --requirement .venv-detect/requirements.txt
 	touch '$@'
 
 CURVES_OF := results/subjectA

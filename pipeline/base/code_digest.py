@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KEPT = ".snakemake/parsed_code.json"
 """Parsed files, below the root. Whoever deletes it makes the next plan wait for two seconds."""
 
-DATA_SUFFIXES = (".safetensors",)
+DATA_SUFFIXES = (".safetensors", ".csv")
 """Files inside a package that its code reads."""
 
 SETTLED_NS = 2_000_000_000

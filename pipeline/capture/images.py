@@ -54,17 +54,20 @@ class ImageSource:
         transfer: how stored values relate to light.
         black_level: stored value of no light at all.
         masks: how the masks store which pixels are the subject.
+        mask_folder: that the paths of its masks are relative to; None: that of the capture.
     """
 
     folder: Path
     transfer: Transfer
     black_level: BlackLevel
     masks: MaskFormat = PLAIN_MASKS
+    mask_folder: Path | None = None
 
     @classmethod
     def from_index(cls, folder: Path, facts: Mapping[str, Any]) -> ImageSource:
         """The source that `images` of capture.json describes."""
-        return cls(folder, facts["transfer"], facts["black_level"], MaskFormat.from_index(facts.get("masks")))
+        masks, elsewhere = MaskFormat.from_index(facts.get("masks")), facts.get("mask_folder")
+        return cls(folder, facts["transfer"], facts["black_level"], masks, Path(elsewhere) if elsewhere else None)
 
     def read(self, path: str) -> Float32[np.ndarray, "h w 3"]:
         """A colour image as linear RGB: `read_image` of a path of the index."""
@@ -76,7 +79,12 @@ class ImageSource:
         Raises:
             InputError: if it cannot be read, or is not of that size.
         """
-        return self.masks.fit(read_mask(self.folder / path), (shape[0], shape[1]), self.folder / path)
+        file = self.mask_file(path)
+        return self.masks.fit(read_mask(file), (shape[0], shape[1]), file)
+
+    def mask_file(self, path: str) -> Path:
+        """The file of a mask, by its path of the index."""
+        return (self.mask_folder or self.folder) / path
 
 
 def decode_image(

@@ -18,6 +18,7 @@ from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
+from pipeline.config.detect_landmarks import DetectLandmarks
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.export_avatar import ExportAvatar
 from pipeline.config.export_capture import ExportCapture
@@ -31,6 +32,7 @@ from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.config.review_calibration import ReviewCalibration
 from pipeline.config.review_tracking import ReviewTracking
+from pipeline.config.segment_subject import SegmentSubject
 from pipeline.config.settings import Settings
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.trace_irradiance import TraceIrradiance
@@ -80,6 +82,8 @@ class SubjectSettings(Settings):
     # The stages, in data order.
     synthesize_capture: SynthesizeCapture = SynthesizeCapture()
     import_capture: ImportCapture = ImportCapture()
+    detect_landmarks: DetectLandmarks = DetectLandmarks()
+    segment_subject: SegmentSubject = SegmentSubject()
     index_capture: IndexCapture = IndexCapture()
     calibrate_cameras: CalibrateCameras = CalibrateCameras()
     calibrate_color: CalibrateColor = CalibrateColor()

@@ -15,6 +15,7 @@ Value = str | Sequence[str]
 
 FILES = {
     "results": ".",
+    "detected": "detected",
     "index": "index",
     "calibration": "calibration",
     "rig": "calibration/rig.json",
@@ -47,7 +48,9 @@ FILES = {
 ARGUMENTS = {
     "synthesize_capture": "subject out=capture",
     "import_capture": "dataset source subject out=capture",
-    "index_capture": "capture out=index",
+    "detect_landmarks": "capture out=detected",
+    "segment_subject": "capture out=detected",
+    "index_capture": "capture detected_keypoints detected_masks out=index",
     "calibrate_cameras": "capture index out=calibration",
     "calibrate_color": "capture index out=calibration",
     "calibrate_lights": "capture index rig out=calibration",

@@ -18,6 +18,7 @@ from pathlib import Path
 from pipeline.base.command import run_as_command
 from pipeline.base.files import write_json, write_table
 from pipeline.base.verdicts import verdict_table
+from pipeline.capture.index.detected_files import DetectedFiles
 from pipeline.capture.index.image_checks import nothing_known
 from pipeline.capture.index.inspected_images import InspectedImages, inspect_frames
 from pipeline.capture.index.validation import index_folder
@@ -30,6 +31,8 @@ def run(
     *,
     capture: Path,
     out: Path,
+    detected_keypoints: Path | None = None,
+    detected_masks: Path | None = None,
     inspected: tuple[Path, ...] = (),
     chunk: int | None = None,
     chunks: int = 1,
@@ -43,6 +46,8 @@ def run(
         out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, meshes, eyes and gaze.parquet,
             capture.json, verdicts_images.csv and calibration_cameras, calibration_lights and calibration_color.json;
             with `chunk`, for CHUNK.parquet.
+        detected_keypoints: keypoints_2d.parquet of detect_landmarks, in place of the capture's.
+        detected_masks: masks.parquet of segment_subject, in place of the capture's.
         inspected: tables that were written with `chunk`: the images in them are not read again.
         chunk: inspect only the images of these sorted frames, from chunk * chunk_size, and write a table of them.
         chunks: number of chunks that are inspected, if any.
@@ -54,9 +59,16 @@ def run(
         found = inspect_frames(capture, table, chunk * chunk_size, chunks * chunk_size, settings.decode_threads)
         log.info("chunk %d and %d more: %d images and masks inspected", chunk, chunks - 1, found)
         return
-    index = index_folder(capture, settings.decode_threads, InspectedImages(inspected) if inspected else nothing_known)
+    for name, detected in (("keypoints", detected_keypoints), ("masks", detected_masks)):
+        if detected is not None:
+            log.info("%s are those that were detected: %s", name, detected)
+    known = InspectedImages(inspected) if inspected else nothing_known
+    index = index_folder(capture, settings.decode_threads, known, DetectedFiles(detected_keypoints, detected_masks))
     if index.tables["keypoints_2d"].empty and index.tables["meshes"].empty:
-        log.warning("capture.yaml: keypoints_2d: none, or empty: calibration runs, but track_mesh will refuse")
+        log.warning(
+            "capture.yaml: keypoints_2d: none, or empty: calibration runs, but track_mesh will refuse; after "
+            "`make detect` they are looked for in the images"
+        )
     for name, table in index.tables.items():
         write_table(out / f"{name}.parquet", table)
     write_table(out / "verdicts_images.csv", verdict_table(index.verdicts))

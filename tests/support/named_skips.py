@@ -13,8 +13,8 @@ import pytest
 REASONS = (
     "no Chromium", "no node:", "no viewer/node_modules", "no splat-transform", "no LLVM library", "no strace",
     "strace cannot trace here", "no git repository", "no CUDA device", "no gsplat", "the Python package bpy",
-    "takes minutes: make slurm-test", "no .*(munge|slurm)", "needs captures/", "needs .*beside the repository",
-    "a service of Linux",
+    "takes minutes: make slurm-test", "no .venv-detect", "no .*(munge|slurm)", "needs captures/",
+    "needs .*beside the repository", "a service of Linux",
 )  # fmt: skip
 """How reasons begin that a machine may have: programs, hardware and recordings that no package brings."""
 

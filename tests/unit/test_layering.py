@@ -13,7 +13,7 @@ LAYERS = [
     {"config", "geometry"},
     {"eyes", "metrics", "rendering", "synthesis"},
     {"budget", "capture"},
-    {"calibration", "datasets", "lighting", "workflow"},
+    {"calibration", "datasets", "detection", "lighting", "workflow"},
     {"sync", "tracking"},
     {"effects"},
     {"avatar"},

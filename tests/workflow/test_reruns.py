@@ -41,6 +41,8 @@ OUTPUTS = {
 }
 ON_REQUEST = {
     "import_capture",
+    "detect_landmarks",
+    "segment_subject",
     "check_budget",
     "review_calibration",
     "review_tracking",

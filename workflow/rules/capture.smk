@@ -58,6 +58,68 @@ checkpoint import_capture:
         "python -m pipeline.stages.import_capture {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
 
 
+# These two only for captures that come without keypoints or masks: `detected_keypoints` and `detected_masks` ask for
+# them. What they run has an environment of its own (make detect).
+rule detect_landmarks:
+    input:
+        lambda wildcards: job(wildcards).capture_files(),
+    output:
+        keypoints="results/{subject}/detected/keypoints_2d.parquet",
+        counts="results/{subject}/detected/landmarks.csv",
+        picture="results/{subject}/detected/landmarks.png",
+    log:
+        "results/{subject}/logs/detect_landmarks.log",
+    benchmark:
+        "results/{subject}/benchmarks/detect_landmarks.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: threads_for("detect_landmarks")
+    resources:
+        mem_mb=memory_for("detect_landmarks"),
+        runtime=minutes_for("detect_landmarks"),
+    params:
+        code=code_for("detect_landmarks"),
+        capture=capture_folder,
+        arguments=arguments_for("detect_landmarks"),
+        origin=lambda wildcards: job(wildcards).capture_origin(),
+        settings=settings_for("detect_landmarks"),
+    message:
+        "{wildcards.subject}: looking for keypoints in the photographs"
+    shell:
+        "python -m pipeline.stages.detect_landmarks --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
+
+
+rule segment_subject:
+    input:
+        lambda wildcards: job(wildcards).capture_files(),
+    output:
+        masks="results/{subject}/detected/masks.parquet",
+        folder=directory("results/{subject}/detected/masks"),
+        picture="results/{subject}/detected/masks.png",
+    log:
+        "results/{subject}/logs/segment_subject.log",
+    benchmark:
+        "results/{subject}/benchmarks/segment_subject.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: threads_for("segment_subject")
+    resources:
+        mem_mb=memory_for("segment_subject"),
+        runtime=minutes_for("segment_subject"),
+    params:
+        code=code_for("segment_subject"),
+        capture=capture_folder,
+        arguments=arguments_for("segment_subject"),
+        origin=lambda wildcards: job(wildcards).capture_origin(),
+        settings=settings_for("segment_subject"),
+    message:
+        "{wildcards.subject}: masking the subject in the photographs"
+    shell:
+        "python -m pipeline.stages.segment_subject --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
+
+
 # A checkpoint, so that all that follows is decided anew, by content, when the index is there: if it is what it was,
 # nothing else runs. Snakemake reconsiders only jobs with an input from the checkpoint; stages that read nothing of the
 # index therefore name a file of it, as `ancient`, which by itself reruns nothing.
@@ -65,6 +127,8 @@ checkpoint index_capture:
     input:
         capture=lambda wildcards: capture_files(wildcards.subject),
         inspected=inspected_images,
+        detected_keypoints=lambda wildcards: detected_keypoints(job(wildcards)),
+        detected_masks=lambda wildcards: detected_masks(job(wildcards)),
     output:
         cameras="results/{subject}/index/cameras.parquet",
         frames="results/{subject}/index/frames.parquet",
@@ -93,7 +157,11 @@ checkpoint index_capture:
     params:
         code=code_for("index_capture"),
         capture=capture_folder,
-        arguments=arguments_for("index_capture"),
+        arguments=arguments_for(
+            "index_capture",
+            detected_keypoints=lambda wildcards: detected_keypoints(job(wildcards)),
+            detected_masks=lambda wildcards: detected_masks(job(wildcards)),
+        ),
         origin=lambda wildcards: job(wildcards).capture_origin(),
         inspected=lambda wildcards, input: ["--inspected", *input.inspected] if input.inspected else [],
         chunks=[],

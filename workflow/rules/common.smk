@@ -17,6 +17,7 @@ from pipeline.config.stage_commands import stage_arguments
 from pipeline.config.subjects import subject_names
 from pipeline.config.write_report import subject_changes
 from pipeline.workflow.dead_runs import remove_dead_locks
+from pipeline.workflow.detected_files import detected_keypoints, detected_masks
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.job_requests import memory_mb, minutes, request_words, useful_threads
 from pipeline.workflow.job_size import job_size, unknown_size

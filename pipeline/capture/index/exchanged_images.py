@@ -135,7 +135,7 @@ def _image(source: ImageSource, path: str) -> Float64[np.ndarray, " pixels"]:
 
 
 def _mask(source: ImageSource, path: str) -> Float64[np.ndarray, " pixels"]:
-    return _reduced(source.masks.subject(read_mask(source.folder / path)).astype(np.float32))
+    return _reduced(source.masks.subject(read_mask(source.mask_file(path))).astype(np.float32))
 
 
 def _reduced(values: np.ndarray) -> Float64[np.ndarray, " pixels"]:

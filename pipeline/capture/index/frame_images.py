@@ -32,8 +32,10 @@ def find_frame_images(
     if manifest.images is not None and cameras is not None and frames is not None:
         if manifest.images.table is not None:
             return read_images_table(root, manifest, cameras, frames, complaints)
-        if manifest.masks is not None and manifest.masks.path is None:
-            complaints.add(MANIFEST, "masks.path", expected="a pattern, as images.path is one", found="no such key")
+        masks = manifest.masks
+        if masks is not None and (masks.path is None) == (masks.clean_plates is None):
+            found = "neither" if masks.path is None else "both"
+            complaints.add(MANIFEST, "masks.path", expected="this pattern, or else masks.clean_plates", found=found)
         _check_distinct(manifest.images.path, cameras, frames, complaints)
         for camera in dict.fromkeys(cameras["camera"]):
             numbers = list(dict.fromkeys(frames["frame"]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,6 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
 from pipeline.capture.index.csv_tables import (
-    DTYPES,
     FLOAT32,
     Kind,
     column_names,
@@ -20,7 +19,6 @@ from pipeline.capture.index.csv_tables import (
     complain_unknown,
     read_csv,
 )
-from pipeline.capture.index.parquet_tables import read_parquet
 
 log = logging.getLogger(__name__)
 
@@ -40,15 +38,9 @@ COLORED_PATTERN_COLUMNS: Mapping[str, Kind] = {
     "light": "name",
     **dict.fromkeys(INTENSITIES, "number"),
 }
-KEYPOINT_COLUMNS: Mapping[str, Kind] = {
-    "frame": "whole", "camera": "name", "keypoint": "text", "x": "number", "y": "number", "confidence": "number",
-}  # fmt: skip
 PATCH_COLUMNS: Mapping[str, Kind] = {"patch": "whole", "r": "number", "g": "number", "b": "number"}
 
 PATCHES = 24
-
-MOST_CONFIDENCE = 1000.0
-"""Largest weight of a detection: detectors say 0 to 1, percent or a logit. One row of more would outweigh all."""
 
 OTHER_CLOCK = 0.1
 """Relative difference between frames.csv and fps from which it is worth a look: nominal and true rates differ by 0.1 %
@@ -189,33 +181,3 @@ def read_patches_csv(root: Path, path: str, complaints: Complaints) -> list[list
         if (bad := table[channel] < 0).any():
             complain_rows(complaints, path, channel, bad, "0 or more (linear reflectance)", table[channel])
     return table.sort_values("patch")[["r", "g", "b"]].to_numpy().tolist()
-
-
-def read_keypoints_parquet(
-    root: Path, path: str | None, known: Mapping[str, Collection[object] | None], complaints: Complaints
-) -> pd.DataFrame:
-    """Detections in image pixels, by frame and camera; an empty table if the capture has none.
-
-    Args:
-        known: for frame, camera and keypoint the values that other tables list; None where those are in doubt.
-    """
-    empty = pd.DataFrame({column: pd.Series(dtype=DTYPES[kind]) for column, kind in KEYPOINT_COLUMNS.items()})
-    if path is None:
-        return empty
-    table = read_parquet(root, path, KEYPOINT_COLUMNS, complaints)
-    if table is None:
-        return empty
-    for column in ("x", "y", "confidence"):
-        if count := int((~np.isfinite(table[column])).sum()):
-            hint = "leave out rows that the detector did not find"
-            complaints.add(path, column, expected="finite numbers", found=f"{count} rows of NaN or infinity", hint=hint)
-    if count := int((table["confidence"] < 0).sum()):
-        complaints.add(path, "confidence", expected="0 or more", found=f"{count} negative rows")
-    if count := int((table["confidence"] > MOST_CONFIDENCE).sum()):
-        found = f"{count} rows up to {table['confidence'].max():g}"
-        complaints.add(path, "confidence", expected=f"weights of at most {MOST_CONFIDENCE:g}", found=found)
-    complain_repeats(complaints, path, table, ["frame", "camera", "keypoint"])
-    for column, values in known.items():
-        if values is not None:
-            complain_unknown(complaints, path, column, table[column], values, f"the table of {column}s")
-    return table.sort_values(["frame", "camera", "keypoint"], kind="stable", ignore_index=True)

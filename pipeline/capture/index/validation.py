@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -10,16 +10,18 @@ from typing import Any
 import pandas as pd
 
 from pipeline.base.errors import Complaints
-from pipeline.base.files import digest_file
 from pipeline.base.progress import progress
 from pipeline.base.verdicts import Verdict
 from pipeline.capture.images import ImageSource
 from pipeline.capture.index import calibration_files, color_files, tables
+from pipeline.capture.index.contents import capture_content
+from pipeline.capture.index.detected_files import NOTHING_DETECTED, DetectedFiles
 from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
 from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
 from pipeline.capture.index.held_out import check_splits, images_table
 from pipeline.capture.index.image_checks import ExpectedImage, Known, gather, inspections, nothing_known
+from pipeline.capture.index.keypoint_tables import read_keypoints_parquet, read_points_csv
 from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.template_checks import check_template
 from pipeline.capture.mask_format import PLAIN_MASKS
@@ -50,39 +52,45 @@ class CaptureIndex:
     verdicts: list[Verdict]
 
 
-def index_folder(root: Path, threads: int = 4, known: Known = nothing_known) -> CaptureIndex:
+def index_folder(
+    root: Path, threads: int = 4, known: Known = nothing_known, detected: DetectedFiles = NOTHING_DETECTED
+) -> CaptureIndex:
     """Validate a capture and index it. What is wrong in one place hides nothing that is wrong in another.
 
     Args:
         root: folder of the capture.
         threads: that decode images.
         known: inspections that were made before; all other images are inspected here.
+        detected: keypoints and masks in place of the capture's own.
 
     Raises:
         InputError: naming everything that is wrong, if anything is.
     """
     complaints = Complaints(root)
     manifest = read_manifest(root, complaints)
-    found = _read_tables(root, manifest, complaints)
+    found = _read_tables(root, manifest, detected, complaints)
     contents, expected = _find_calibration(root, manifest, found, complaints)
     _check_transfer(manifest.images, complaints)
     images = find_frame_images(root, manifest, found["cameras"], found["frames"], complaints)
-    total = len(expected) + int(images[["path", "mask_path"]].notna().to_numpy().sum())
-    inspected = inspections(root, chain(expected, expected_images(images, found["cameras"], manifest)), threads, known)
-    digests = gather(progress(inspected, "images checked", total), complaints)
+    images, mask_digests = detected.masked(images)
+    own = images if detected.masks is None else images.assign(mask_path=None)
+    total = len(expected) + int(own[["path", "mask_path"]].notna().to_numpy().sum())
+    inspected = inspections(root, chain(expected, expected_images(own, found["cameras"], manifest)), threads, known)
+    digests = gather(progress(inspected, "images checked", total), complaints) | mask_digests
     check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
     facts = manifest.images
-    source = ImageSource(root, facts.transfer, facts.black_level, mask_format(manifest))
+    masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
+    source = ImageSource(root, facts.transfer, facts.black_level, masks, detected.mask_folder)
     verdicts = complain_of_exchanged(images, found["cameras"], source, complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
-    contents["capture"] = _capture_content(root, manifest, found["eyes"])
+    contents["capture"] = capture_content(root, manifest, found["eyes"], source)
     found |= {"images": images_table(images, digests, found["frames"], manifest.splits)}
     return CaptureIndex(found, contents, verdicts)
 
 
-def _read_tables(root: Path, manifest: Capture, complaints: Complaints) -> Tables:
+def _read_tables(root: Path, manifest: Capture, detected: DetectedFiles, complaints: Complaints) -> Tables:
     """All tables but that of images; None for one that cannot be read."""
     found: Tables = dict.fromkeys(("cameras", "frames", "lights", "patterns"))
     if manifest.cameras:
@@ -113,7 +121,14 @@ def _read_tables(root: Path, manifest: Capture, complaints: Complaints) -> Table
     known = {name: list(found[f"{name}s"][name]) for name in ("frame", "camera") if found[f"{name}s"] is not None}
     if keypoints is not None:
         known["keypoint"] = keypoints
-    found["keypoints_2d"] = tables.read_keypoints_parquet(root, manifest.keypoints_2d, known, complaints)
+    if detected.keypoints is not None:
+        folder, name = detected.keypoints.parent, detected.keypoints.name
+        found["keypoints_2d"] = read_keypoints_parquet(folder, name, known, complaints)
+    else:
+        path, order = manifest.keypoints_2d, manifest.keypoints_order
+        given = manifest.template.points if manifest.template else None
+        points = read_points_csv(root, given, keypoints or [], complaints)
+        found["keypoints_2d"] = read_keypoints_parquet(root, path, known, complaints, order, points)
     return found
 
 
@@ -163,33 +178,3 @@ def _check_transfer(images: Images | None, complaints: Complaints) -> None:
             MANIFEST, "images.transfer", expected="linear: OpenEXR files hold linear light by definition",
             found="srgb", hint="say linear, or convert the images to .png",
         )  # fmt: skip
-
-
-def _capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame) -> dict[str, Any]:
-    """Content of `capture.json`.
-
-    No splits and no calibration, so that a change there reruns only what reads it.
-    """
-    template, images, given = manifest.template, manifest.images, {}
-    facts = images.model_dump(include={"transfer", "black_level", "downsample_from_sensor"})
-    if (masks := mask_format(manifest)) != PLAIN_MASKS:
-        facts["masks"] = asdict(masks)
-    if manifest.meshes is not None:
-        given["meshes"] = manifest.meshes.model_dump(include={"motion", "scale_to_m"})
-    if manifest.imported is not None:
-        given["imported"] = manifest.imported.model_dump(exclude={"digest"})
-    return {
-        "subject": manifest.subject,
-        "kind": manifest.kind,
-        "fps": manifest.fps,
-        "images": facts,
-        "template": {
-            "mesh": template.mesh,
-            "mesh_digest": digest_file(root / template.mesh),
-            "keypoints": template.keypoints,
-            "keypoints_digest": digest_file(root / template.keypoints) if template.keypoints else None,
-            "scale_to_m": template.scale_to_m,
-            "eyes": sorted(set(eyes["eye"])),
-        },
-        **given,
-    }

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from pipeline.capture.keypoint_orders import CHOICES
 from pipeline.capture.mosaic import Mosaic
 from pipeline.capture.schema.camera_schema import BoardCameras, CharucoCameras, KnownCameras
 from pipeline.capture.schema.given_schema import Imported, Meshes
@@ -25,21 +26,9 @@ from pipeline.capture.schema.sections import (
     SilhouettePattern,
     path_to,
 )
+from pipeline.capture.schema.template_schema import Template
 
 NAME_PATTERN = r"^[A-Za-z0-9_][A-Za-z0-9_-]*$"
-
-
-class Template(Section):
-    """The rest mesh that is posed for every frame."""
-
-    mesh: Annotated[str, path_to(".glb")] = Field(
-        description="glTF binary: mesh, texture coordinates if any, skin if it is rigged"
-    )
-    keypoints: CsvPath | None = Field(None, description="csv: keypoint, and node_index (of a joint) or vertex")
-    scale_to_m: Length = Field(description="a vertex in metres is this times its (skinned) glTF position")
-    eyes: CsvPath | None = Field(
-        None, description="csv: eye, vertex; every vertex of each eyeball, which is a separate part of the mesh"
-    )
 
 
 class MirrorBallLights(Section):
@@ -183,6 +172,11 @@ class Capture(Section):
         "one row per lit light, unlisted = off"
     )
     keypoints_2d: ParquetPath | None = Field(None, description="parquet: frame, camera, keypoint, x, y, confidence")
+    keypoints_order: Literal[*CHOICES] | None = Field(
+        None,
+        description="order that keypoints of keypoints_2d are numbered or labelled in; left out: they are names of "
+        "template.keypoints",
+    )
     template: Template = Field(description="the mesh that is tracked")
     meshes: Meshes | None = Field(None, description="tracked elsewhere: the template's vertices, frame by frame")
     gaze: CsvPath | None = Field(

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator
 
-from pipeline.capture.schema.sections import ImagePattern, MaskPattern, ParquetPath, Section
+from pipeline.capture.schema.sections import ImagePattern, MaskPattern, ParquetPath, PlatePattern, Section
 
 ONE_NUMBER, THREE_NUMBERS = "one number", "three numbers"
 """Choices of a value's type. Spaces tell them from keys, beside which pydantic names them."""
@@ -65,3 +65,8 @@ class Masks(Section):
         None, description="values that are the subject, of masks that number parts; left out: 255 is the subject"
     )
     enlarged: bool = Field(False, description="true: masks may be a whole factor smaller than their images")
+    clean_plates: PlatePattern | None = Field(
+        None,
+        description="in place of path, pattern with {camera}: the camera's image of the stage without the subject, "
+        "fully lit, stored as images are; segment_subject masks fully lit frames by it",
+    )

@@ -40,6 +40,7 @@ MaskPattern = Annotated[str, pattern_with("camera", "frame", suffixes=(".png",))
 BoardPattern = Annotated[str, AfterValidator(_board_pattern)]
 BallPattern = Annotated[str, pattern_with("position", "camera", "light", suffixes=OPENCV_IMAGE)]
 SilhouettePattern = Annotated[str, pattern_with("position", "camera", suffixes=OPENCV_IMAGE)]
+PlatePattern = Annotated[str, pattern_with("camera", suffixes=EXR_OR_PNG)]
 ChartPattern = Annotated[str, pattern_with("camera", suffixes=(".exr", *OPENCV_IMAGE))]
 
 
