@@ -133,7 +133,7 @@ def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
     for number, name in enumerate(chosen):
         rows = masked[masked.camera == name].sort_values("frame")
         row = rows.iloc[number * (len(rows) - 1) // max(len(chosen) - 1, 1)]
-        image = corrected(source.read(row.path), colors[name].astype(np.float32))
+        image = corrected(source.read(row.path, row.frame), colors[name].astype(np.float32))
         mask = source.read_mask(row.mask_path, image.shape)
         small = cameras[name].downsampled(float(described["images"]["downsample_from_sensor"]))
         pixels, _ = small.project(vertices[row.frame])

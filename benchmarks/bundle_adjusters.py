@@ -11,7 +11,7 @@ import pycolmap
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.calibration.cameras.board_views import BoardViews
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
-from pipeline.calibration.cameras.rig_start import start_rig
+from pipeline.calibration.cameras.rig_start import Start, start_rig
 from pipeline.geometry.cameras import Camera
 
 LOSS_PX = 0.12
@@ -58,9 +58,19 @@ def opencv(found: BoardViews, sizes: list[tuple[int, int]]) -> list[Camera]:
 
 
 def colmap(found: BoardViews, sizes: list[tuple[int, int]], loss: str = "CAUCHY") -> list[Camera]:
-    """A rig of sensors before one board per frame: the board is the world, its corners are constant points."""
-    seen = found.observations
-    start = start_rig(seen, found.corners_m, sizes)
+    start = start_rig(found.observations, found.corners_m, sizes)
+    return adjust_with_colmap(found, start, loss)[0]
+
+
+def adjust_with_colmap(
+    found: BoardViews, start: Start, loss: str = "CAUCHY", bars: bool = False
+) -> tuple[list[Camera], np.ndarray]:
+    """A rig of sensors before one board per frame: the board is the world, its corners are constant points.
+
+    Also the relative standard deviations of the focal lengths, if `bars`: pycolmap's covariance, which is for a noise
+    of one pixel, times the noise that the residuals have.
+    """
+    seen, sizes = found.observations, [(camera.width, camera.height) for camera in start.cameras]
     scene, rig = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1)
     root = _rigid(start.cameras[0])
     for c, camera in enumerate(start.cameras):
@@ -104,7 +114,11 @@ def colmap(found: BoardViews, sizes: list[tuple[int, int]], loss: str = "CAUCHY"
     options = pycolmap.BundleAdjustmentOptions(refine_principal_point=True, print_summary=False)
     options.ceres.loss_function_type = getattr(pycolmap.LossFunctionType, loss)
     options.ceres.loss_function_scale = LOSS_PX
-    pycolmap.create_default_bundle_adjuster(options, config, scene).solve()
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, scene)
+    adjuster.solve()
+    sigma = np.full(len(sizes), np.nan)
+    if bars:
+        sigma = _focal_bars(scene, adjuster, len(sizes))
     cameras = []
     for c, size in enumerate(sizes):
         fx, fy, cx, cy, *dist = scene.camera(c + 1).params
@@ -114,7 +128,32 @@ def colmap(found: BoardViews, sizes: list[tuple[int, int]], loss: str = "CAUCHY"
         R, t = pose.rotation.matrix(), np.asarray(pose.translation)
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
         cameras.append(Camera(R, t, K, np.array([*dist, 0.0]), *size))
-    return cameras
+    return cameras, sigma
+
+
+def _focal_bars(
+    scene: pycolmap.Reconstruction, adjuster: pycolmap.CeresBundleAdjuster, count: int
+) -> np.ndarray:  # fmt: skip
+    """Relative deviations of focal lengths; NaN where pycolmap has no covariance, as of rigs (4.2.1 refuses them)."""
+    try:
+        covariance = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), scene, adjuster)
+    except ValueError as error:
+        print(f"pycolmap {pycolmap.__version__}: no covariance: {error}", flush=True)
+        return np.full(count, np.nan)
+    lenses = [scene.camera(c + 1).params for c in range(count)]
+    return _noise_px(scene) * np.array([np.sqrt(covariance.get_other_params_cov(p)[0, 0]) / p[0] for p in lenses])
+
+
+def _noise_px(scene: pycolmap.Reconstruction) -> float:
+    """Standard deviation of one coordinate of a corner, by the median residual, which gross errors do not move."""
+    lengths = []
+    for image in scene.images.values():
+        corners = [point for point in image.points2D if point.has_point3D()]
+        for point in corners:
+            pixel = image.project_point(scene.point3D(point.point3D_id).xyz)
+            lengths.append(np.linalg.norm(pixel - point.xy))
+    # The median of Rayleigh's distribution over its scale.
+    return float(np.median(lengths) / np.sqrt(2 * np.log(2)))
 
 
 def _rigid(camera: Camera) -> pycolmap.Rigid3d:

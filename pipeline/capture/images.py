@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -55,6 +55,7 @@ class ImageSource:
         black_level: stored value of no light at all.
         masks: how the masks store which pixels are the subject.
         mask_folder: that the paths of its masks are relative to; None: that of the capture.
+        exposures: exposure times gain of frames, relative to that of all others.
     """
 
     folder: Path
@@ -62,16 +63,27 @@ class ImageSource:
     black_level: BlackLevel
     masks: MaskFormat = PLAIN_MASKS
     mask_folder: Path | None = None
+    exposures: Mapping[int, float] = field(default_factory=dict)
 
     @classmethod
     def from_index(cls, folder: Path, facts: Mapping[str, Any]) -> ImageSource:
         """The source that `images` of capture.json describes."""
         masks, elsewhere = MaskFormat.from_index(facts.get("masks")), facts.get("mask_folder")
-        return cls(folder, facts["transfer"], facts["black_level"], masks, Path(elsewhere) if elsewhere else None)
+        exposures = {int(frame): float(factor) for frame, factor in facts.get("exposures", {}).items()}
+        return cls(
+            folder, facts["transfer"], facts["black_level"], masks, Path(elsewhere) if elsewhere else None, exposures
+        )  # fmt: skip
 
-    def read(self, path: str) -> Float32[np.ndarray, "h w 3"]:
-        """A colour image as linear RGB: `read_image` of a path of the index."""
-        return read_image(self.folder / path, self.transfer, self.black_level)
+    def read(self, path: str, frame: int | None) -> Float32[np.ndarray, "h w 3"]:
+        """A colour image as linear RGB, as bright as if all frames were exposed alike.
+
+        Args:
+            path: of the index.
+            frame: that the image belongs to; None: to none, and it is exposed as most frames are.
+        """
+        image = read_image(self.folder / path, self.transfer, self.black_level)
+        factor = 1.0 if frame is None else self.exposures.get(int(frame), 1.0)
+        return image if factor == 1.0 else image / np.float32(factor)
 
     def read_mask(self, path: str, shape: tuple[int, ...]) -> UInt8[np.ndarray, "h w"]:
         """A mask, 0..255, of the rows and columns that an image's `shape` begins with.

@@ -13,6 +13,7 @@ from jaxtyping import Float32
 from pipeline.base.errors import Complaints, InputError
 from pipeline.capture.images import ImageSource, write_png
 from pipeline.capture.index import tables
+from pipeline.capture.index.contents import relative_exposures
 from pipeline.capture.index.frame_images import find_frame_images, mask_format
 from pipeline.capture.index.keypoint_tables import read_points_csv
 from pipeline.capture.index.template_checks import read_keypoint_places
@@ -81,7 +82,9 @@ def read_photographs(capture: Path, every_frame: bool) -> Photographs:
                 "set `frames: all` to look at frames under any light"
             )
     facts = manifest.images
-    source = ImageSource(capture, facts.transfer, facts.black_level, mask_format(manifest))
+    source = ImageSource(
+        capture, facts.transfer, facts.black_level, mask_format(manifest), exposures=relative_exposures(frames)
+    )  # fmt: skip
     sizes = {row.camera: (int(row.width), int(row.height)) for row in cameras.itertuples()}
     return Photographs(manifest, images, sizes, len(frames), keypoints, source)
 
@@ -103,7 +106,7 @@ def write_pictures(photographs: Photographs, folder: Path) -> Path:
     rows = []
     for number, row in enumerate(photographs.images.itertuples()):
         path = folder / f"{number:06d}.png"
-        write_png(path, exposed(photographs.source.read(row.path)))
+        write_png(path, exposed(photographs.source.read(row.path, row.frame)))
         rows.append((f"{number:06d}", str(path), row.camera, row.frame))
     table = folder / "images.csv"
     pd.DataFrame(rows, columns=["image", "path", "camera", "frame"]).to_csv(table, index=False)

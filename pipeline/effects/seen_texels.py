@@ -85,7 +85,7 @@ def observe_texels(
         step_m = STEP_PIXELS * distance / np.sqrt(camera.K[0, 0] * camera.K[1, 1])
         depth_map = draw_depth(camera, meshes[at], faces)
         chosen = np.flatnonzero(seen_well(camera, depth_map, points[at], normals[at], float(step_m)))
-        image = source.read(row.path)
+        image = source.read(row.path, row.frame)
         pixels, depth = camera.project(points[at, chosen])
         color = sample_bilinear(image[None], np.zeros(len(chosen), np.int64), pixels)[0].astype(np.float64)
         found = (color < BRIGHTEST).all(1)  # not where it is no number, either

@@ -74,7 +74,8 @@ def write_goliath_folder(
     write_motion(root, recording.frames.frame.tolist(), tracked, template)
     _write_lists(root, recording)
     for camera, rows in progress(list(recording.images.groupby("camera")), "cameras"):
-        images = ((f"cam{camera}/{row.frame:06d}.avif", _avif(exposure * recording.linear(str(camera), row.path)))
+        name = str(camera)
+        images = ((f"cam{name}/{row.frame:06d}.avif", _avif(exposure * recording.linear(name, row.path, row.frame)))
                   for row in rows.itertuples())  # fmt: skip
         write_zip(root / f"image/cam{camera}.zip", images)
         masked = rows[rows.mask_path.notna()]

@@ -31,7 +31,7 @@ def write_pictures(folder: Path, recording: Recording, exposure: float, mask_nam
     bright = []
     for row in progress(list(recording.images.itertuples()), "images"):
         camera, name = str(row.camera), image_name(str(row.camera), row.frame)
-        linear = exposure * recording.linear(camera, row.path)
+        linear = exposure * recording.linear(camera, row.path, row.frame)
         bright.append(float((linear > 1).any(-1).mean()))
         write_png(folder / "images" / name, linear)
         if not pd.isna(row.mask_path):

@@ -45,13 +45,13 @@ class Recording:
     colors: Mapping[str, Float64[np.ndarray, "3 columns"]]
     test_cameras: Sequence[str]
 
-    def linear(self, camera: str, path: str) -> Float32[np.ndarray, "h w 3"]:
+    def linear(self, camera: str, path: str, frame: int) -> Float32[np.ndarray, "h w 3"]:
         """An image in linear light, in the colours of the average camera.
 
         Raises:
             InputError: if it is not of its camera's size.
         """
-        image = self.source.read(path)
+        image = self.source.read(path, frame)
         known = self.cameras[camera]
         if image.shape[:2] != (known.height, known.width):
             found = f"{image.shape[1]} x {image.shape[0]}"

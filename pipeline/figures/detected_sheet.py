@@ -32,7 +32,7 @@ def draw_landmarks(path: Path, photographs: Photographs, table: pd.DataFrame) ->
     """
     tiles = []
     for row in evenly(list(photographs.images.itertuples()), MOST_TILES):
-        tile, scale = _tile(photographs, row.path)
+        tile, scale = _tile(photographs, row.path, row.frame)
         mine = table[(table["camera"] == row.camera) & (table["frame"] == row.frame)]
         for point in mine.itertuples():
             at = (round(point.x * scale), round(point.y * scale))
@@ -49,7 +49,7 @@ def draw_masks(path: Path, photographs: Photographs, table: pd.DataFrame, folder
     """
     paths, tiles = table.set_index(["camera", "frame"])["mask_path"], []
     for row in evenly(list(photographs.images.itertuples()), MOST_TILES):
-        tile, scale = _tile(photographs, row.path)
+        tile, scale = _tile(photographs, row.path, row.frame)
         if (row.camera, row.frame) in paths.index:
             mask = cv2.resize(read_mask(folder / paths[(row.camera, row.frame)]), None, fx=scale, fy=scale)
             outlines, _ = cv2.findContours((mask > 127).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
@@ -58,9 +58,9 @@ def draw_masks(path: Path, photographs: Photographs, table: pd.DataFrame, folder
     _write_sheet(path, tiles)
 
 
-def _tile(photographs: Photographs, path: str) -> tuple[UInt8[np.ndarray, "h w 3"], float]:
+def _tile(photographs: Photographs, path: str, frame: int) -> tuple[UInt8[np.ndarray, "h w 3"], float]:
     """An image as it is shown, and its scale."""
-    image = photographs.source.read(path)
+    image = photographs.source.read(path, frame)
     scale = TILE / max(image.shape[:2])
     sized = cv2.resize(exposed(image), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return np.round(255 * srgb_from_linear(sized)).astype(np.uint8), scale

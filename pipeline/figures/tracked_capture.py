@@ -80,7 +80,7 @@ class TrackedCapture:
         entry = self._entry(name, row)
         if entry is None:
             return None
-        image = self.source.read(entry.path)
+        image = self.source.read(entry.path, int(self.frames.frame.iloc[row]))
         matrix = self.corrections.get(name, np.eye(3)).astype(np.float32)
         small = self.cameras[name].downsampled(float(factor))
         return corrected(block_means(np.nan_to_num(image, posinf=0.0, neginf=0.0), factor, small), matrix)

@@ -192,7 +192,7 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
     """
     maps, undistort = LensMaps(), inputs.on["lens_distortion"]
     for row in progress(list(images.itertuples()), "pack_shards"):
-        image = inputs.source.read(row.path)
+        image = inputs.source.read(row.path, row.frame)
         camera, mask, silhouette = inputs.cameras[row.camera], None, None
         if isinstance(row.mask_path, str):
             mask = inputs.source.read_mask(row.mask_path, image.shape).astype(np.float32) / np.float32(MASK_LEVELS)

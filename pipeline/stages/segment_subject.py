@@ -71,13 +71,13 @@ def by_plates(photographs: Photographs, pattern: str) -> Iterator[np.ndarray]:
     for row in progress(list(photographs.images.itertuples()), "masks"):
         if row.camera != camera:
             camera, path = row.camera, fill(pattern, camera=row.camera)
-            plate = source.read(path)
+            plate = source.read(path, None)
             width, height = photographs.sizes[camera]
             if plate.shape[:2] != (height, width):
                 found = f"{plate.shape[1]} x {plate.shape[0]}"
                 raise InputError(f"{path}: expected {width} x {height} pixels, as the camera's images, found {found}")
             noise, step = measure_noise(plate), stored_step(source.folder / path, plate)
-        yield mask_by_plate(source.read(row.path), plate, noise, step)
+        yield mask_by_plate(source.read(row.path, row.frame), plate, noise, step)
 
 
 def stored_step(path: Path, image: np.ndarray) -> float:

@@ -29,7 +29,7 @@ def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], 
     rows, source = [], ImageSource.from_index(capture, facts)
     chosen = images[images.camera.isin(cameras)]
     for row, mask_path in progress(list(zip(chosen.itertuples(), nearest_masks(chosen), strict=True)), "book_patterns"):
-        image = source.read(row.path)
+        image = source.read(row.path, row.frame)
         subject = np.isfinite(image).all(2)
         masked = mask_path is not None
         if masked:

@@ -100,7 +100,7 @@ def test_images_masks_and_colours_are_read_in_place(truth, imported):
     source = ImageSource.from_index(capture, json.loads((results / "index/capture.json").read_text())["images"])
     colors = json.loads((results / "calibration/color.json").read_text())["cameras"]
     row = images[(images.camera == CAMERAS[1]) & (images.frame == 3)].iloc[0]
-    shown = source.read(row.path) @ np.array(colors[CAMERAS[1]]).T
+    shown = source.read(row.path, row.frame) @ np.array(colors[CAMERAS[1]]).T
     counts = stored(truth.image(CAMERAS[1], 3)).astype(np.float64)
     # AVIF is lossy: a few counts of 255.
     np.testing.assert_allclose(shown, (counts - BLACK) * WHITE_BALANCE / 255, atol=0.06)

@@ -10,8 +10,23 @@ import pandas as pd
 
 from pipeline.base.files import digest_file
 from pipeline.capture.images import ImageSource
+from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.schema.capture_yaml import Capture
+
+
+def relative_exposures(frames: pd.DataFrame) -> dict[int, float]:
+    """Exposure time times gain of frames that differ from most, relative to those.
+
+    Most frames stay as they are stored; of two exposures as frequent, the longer one's do.
+    """
+    given = [frames[column] for column in EXPOSURE_COLUMNS if column in frames]
+    if not given:
+        return {}
+    exposure = given[0] if len(given) == 1 else given[0] * given[1]
+    counts = exposure.value_counts()
+    usual = max(counts.index[counts == counts.max()])
+    return {int(f): float(e / usual) for f, e in zip(frames["frame"], exposure, strict=True) if e != usual}
 
 
 def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: ImageSource) -> dict[str, Any]:
@@ -25,6 +40,8 @@ def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: I
         facts["masks"] = asdict(source.masks)
     if source.mask_folder is not None:
         facts["mask_folder"] = str(source.mask_folder)
+    if source.exposures:
+        facts["exposures"] = {str(frame): factor for frame, factor in source.exposures.items()}
     if manifest.meshes is not None:
         given["meshes"] = manifest.meshes.model_dump(include={"motion", "scale_to_m"})
     if manifest.imported is not None:

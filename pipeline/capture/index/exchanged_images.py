@@ -56,7 +56,7 @@ def complain_of_exchanged(
         rows = here.set_index(["frame", "camera"])
         order = [(frame, camera) for frame in frames for camera in cameras]
         shape = (len(frames), len(cameras), SIDE_PX**2)
-        shown = np.stack([_image(source, rows.path[key]) for key in order]).reshape(shape)
+        shown = np.stack([_image(source, rows.path[key], key[0]) for key in order]).reshape(shape)
         given = np.stack([_mask(source, rows.mask_path[key]) for key in order]).reshape(shape)
         fits = correlations(shown, given)
         pairs = exchanged(fits)
@@ -128,9 +128,9 @@ def _standard(values: Float64[np.ndarray, "*rows pixels"]) -> Float64[np.ndarray
     return centred / np.where(length > 0, length, 1.0)  # What is the same everywhere correlates with nothing.
 
 
-def _image(source: ImageSource, path: str) -> Float64[np.ndarray, " pixels"]:
+def _image(source: ImageSource, path: str, frame: int) -> Float64[np.ndarray, " pixels"]:
     """Square root of the mean colour, reduced: shadows count about as much as lit skin."""
-    gray = np.sqrt(np.clip(np.nan_to_num(source.read(path).mean(2), posinf=0.0), 0, None))
+    gray = np.sqrt(np.clip(np.nan_to_num(source.read(path, frame).mean(2), posinf=0.0), 0, None))
     return _reduced(gray)
 
 

@@ -30,6 +30,8 @@ CAMERA_COLUMNS: Mapping[str, Kind] = {
     "camera": "name", "width": "whole", "height": "whole", "sensor_width": "whole", "sensor_height": "whole",
 }  # fmt: skip
 FRAME_COLUMNS: Mapping[str, Kind] = {"frame": "whole", "timestamp_s": "number", "segment": "text"}
+EXPOSURE_COLUMNS = ("exposure_s", "gain")
+"""Optional columns of frames: the time that all cameras were exposed for, and the factor of their amplifiers."""
 LIGHT_COLUMNS: Mapping[str, Kind] = {"light": "name", "x": "number", "y": "number", "z": "number"}
 INTENSITIES = ["intensity_r", "intensity_g", "intensity_b"]
 WHITE_PATTERN_COLUMNS: Mapping[str, Kind] = {"frame": "whole", "light": "name", "intensity": "number"}
@@ -73,10 +75,14 @@ def read_cameras_csv(root: Path, path: str, downsample: int | None, complaints: 
 
 
 def read_frames_csv(root: Path, path: str, complaints: Complaints) -> pd.DataFrame | None:
-    """Frames by number, with times that grow and the segment that each belongs to."""
-    table = read_csv(root, path, FRAME_COLUMNS, complaints)
+    """Frames by number, with times that grow, the segment that each belongs to, and exposures if they are given."""
+    exposed: dict[str, Kind] = {name: "number" for name in EXPOSURE_COLUMNS if name in column_names(root, path)}
+    table = read_csv(root, path, {**FRAME_COLUMNS, **exposed}, complaints)
     if table is None:
         return None
+    for column in exposed:
+        if (bad := ~(table[column] > 0)).any():
+            complain_rows(complaints, path, column, bad, "more than 0", table[column])
     if table.empty:
         complaints.add(path, "frame", expected="at least one row", found="none")
     if (bad := table["frame"] < 0).any():

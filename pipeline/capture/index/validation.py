@@ -14,7 +14,7 @@ from pipeline.base.progress import progress
 from pipeline.base.verdicts import Verdict
 from pipeline.capture.images import ImageSource
 from pipeline.capture.index import calibration_files, color_files, tables
-from pipeline.capture.index.contents import capture_content
+from pipeline.capture.index.contents import capture_content, relative_exposures
 from pipeline.capture.index.detected_files import NOTHING_DETECTED, DetectedFiles
 from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
@@ -23,6 +23,7 @@ from pipeline.capture.index.held_out import check_splits, images_table
 from pipeline.capture.index.image_checks import ExpectedImage, Known, gather, inspections, nothing_known
 from pipeline.capture.index.keypoint_tables import read_keypoints_parquet, read_points_csv
 from pipeline.capture.index.mesh_tables import read_meshes
+from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.index.template_checks import check_template
 from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.schema.camera_schema import PhotographedBoards
@@ -81,7 +82,9 @@ def index_folder(
     complaints.raise_if_any()
     facts = manifest.images
     masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
-    source = ImageSource(root, facts.transfer, facts.black_level, masks, detected.mask_folder)
+    exposures = relative_exposures(found["frames"])
+    found["frames"] = found["frames"].drop(columns=list(EXPOSURE_COLUMNS), errors="ignore")
+    source = ImageSource(root, facts.transfer, facts.black_level, masks, detected.mask_folder, exposures)
     verdicts = complain_of_exchanged(images, found["cameras"], source, complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}

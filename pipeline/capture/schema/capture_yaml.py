@@ -165,7 +165,9 @@ class Capture(Section):
     images: Images = Field(description="images of the subject")
     masks: Masks | None = Field(None, description="masks of the subject, if there are any")
     cameras: CsvPath = Field(description="csv: camera, width, height, sensor_width, sensor_height (pixels)")
-    frames: CsvPath = Field(description="csv: frame, timestamp_s, segment")
+    frames: CsvPath = Field(
+        description="csv: frame, timestamp_s, segment; and exposure_s, gain where cameras changed them"
+    )
     lights: CsvPath = Field(description="csv: light, x, y, z: surveyed, metres; they define the stage frame")
     patterns: CsvPath = Field(
         description="csv: frame, light, intensity (or intensity_r, intensity_g, intensity_b if lights are coloured); "

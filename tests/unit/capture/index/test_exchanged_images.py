@@ -73,7 +73,7 @@ def test_turned_images_of_a_camera_are_named(capture, turn, how) -> None:
     folder, images = capture
     source = ImageSource(folder, "linear", 0.0)
     for path in images.path[images.camera == "c"]:
-        write_exr(folder / path, np.ascontiguousarray(source.read(path)[turn]))
+        write_exr(folder / path, np.ascontiguousarray(source.read(path, None)[turn]))
     (message,) = complaints_about(folder, images)
     assert message.startswith("images: c: expected the subject where the camera's own masks are")
     assert f"found images that fit these masks {how}" in message

@@ -59,8 +59,8 @@ def test_images_in_archives_are_the_same_images(plain: Path, capture: Path) -> N
     found = index_folder(capture).tables["images"]
     assert found.path.tolist() == [f"images/{c}.zip/in/{f:06d}.exr" for c in CAMERAS for f in FRAMES]
     pd.testing.assert_frame_equal(found.drop(columns="path"), expected.drop(columns="path"))
-    pixels = ImageSource(capture, "linear", 0.0).read(found.path[4])
-    np.testing.assert_array_equal(pixels, ImageSource(plain, "linear", 0.0).read(expected.path[4]))
+    pixels = ImageSource(capture, "linear", 0.0).read(found.path[4], None)
+    np.testing.assert_array_equal(pixels, ImageSource(plain, "linear", 0.0).read(expected.path[4], None))
 
 
 def test_a_member_that_is_missing_is_a_missing_image(capture: Path) -> None:
@@ -121,7 +121,10 @@ def test_black_levels_may_differ_by_channel(capture: Path) -> None:
     edit_manifest(capture, lambda content: content["images"].update(black_level=[0.25, 0.0, 0.5]))
     facts = index_folder(capture).contents["capture"]["images"]
     path = "images/left/000000.exr"
-    raw, found = ImageSource(capture, "linear", 0.0).read(path), ImageSource.from_index(capture, facts).read(path)
+    raw, found = (
+        ImageSource(capture, "linear", 0.0).read(path, None),
+        ImageSource.from_index(capture, facts).read(path, None),
+    )
     np.testing.assert_allclose(raw - found, np.broadcast_to([0.25, 0.0, 0.5], raw.shape), atol=1e-6)
     edit_manifest(capture, lambda content: content["images"].update(black_level=[0.25, 0.0]))
     assert "images.black_level: expected" in read_complaints(capture)
