@@ -10,13 +10,13 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_table
+from pipeline.base.files import read_json, read_table, write_json
 from pipeline.calibration.cameras.charuco import CharucoBoard
 from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.calibrate_cameras import run
-from tests.support.drawings.boards import BOARD, FOCAL, K, camera_at, draw, pose, write_capture
+from tests.support.drawings.boards import BOARD, FOCAL, SIZE, K, camera_at, draw, pose, write_capture
 from tests.support.rigs.cameras import boards_in_stage, center_errors, observe, planted_cameras, solve
 
 TURNS = np.random.default_rng(2).uniform(-0.5, 0.5, (12, 3))
@@ -111,6 +111,30 @@ def test_one_camera_that_mirrors_its_images(tmp_path):
     message = refused(tmp_path, images)
     assert "camera b: expected the board in at least 3 views, found 0" in message
     assert "in their mirror images there are" in message
+
+
+def test_one_camera_that_mirrors_its_video(tmp_path, caplog):
+    """As a webcam's preview does: the other cameras are judged, the video is named with what to do."""
+    images = record({"a": range(5), "b": range(5), "c": range(5)})
+    files = write_capture(tmp_path, images)
+    videos = {}
+    for camera in RIG:
+        videos[camera] = f"{camera}.avi"
+        writer = cv2.VideoWriter(str(tmp_path / videos[camera]), cv2.VideoWriter_fourcc(*"FFV1"), 10, SIZE)
+        for v in range(5):
+            gray = images[camera, v][:, ::-1] if camera == "b" else images[camera, v]
+            writer.write(np.repeat(gray[..., None], 3, 2))
+        writer.release()
+    path = tmp_path / "index/calibration_cameras.json"
+    content = read_json(path)
+    for entry in content["views"]:
+        entry |= {"path": videos[entry["camera"]], "frame": entry["view"]}
+    write_json(path, content)
+    with caplog.at_level(logging.INFO), pytest.raises(InputError) as caught:
+        run(**files, settings=CalibrateCameras(distortion=0))
+    assert "camera b: expected the board in at least 3 views, found 0" in str(caught.value)
+    assert "in their mirror images there are" in str(caught.value) and "flip the images" in str(caught.value)
+    assert "camera a: good" in caplog.text and "camera c: good" in caplog.text
 
 
 @pytest.mark.parametrize("turned_deg", [0.3, 8.0])
