@@ -20,7 +20,7 @@ from matplotlib.patches import Rectangle
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.verdicts import Grade
-from pipeline.calibration.color.color_chart import COLUMNS, PATCHES, ROWS
+from pipeline.calibration.color.chart_layout import CLASSIC, ChartLayout
 from pipeline.figures.style import INK, add_panels, frame_panel, grid_size, picture
 
 CELL_PX, OVERSAMPLING = 16, 4
@@ -47,32 +47,41 @@ class Chart:
         raw: the chart upright, brown patch first, black patch last; linear, as the camera recorded it.
         color: median of each patch, as recorded; NaN where unusable.
         correction: corrected-from-raw.
+        layout: where the patches lie.
     """
 
     camera: str
     raw: Float32[np.ndarray, "height width 3"]
-    color: Float64[np.ndarray, "24 3"]
+    color: Float64[np.ndarray, "patches 3"]
     correction: Float64[np.ndarray, "3 3"]
+    layout: ChartLayout = CLASSIC
 
 
-def upright(image: Float32[np.ndarray, "h w 3"], centers: Float64[np.ndarray, "24 2"]) -> Float32[np.ndarray, "H W 3"]:
-    """The chart as `ROWS` x `COLUMNS` square cells of `CELL_PX`, noise averaged.
+def upright(
+    image: Float32[np.ndarray, "h w 3"], centers: Float64[np.ndarray, "patches 2"], layout: ChartLayout = CLASSIC
+) -> Float32[np.ndarray, "H W 3"]:
+    """The chart as square cells of `CELL_PX`, noise averaged.
 
-    Patch k lies in the middle of cell k.
+    Each patch lies in the middle of its cell.
 
     Args:
         centers: of the patches, pixels; first pixel centre at (0.5, 0.5).
     """
-    k = np.arange(PATCHES)
-    cells = (np.stack([k % COLUMNS, k // COLUMNS], 1) + 0.5) * CELL_PX * OVERSAMPLING
+    cells = (layout.places + 0.5) * CELL_PX * OVERSAMPLING
     # OpenCV counts from pixel centres, here as there.
     homography, _ = cv2.findHomography(centers - PIXEL_CENTER, cells - PIXEL_CENTER)
-    size = (COLUMNS * CELL_PX, ROWS * CELL_PX)
+    size = _size_px(layout)
     fine = cv2.warpPerspective(image, homography, (size[0] * OVERSAMPLING, size[1] * OVERSAMPLING))
     return cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
 
 
-def average_colors(residuals: pd.DataFrame, corrections: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "24 3"]:
+def _size_px(layout: ChartLayout) -> tuple[int, int]:
+    """Width and height of an upright chart."""
+    columns, rows = layout.extent
+    return round((columns + 1) * CELL_PX), round((rows + 1) * CELL_PX)
+
+
+def average_colors(residuals: pd.DataFrame, corrections: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "patches 3"]:
     """Colour of each patch for the average camera.
 
     From each camera's fitted colours (residuals_color.parquet): fitted = M_c value and corrected_from_raw_c = mean(M)
@@ -83,7 +92,7 @@ def average_colors(residuals: pd.DataFrame, corrections: Mapping[str, np.ndarray
     matrices = np.stack([corrections[camera] for camera in residuals.camera])
     corrected = pd.DataFrame(np.einsum("nij,nj->ni", matrices, raw - residual))
     medians = corrected.groupby(residuals.patch.to_numpy()).median()
-    return medians.reindex(range(1, PATCHES + 1)).to_numpy(np.float64)
+    return medians.reindex(range(1, int(residuals.patch.max()) + 1)).to_numpy(np.float64)
 
 
 def display(linear: np.ndarray, white: float) -> np.ndarray:
@@ -91,15 +100,16 @@ def display(linear: np.ndarray, white: float) -> np.ndarray:
     return srgb_from_linear(np.clip(linear * (WHITE_LEVEL / white), 0, 1))
 
 
-def white_level(target: Float64[np.ndarray, "24 3"]) -> float:
+def white_level(target: Float64[np.ndarray, "patches 3"]) -> float:
     """Linear level of the white patch's brightest channel.
 
-    If no camera measured the white patch, it is the brightest patch's.
+    If no camera measured the white patch, or the chart is not the classic one, it is the brightest patch's.
     """
-    return float(np.nanmax(target[WHITE_PATCH] if np.isfinite(target[WHITE_PATCH]).all() else target))
+    classic = len(target) == CLASSIC.patches and np.isfinite(target[WHITE_PATCH]).all()
+    return float(np.nanmax(target[WHITE_PATCH] if classic else target))
 
 
-def difference(color: Float64[np.ndarray, "24 3"], target: Float64[np.ndarray, "24 3"]) -> float:
+def difference(color: Float64[np.ndarray, "patches 3"], target: Float64[np.ndarray, "patches 3"]) -> float:
     """Mean CIEDE2000 over the patches that are measured in both.
 
     `target` is white where its white patch is.
@@ -111,7 +121,7 @@ def difference(color: Float64[np.ndarray, "24 3"], target: Float64[np.ndarray, "
 
 
 def draw_charts(
-    path: Path, charts: list[Chart], target: Float64[np.ndarray, "24 3"], grades: Mapping[str, Grade], which: str
+    path: Path, charts: list[Chart], target: Float64[np.ndarray, "patches 3"], grades: Mapping[str, Grade], which: str
 ) -> None:
     """Write a PNG with one panel per camera: its chart as recorded, and corrected.
 
@@ -138,12 +148,12 @@ def draw_charts(
 
 def _draw_pair(axes: Axes, chart: Chart, target: np.ndarray, white: float) -> None:
     gap = CELL_PX // 4
-    width, height = COLUMNS * CELL_PX, ROWS * CELL_PX
+    width, height = _size_px(chart.layout)
     for image, left in ((chart.raw, 0), (chart.raw @ chart.correction.T, width + gap)):
         axes.imshow(display(image, white), extent=(left, left + width, height, 0), interpolation="nearest")
         for k, color in enumerate(display(target, white)):
             if np.isfinite(color).all():
-                x, y = (np.array([k % COLUMNS, k // COLUMNS]) + 0.5 - INSET / 2) * CELL_PX
+                x, y = (chart.layout.places[k] + 0.5 - INSET / 2) * CELL_PX
                 axes.add_patch(Rectangle((left + x, y), INSET * CELL_PX, INSET * CELL_PX, color=color, linewidth=0))
     axes.set(xlim=(0, 2 * width + gap), ylim=(height, 0), facecolor="white")
     axes.axvline(width + gap / 2, color=INK, linewidth=0.6)

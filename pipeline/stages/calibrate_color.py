@@ -1,6 +1,6 @@
 """Bring every camera to the average camera's colours by a 3 x 3 matrix.
 
-It reads one image of a 24-patch chart per camera.
+It reads one image of a chart per camera.
 
 raw = M_c @ patch value for each camera c, by robust least squares; the light is common to all cameras and part of
 M_c, as is exposure. The average camera has the mean of all M_c, so corrected_from_raw_c = mean(M) @ inverse(M_c). With
@@ -22,7 +22,7 @@ from pipeline.base.errors import Complaints
 from pipeline.base.files import read_json, read_table, write_json, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.color.chart_images import ChartFormat, MeasuredChart, measure_chart, read_linearity
-from pipeline.calibration.color.color_chart import PATCHES
+from pipeline.calibration.color.chart_layout import ChartLayout
 from pipeline.calibration.color.color_response import Response, corrections, fit_response
 from pipeline.calibration.color.color_tables import quality_table, residual_table
 from pipeline.calibration.color.color_verdicts import Flaw, black_flaws, light_flaws, patch_flaws, response_flaws
@@ -57,7 +57,8 @@ def run(
     black_level = read_json(index / "capture.json")["images"]["black_level"]
     paths = {entry["camera"]: capture / entry["path"] for entry in calibration["images"]}
     values = np.asarray(calibration["patches"], np.float64)
-    check(capture, paths, names, values)
+    layout = ChartLayout.from_index(calibration)
+    check(capture, paths, names, values, layout)
 
     form = ChartFormat.from_index(calibration, black_level)
     sensors = measure_sensors(capture, calibration, form, settings)
@@ -65,7 +66,7 @@ def run(
     def measure(name: str) -> MeasuredChart:
         corners = calibration.get("corners", {}).get(name)
         limit = sensors[name].up_to if name in sensors else float("nan")
-        return measure_chart(paths[name], form, corners, limit, settings)
+        return measure_chart(paths[name], form, corners, limit, settings, layout)
 
     with ThreadPoolExecutor(threads) as pool:
         measured = dict(zip(names, pool.map(measure, names), strict=True))
@@ -86,18 +87,18 @@ def run(
     write(out, matrices, responses, sensors, verdicts)
 
 
-def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.ndarray) -> None:
-    """Refuse cameras without an image, and patch values that are not 24 colours.
+def check(capture: Path, paths: dict[str, Path], names: list[str], values: np.ndarray, layout: ChartLayout) -> None:
+    """Refuse cameras without an image, and patch values that are not a colour for each patch.
 
     Raises:
-        InputError: naming cameras without an image, or patch values that are not 24 colours.
+        InputError: naming cameras without an image, or patch values that are not a colour for each patch.
     """
     complaints = Complaints(capture)
     for name in names:
         if name not in paths:
             complaints.add("calibration.color", f"camera {name}", expected="an image of the chart", found="none")
-    if values.shape != (PATCHES, 3) or not np.isfinite(values).all() or np.linalg.matrix_rank(values) < 3:
-        expected = "24 rows of linear r, g, b that are not all of one hue"
+    if values.shape != (layout.patches, 3) or not np.isfinite(values).all() or np.linalg.matrix_rank(values) < 3:
+        expected = f"{layout.patches} rows of linear r, g, b that are not all of one hue"
         complaints.add("calibration.color.patches", "values", expected=expected, found=f"shape {values.shape}")
     complaints.raise_if_any()
 
@@ -147,9 +148,10 @@ def draw_refused(
         path = refused_picture(out, name)
         path.unlink(missing_ok=True)
         if is_failed(flaws[name]):
-            found = responses[name].patches if name in responses else chart.patches
-            fits = np.zeros(PATCHES, bool) if name not in responses else ~responses[name].odd(settings.largest_residual)
-            used = found.used if found is not None else fits
+            response = responses.get(name)
+            found = chart.patches if response is None else response.patches
+            used = np.zeros(0, bool) if found is None else found.used
+            fits = np.zeros_like(used) if response is None else ~response.odd(settings.largest_residual)
             draw_refused_chart(path, chart.image, None if found is None else found.corners, used, fits)
 
 

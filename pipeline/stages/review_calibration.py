@@ -20,6 +20,7 @@ from pipeline.base.files import write_table
 from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.base.whole_files import written_folder
 from pipeline.calibration.color.chart_images import ChartFormat
+from pipeline.calibration.color.chart_layout import ChartLayout
 from pipeline.calibration.lights.ball_photos import find_outlines
 from pipeline.capture.gray import read_view_gray
 from pipeline.config.review_calibration import ReviewCalibration
@@ -153,10 +154,12 @@ def show_charts(
     names = worst(scores, found.grades("color"), settings.most_panels)
     paths = {entry["camera"]: capture / entry["path"] for entry in found.charts["images"]}
 
+    layout = ChartLayout.from_index(found.charts)
+
     def read(name: str) -> Chart:
         image = ChartFormat.from_index(found.charts, found.black_level).read(paths[name])
         centers = tables[name][PATCH_CORNERS].to_numpy(np.float64).reshape(-1, 4, 2).mean(1)
-        return Chart(name, upright(image, centers), colors[name], found.corrections[name])
+        return Chart(name, upright(image, centers, layout), colors[name], found.corrections[name], layout)
 
     which = shown_count(len(names), len(scores), "cameras")
     draw_charts(folder / "charts.png", list(pool.map(read, names)), target, found.grades("color"), which)

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float32, Float64
 
 from pipeline.base.color import linear_from_srgb
 from pipeline.base.errors import InputError
+from pipeline.calibration.color.chart_layout import CLASSIC, ChartLayout
 from pipeline.calibration.color.color_chart import Patches, find_chart, measure_patches, place_chart
 from pipeline.calibration.color.sensor_linearity import Linearity, measure_linearity
 from pipeline.capture.archives import read_bytes
@@ -78,18 +79,20 @@ class MeasuredChart:
 
 
 def measure_chart(
-    path: Path, form: ChartFormat, corners: list[list[float]] | None, limit: float, settings: CalibrateColor
-) -> MeasuredChart:
+    path: Path, form: ChartFormat, corners: list[list[float]] | None, limit: float, settings: CalibrateColor,
+    layout: ChartLayout = CLASSIC,
+) -> MeasuredChart:  # fmt: skip
     """Find the chart in an image, unless its corners (pixels) are given; measure its patches.
 
     Args:
         limit: stored value from which the sensor is not linear; NaN if that is not known.
+        layout: of the chart; only the classic one is found without corners.
     """
     image = form.read(path)
     saturated = saturated_pixels(decode_stored(read_bytes(path), path), limit, settings)
     saturated = saturated[: image.shape[0], : image.shape[1]]
-    squares = find_chart(image) if corners is None else place_chart(np.array(corners, np.float64))
-    patches = None if squares is None else measure_patches(image, saturated, squares, settings.patch_interior)
+    squares = find_chart(image) if corners is None else place_chart(np.array(corners, np.float64), layout)
+    patches = None if squares is None else measure_patches(image, saturated, squares, settings.patch_interior, layout)
     return MeasuredChart(image, patches, float(saturated.mean()))
 
 

@@ -11,15 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from pipeline.calibration.color.color_chart import COLUMNS, PATCHES, ROWS, Patches
+from pipeline.calibration.color.color_chart import Patches
 from pipeline.geometry.least_squares import solve_least_squares
 
 LEAST_SIGMA = 1e-5
 """Noise that no patch is better than, as a share of full scale."""
-
-_LAYOUT = np.arange(PATCHES).reshape(ROWS, COLUMNS)
-ORDERS = [order.ravel() for order in (_LAYOUT, _LAYOUT[::-1, ::-1], _LAYOUT[:, ::-1], _LAYOUT[::-1])]
-"""Patches as the chart counts them, if it was taken the right way, upside down, or mirrored either way."""
 
 
 @dataclass(frozen=True)
@@ -36,17 +32,17 @@ class Response:
     matrix: Float64[np.ndarray, "3 3"]
     sigma: Float64[np.ndarray, "3 3"]
     patches: Patches
-    residual: Float64[np.ndarray, "24 3"]
-    weight: Float64[np.ndarray, " 24"]
+    residual: Float64[np.ndarray, "patches 3"]
+    weight: Float64[np.ndarray, " patches"]
 
-    def relative_residual(self) -> Float64[np.ndarray, " 24"]:
+    def relative_residual(self) -> Float64[np.ndarray, " patches"]:
         """Residual of each patch, over the brightest patch; NaN where unused.
 
         Root mean square over the channels.
         """
         return np.sqrt((self.residual**2).mean(1)) / np.nanmax(self.patches.color)
 
-    def odd(self, largest: float) -> Bool[np.ndarray, " 24"]:
+    def odd(self, largest: float) -> Bool[np.ndarray, " patches"]:
         """Patches in use whose relative residual is larger: they show something else."""
         return np.nan_to_num(self.relative_residual()) > largest
 
@@ -58,12 +54,12 @@ class Response:
         return float(self.sigma.max() / (np.linalg.norm(self.matrix) / np.sqrt(3)))
 
 
-def fit_response(patches: Patches, values: Float64[np.ndarray, "24 3"]) -> Response:
+def fit_response(patches: Patches, values: Float64[np.ndarray, "patches 3"]) -> Response:
     """Least squares with Cauchy's loss, so that one dirty patch does not tint the camera.
 
     The chart is tried in all orders that its outline allows; the best fit is kept.
     """
-    fits = [_fit(patches.reordered(order), values) for order in ORDERS]
+    fits = [_fit(patches.reordered(order), values) for order in patches.layout.orders]
     return min(fits, key=lambda fit: np.nanmedian(np.linalg.norm(fit.residual, axis=1)))
 
 
@@ -74,7 +70,7 @@ def _fit(patches: Patches, values: np.ndarray) -> Response:
     solution = solve_least_squares(
         lambda x: (design @ x.reshape(3, 3) - measured, jacobian), start.ravel(), LEAST_SIGMA
     )  # fmt: skip
-    residual, weight = np.full((PATCHES, 3), np.nan), np.zeros(PATCHES)
+    residual, weight = np.full(values.shape, np.nan), np.zeros(len(values))
     residual[patches.used], weight[patches.used] = -solution.residual, solution.weight
     sigma = np.sqrt(np.diag(solution.covariance)).reshape(3, 3).T
     return Response(solution.parameters.reshape(3, 3).T, sigma, patches, residual, weight)

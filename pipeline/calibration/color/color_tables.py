@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from pipeline.calibration.color.color_chart import PATCHES
 from pipeline.calibration.color.color_response import Response
 from pipeline.calibration.color.sensor_linearity import Linearity
 
@@ -26,9 +25,9 @@ def residual_table(responses: Mapping[str, Response]) -> pd.DataFrame:
     for name, response in responses.items():
         patches = response.patches
         columns = [*patches.color.T, *response.residual.T, response.weight, patches.used]
-        columns += [*patches.corners.reshape(PATCHES, 8).T]
+        columns += [*patches.corners.reshape(-1, 8).T]
         part = pd.DataFrame(dict(zip(RESIDUAL_COLUMNS[2:] + CORNER_COLUMNS, columns, strict=True)))
-        part = part.assign(camera=name, patch=np.arange(1, PATCHES + 1))
+        part = part.assign(camera=name, patch=np.arange(1, len(patches.used) + 1))
         parts.append(part[RESIDUAL_COLUMNS + CORNER_COLUMNS])
     return pd.concat(parts, ignore_index=True)
 

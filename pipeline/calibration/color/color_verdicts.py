@@ -10,16 +10,16 @@ import numpy as np
 
 from pipeline.base.errors import listed
 from pipeline.calibration.color.chart_images import ChartFormat
-from pipeline.calibration.color.color_chart import LEAST_PIXELS, PATCHES, Patches
+from pipeline.calibration.color.color_chart import LEAST_PIXELS, Patches
 from pipeline.calibration.color.color_response import Response
 from pipeline.calibration.color.sensor_linearity import BLACK_SHARE, Linearity
 from pipeline.config.calibrate_color import CalibrateColor
 
-MOST_DIRTY = 4
-"""Patches that dirt or a reflection may spoil; more that do not fit have a common cause."""
+MOST_DIRTY = 6
+"""One of so many patches dirt or a reflection may spoil, 4 of 24; more that do not fit have a common cause."""
 
-MOST_HIDDEN = 8
-"""Patches of 24 that something may hide: with more, what hides them may fit as well as the chart does."""
+MOST_HIDDEN = 3
+"""One of so many patches something may hide, 8 of 24: with more, what hides them may fit as well as the chart does."""
 
 GLARING_SHARE = 0.01
 """Share of saturated pixels in an image without a chart from which the exposure is worth a mention."""
@@ -62,7 +62,7 @@ def patch_flaws(patches: Patches | None, saturated_share: float, settings: Calib
     if (used := int(patches.used.sum())) < settings.least_patches:
         expected = f"at least {settings.least_patches} patches of {LEAST_PIXELS} pixels and more, not saturated"
         hint = "expose less, bring the chart nearer, or mend its corners if they are given"
-        return [Flaw("failed", expected, f"{used} of {PATCHES}", hint)]
+        return [Flaw("failed", expected, f"{used} of {len(patches.used)}", hint)]
     return []
 
 
@@ -77,8 +77,8 @@ def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
         )
         return [Flaw("failed", expected, f"{median:.1%} (median)", hint)]
     hidden = 1 + np.flatnonzero(response.odd(settings.largest_residual))
-    if len(hidden) > MOST_HIDDEN:
-        expected = f"a chart of which at most {MOST_HIDDEN} patches show something else"
+    if len(hidden) > (most := len(residual) // MOST_HIDDEN):
+        expected = f"a chart of which at most {most} patches show something else"
         hint = "is part of it hidden, out of the image or under another light?"
         return [Flaw("failed", expected, f"{len(hidden)}: {listed(hidden)}", hint)]
     if sigma > settings.largest_sigma:
@@ -93,7 +93,7 @@ def response_flaws(response: Response, settings: CalibrateColor) -> list[Flaw]:
         expected = f"patches that fit to {settings.good_residual:.1%} of the brightest"
         found = f"up to {np.nanmax(residual):.1%} at patches {listed(odd)}"
         hint = "are they dirty or in shadow? they hardly count in the fit"
-        if len(odd) > MOST_DIRTY:
+        if len(odd) > len(residual) // MOST_DIRTY:
             hint = "is the light uneven across the chart, does it reflect a lamp, is transfer right?"
         flaws.append(Flaw("weak", expected, found, hint))
     if response.patches.mirrored():

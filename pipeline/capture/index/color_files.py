@@ -13,9 +13,10 @@ from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import digest_file, read_json
 from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, complain_unknown, read_csv
 from pipeline.capture.index.image_checks import ExpectedImage, IndexSection
-from pipeline.capture.index.tables import read_patches_csv
+from pipeline.capture.index.patch_tables import read_patches_csv
 from pipeline.capture.paths import fill, locate
 from pipeline.capture.schema.capture_yaml import ChartColor, KnownColor, NoColor
+from pipeline.capture.schema.manifest import MANIFEST
 
 CORNER_COLUMNS: Mapping[str, Kind] = {"camera": "name", "corner": "whole", "x": "number", "y": "number"}
 
@@ -43,11 +44,18 @@ def find_color_calibration(
             section.path, "camera", expected="an image of the chart per camera", found=f"none for {listed(missing)}"
         )
     images = [image for image in images if image["camera"] not in missing]
-    patches = read_patches_csv(root, section.patches, complaints)
+    patches = read_patches_csv(root, section.patches, section.illuminant, complaints)
     digest = digest_file(root / section.patches) if patches is not None else None
     corners = read_corners_csv(root, section.corners, list(cameras["camera"]), complaints) if section.corners else {}
     content = {"method": section.method, "transfer": section.transfer, "images": images, "corners": corners}
-    content |= {"patches": patches, "patches_digest": digest, "mosaic": section.mosaic}
+    if patches is not None and patches.places is not None:
+        content["places"] = patches.places
+        if missing := [camera for camera in cameras["camera"] if camera not in corners]:
+            hint = "only the classic chart of 24 patches is found by itself"
+            expected, found = "where the chart lies, for every camera", f"none for {listed(missing)}"
+            complaints.add(MANIFEST, "calibration.color.corners", expected=expected, found=found, hint=hint)
+    values = None if patches is None else patches.values
+    content |= {"patches": values, "patches_digest": digest, "mosaic": section.mosaic}
     content |= {"black_level": section.black_level, "exposures": []}
     if section.exposures is not None:
         content["exposures"] = read_exposures_csv(root, section.exposures, list(cameras["camera"]), complaints)

@@ -40,9 +40,6 @@ COLORED_PATTERN_COLUMNS: Mapping[str, Kind] = {
     "light": "name",
     **dict.fromkeys(INTENSITIES, "number"),
 }
-PATCH_COLUMNS: Mapping[str, Kind] = {"patch": "whole", "r": "number", "g": "number", "b": "number"}
-
-PATCHES = 24
 
 OTHER_CLOCK = 0.1
 """Relative difference between frames.csv and fps from which it is worth a look: nominal and true rates differ by 0.1 %
@@ -169,21 +166,3 @@ def _pattern_columns(root: Path, path: str, complaints: Complaints) -> Mapping[s
             found="both", hint="keep one of the two",
         )  # fmt: skip
     return COLORED_PATTERN_COLUMNS if colored else WHITE_PATTERN_COLUMNS
-
-
-def read_patches_csv(root: Path, path: str, complaints: Complaints) -> list[list[float]] | None:
-    """Linear r, g, b of the chart's patches 1..24, in that order."""
-    table = read_csv(root, path, PATCH_COLUMNS, complaints)
-    if table is None:
-        return None
-    if sorted(table["patch"]) != list(range(1, PATCHES + 1)):
-        complaints.add(
-            path,
-            "patch",
-            expected=f"1 to {PATCHES}, each once",
-            found=f"{len(table)} rows: {listed(list(table['patch']))}",
-        )
-    for channel in "rgb":
-        if (bad := table[channel] < 0).any():
-            complain_rows(complaints, path, channel, bad, "0 or more (linear reflectance)", table[channel])
-    return table.sort_values("patch")[["r", "g", "b"]].to_numpy().tolist()

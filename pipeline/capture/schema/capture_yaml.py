@@ -69,12 +69,17 @@ class ChartColor(Section):
 
     method: Literal["chart"] = Field(description="which method this section is about")
     path: ChartPattern = Field(description="pattern with {camera}: one image of the chart under one constant light")
-    patches: CsvPath = Field(description="csv: patch, r, g, b; the linear values of the 24 patches, in order")
+    patches: CsvPath = Field(
+        description="csv: patch (from 1), and r, g, b (linear) or L, a, b (CIELAB); of charts other than the classic "
+        "one of 24 patches also row and column, see config/charts"
+    )
+    illuminant: Literal["D50", "D65"] = Field("D50", description="light that L, a, b of the patches are for")
     transfer: Literal["linear", "srgb"] = Field(description="how the chart images' stored values relate to light")
     corners: CsvPath | None = Field(
         None,
         description="csv: camera, corner, x, y; where the chart lies, for cameras in which it is not found by itself: "
-        "corners 0 to 3 are the outermost of patches 1, 6, 24 and 19, image pixels",
+        "corners 0 to 3 are the outermost of the patches at the top left, top right, bottom right and bottom left (of "
+        "the classic chart 1, 6, 24, 19), image pixels; of other charts for every camera",
     )
     mosaic: Mosaic | None = Field(
         None,
