@@ -13,16 +13,16 @@ from __future__ import annotations
 import argparse
 import tempfile
 import textwrap
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pandas as pd
 
+from benchmarks.detection_page import Found, page
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_table
-from pipeline.capture.keypoint_orders import CHOICES, points_of_template, read_orders
+from pipeline.capture.keypoint_orders import points_of_template
 from pipeline.config.detect_landmarks import DetectLandmarks
 from pipeline.config.segment_subject import SegmentSubject
 from pipeline.detection.detector import read_points, run_detector
@@ -35,29 +35,6 @@ SURE = 0.7
 
 NEAR = 0.05
 """Of the image's height: a detection farther from the reference is called wrong."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a detector made of a capture.
-
-    Attributes:
-        images, seen: that it looked at, and in which it found keypoints.
-        keypoints: of the template that it knows, of all.
-        pixels: median distance from the reference, of those that are not wrong.
-        wrong: share of detections that are.
-        overlap: median intersection over union of the masks with the capture's.
-        tracked_mm: error of the tracked template with these keypoints and masks, and with the capture's own.
-    """
-
-    name: str
-    images: int
-    seen: int
-    keypoints: tuple[int, int]
-    pixels: float
-    wrong: float
-    overlap: float
-    tracked_mm: tuple[str, float]
 
 
 def examine(capture: Path, results: Path, detector: str, folder: Path) -> Found:
@@ -106,16 +83,16 @@ def track(capture: Path, results: Path, detected: Path, index: Path) -> str:
         )  # fmt: skip
     except InputError as error:
         return textwrap.shorten(f"refused: {error}", 160)
-    return f"{vertex_error(capture, [index / 'tracking/0000.safetensors']):.1f}"
+    return vertex_error(capture, [index / "tracking/0000.safetensors"])
 
 
-def tracked_error(capture: Path, results: Path) -> float:
+def tracked_error(capture: Path, results: Path) -> str:
     """Error of the template as the finished run tracked it, mm."""
     return vertex_error(capture, sorted((results / "tracking").glob("*.safetensors")))
 
 
-def vertex_error(capture: Path, chunks: list[Path]) -> float:
-    """Median over frames of the root mean square distance of the template's vertices from the truth, mm.
+def vertex_error(capture: Path, chunks: list[Path]) -> str:
+    """Median and 90th percentile of the distance of the template's vertices from the truth, of all frames, mm.
 
     After the one rigid motion that fits all frames best: the survey of the lights, which defines the stage's frame, is
     itself off by centimetres.
@@ -130,7 +107,8 @@ def vertex_error(capture: Path, chunks: list[Path]) -> float:
     a, b = a - middle_a, b - middle_b
     u, _, v = np.linalg.svd(np.einsum("fvi,fvj->ij", a, b))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    return 1e3 * float(np.median(np.sqrt(((a @ turn - b) ** 2).sum(-1).mean(-1))))
+    middle, most = np.percentile(1e3 * np.linalg.norm(a @ turn - b, axis=-1), [50, 90])
+    return f"{middle:.1f} / {most:.1f}"
 
 
 def faces_found(folder: Path, detector: str, work: Path) -> tuple[int, int, int]:
@@ -146,95 +124,6 @@ def faces_found(folder: Path, detector: str, work: Path) -> tuple[int, int, int]
     run_detector(detector, ["landmarks", "--images", str(work / "images.csv"), "--out", str(work / "points.csv")])
     seen = read_points(work / "points.csv").groupby("order").image.nunique()
     return len(photographs), int(seen.get("mediapipe_face_478", 0)), int(seen.get("mediapipe_pose_33", 0))
-
-
-HEAD = """\
-# Keypoints and masks of photographs
-
-<!-- Written by `python -m benchmarks.bench_detection`: change it there. -->
-
-A capture of photographs alone, without keypoints or masks, gets them from two stages, which look at fully lit frames
-only; the tracker carries the template through the others.
-
-- `detect_landmarks` finds bodies, faces with irises, and hands. It is used where `keypoints_2d` is missing, once
-  `make detect` has set up MediaPipe in `.venv-detect` (its models come with its package; it wants another NumPy than
-  the stages). `detect_landmarks: {use: always}` takes it in place of the capture's keypoints, `never` nowhere.
-- `segment_subject` masks the subject: by what differs from `masks.clean_plates`, each camera's image of the empty,
-  fully lit stage, where the capture has these; else by a network, where masks are missing and `make detect` was run.
-
-Both write into `results/<subject>/detected/`, with a picture to judge them by; `index_capture` takes them from there
-and says so. `make results/<subject>/detected/landmarks.png` looks without using it.
-
-## Points and orders
-
-The template's keypoints (`template.keypoints`) are matched by name: call them by the points below, or say in
-`template.points`, a csv of `keypoint,point`, which points they are. Points that a template lacks are left out. Tables
-of other detectors are read by `keypoints_order`, whose keypoints are numbers from 0 or the order's own labels:
-
-{orders}
-
-A face's points are those of iBUG, `face_0` to `face_67`, and in WFLW and MediaPipe also `left_eye_upper`,
-`left_eye_lower`, `left_pupil` and those of the right. Left and right are the person's. The table is
-`pipeline/capture/keypoint_orders.csv`.
-
-## Another detector
-
-`detector` of both stages is a command that is started as `COMMAND landmarks --images images.csv --out points.csv
---parts body face hands --least 0.5`, and `COMMAND masks --images images.csv --out FOLDER`. `images.csv` has `image`,
-`path` (8-bit sRGB), `camera`, `frame`; `points.csv` gets `image`, `order`, `number`, `x`, `y` (pixels, the image's
-corner is 0, 0), `confidence`, and the folder a mask `IMAGE.png` per image, 255 = subject.
-
-## What MediaPipe finds
-
-"""
-
-
-def orders_table() -> str:
-    """Rows of the orders, with their first points."""
-    rows = ["| `keypoints_order` | keypoints | first points |", "|---|---|---|"]
-    for name in CHOICES:
-        points = read_orders()[name].points
-        rows.append(f"| `{name}` | {len(points)} | {', '.join(points[:3])} |")
-    return "\n".join(rows)
-
-
-def page(found: list[Found], faces: tuple[int, int, int] | None) -> str:
-    """The page, with a row for each capture."""
-    rows = [
-        "| capture | images with keypoints | template's keypoints known | wrong | error of the others | masks, IoU | "
-        "tracked with these | with the capture's own |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for each in found:
-        mine, own = each.tracked_mm
-        rows.append(
-            f"| {each.name} | {each.seen} of {each.images} | {each.keypoints[0]} of {each.keypoints[1]} | "
-            f"{each.wrong:.0%} | {each.pixels:.1f} px | {each.overlap:.2f} | {mine} mm | {own:.1f} mm |"
-        )
-    text = HEAD.format(orders=orders_table())
-    text += (
-        "Synthetic captures, whose truth is known; wrong is farther from where a keypoint is than 5 % of the image's "
-        "height.\nMasks are compared with the capture's. Tracked: root mean square of the template's vertices, median "
-        "over frames,\nafter one rigid motion.\n\n" + "\n".join(rows) + "\n"
-    )
-    if faces is not None:
-        text += (
-            f"\nOf {faces[0]} photographs of a real face, each under one lamp close by (`face_near_lights`, eyes "
-            f"closed), the face was found in\n{faces[1]}, a body, of which only the neck shows, in {faces[2]}. Closed "
-            "eyes have irises all the same: the mesh comes as a whole.\n"
-        )
-    return text + "\n" + LIMITS
-
-
-LIMITS = """\
-## What to know
-
-- A face's mesh has no confidence of its own, each point has 0.9. Faces are also found at the back of a head; such
-  points agree with no other camera, and the tracker leaves them out.
-- A body's points of hidden limbs are guesses with less confidence.
-- The network's masks are as coarse as its 256 x 256 pixels, and round off fingers; clean plates are exact to a pixel,
-  but what is as black as the stage, such as hair, is lost at the outline.
-"""
 
 
 def main() -> None:

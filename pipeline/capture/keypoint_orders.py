@@ -1,4 +1,4 @@
-"""Orders in which detectors number their keypoints, and the points of a template that they mean.
+"""Orders in which detectors number keypoints, and the points of a template they mean.
 
 `keypoint_orders.csv` has a row for each keypoint of each order: its number, its label there if it has one, and the
 point, a name that all orders share. `keypoint_names.csv` has further names of points, those of templates. Sources:

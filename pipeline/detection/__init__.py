@@ -1,1 +1,1 @@
-"""Landmarks and masks of photographs by programs of other environments, and masks by clean plates."""
+"""Landmarks and masks of photographs, by other programs and by clean plates."""

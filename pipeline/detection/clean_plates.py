@@ -1,4 +1,6 @@
-"""Masks by clean plates: what differs from the same camera's image of the empty stage, under the same light.
+"""Masks by clean plates: pixels that differ from an image of the empty stage.
+
+It is of the same camera under the same light.
 
 A pixel differs if its colour is further from the plate's than the noise of both explains. The noise is measured on the
 plate, by level of brightness, as the spread of pixels about the median of their neighbours; texture counts as noise, so

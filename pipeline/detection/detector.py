@@ -1,4 +1,4 @@
-"""Running a detector: MediaPipe in an environment of its own, or any program that is told the same.
+"""Running of a detector: MediaPipe in its own environment, or any program told the same.
 
     DETECTOR landmarks --images images.csv --out points.csv --parts body face hands --least 0.5
     DETECTOR masks --images images.csv --out FOLDER

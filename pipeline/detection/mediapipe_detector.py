@@ -1,4 +1,4 @@
-"""MediaPipe's landmarks and masks of a table of images: a program that another environment runs.
+"""MediaPipe's landmarks and masks of images: a program that another environment runs.
 
     PYTHON mediapipe_detector.py landmarks --images images.csv --out points.csv --parts body face hands
     PYTHON mediapipe_detector.py masks --images images.csv --out FOLDER
@@ -100,7 +100,7 @@ FINDERS = {"body": find_bodies, "face": find_faces, "hands": find_hands}
 
 
 def write_masks(images: list[tuple[str, str]], out: Path) -> None:
-    """Write a mask per image, 255 = person, by the general network of selfie segmentation (256 x 256)."""
+    """Write a mask per image, 255 = person, by selfie segmentation (256 x 256)."""
     import cv2
     import mediapipe
     import numpy

@@ -1,4 +1,4 @@
-"""Photographs of a capture that a detector can use: those of fully lit frames, as 8-bit pictures."""
+"""Photographs of a capture's fully lit frames, as 8-bit pictures for a detector."""
 
 from __future__ import annotations
 
@@ -102,7 +102,11 @@ def exposed(image: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]
 
 
 def write_pictures(photographs: Photographs, folder: Path) -> Path:
-    """Write each image as an sRGB picture of 8 bits; return the table image, path, camera, frame beside them."""
+    """Write each image as an sRGB picture of 8 bits.
+
+    Returns:
+        the csv beside them: image, path, camera, frame.
+    """
     rows = []
     for number, row in enumerate(photographs.images.itertuples()):
         path = folder / f"{number:06d}.png"

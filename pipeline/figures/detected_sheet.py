@@ -1,4 +1,4 @@
-"""Pictures of what was detected: landmarks and masks on the photographs that they were found in."""
+"""Pictures of landmarks and masks on the photographs that they were found in."""
 
 from __future__ import annotations
 

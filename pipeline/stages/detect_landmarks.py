@@ -1,4 +1,6 @@
-"""Photographs in, keypoints of the template out: bodies, faces with irises and hands, by a detector.
+"""Photographs in, keypoints of the template out, by a detector.
+
+It finds bodies, faces with irises, and hands.
 
 For captures without keypoints. Only fully lit frames are looked at. The detector is a program of another environment,
 see `pipeline.detection.detector`; what it finds is named as the template names its keypoints, by the tables of
@@ -63,7 +65,10 @@ def run(*, capture: Path, out: Path, settings: DetectLandmarks = DetectLandmarks
 
 
 def in_images(points: pd.DataFrame, photographs: Photographs) -> pd.DataFrame:
-    """Points by camera and frame; those outside their image are left out: a detector guesses what it does not see."""
+    """Points by camera and frame, without those outside their image.
+
+    A detector guesses what it does not see.
+    """
     rows = photographs.images.iloc[points["image"].astype(int).to_numpy()]
     size = np.array([photographs.sizes[camera] for camera in rows["camera"]], np.float64).reshape(-1, 2)
     pixels = points[["x", "y"]].to_numpy(np.float64)

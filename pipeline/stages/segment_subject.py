@@ -1,4 +1,4 @@
-"""Photographs in, masks of the subject out: by clean plates where there are any, else by a network.
+"""Photographs in, masks of the subject out, by clean plates or else by a network.
 
 For captures without masks. Only fully lit frames get one. A clean plate is the camera's image of the empty, fully lit
 stage (`masks.clean_plates` of capture.yaml); the network is a program of another environment, see

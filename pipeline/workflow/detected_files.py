@@ -1,4 +1,4 @@
-"""Which captures get keypoints and masks from their photographs, decided before anything has run."""
+"""Choice of the captures that get keypoints and masks from their photographs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ READY = Path(".venv-detect/.ready")
 
 
 def detected_keypoints(job: JobFiles) -> list[str]:
-    """The table of detect_landmarks, if the subject's keypoints are to come from there; else nothing.
+    """The table of detect_landmarks, if keypoints are to come from there; else nothing.
 
     Of a recorded capture without keypoints and meshes, if a detector is there; or of any, if they are asked for.
     """

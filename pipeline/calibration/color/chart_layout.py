@@ -1,4 +1,4 @@
-"""Where the patches of a colour chart lie."""
+"""Places of the patches on a colour chart."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class ChartLayout:
 
     @cached_property
     def orders(self) -> list[Int64[np.ndarray, " patches"]]:
-        """Patches as the chart counts them, if it was taken one of the `TURNS` that its outline allows."""
+        """Patches as the chart counts them, for each of the `TURNS` that its outline allows."""
         middle = np.array(self.extent) / 2
         found = []
         for factors in TURNS.values():

@@ -1,4 +1,4 @@
-"""Contents of the index that follow from a capture that is valid: the table of images, and capture.json."""
+"""Contents of a valid capture's index: the table of images, capture.json, exposures."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ MASK_FOLDER = "masks"
 
 @dataclass(frozen=True)
 class DetectedFiles:
-    """What detectors found, by table; None where the capture has its own.
+    """Tables of what detectors found; None where the capture has its own.
 
     Attributes:
         keypoints: keypoints_2d.parquet of detect_landmarks.

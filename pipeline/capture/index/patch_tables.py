@@ -1,4 +1,4 @@
-"""Tables of the patches of a colour chart: their values, as linear RGB or as CIELAB, and where they lie."""
+"""Tables of the patches of a colour chart: values, linear RGB or CIELAB, and places."""
 
 from __future__ import annotations
 
@@ -60,7 +60,9 @@ def linear_from_lab(lab: Float64[np.ndarray, "patches 3"], illuminant: str) -> F
 
 
 def read_patches_csv(root: Path, path: str, illuminant: str, complaints: Complaints) -> PatchTable | None:
-    """Patches by their numbers, from 1: r, g, b or L, a, b of each, and row and column unless it is the classic chart.
+    """Patches by their numbers: r, g, b or L, a, b of each, and row and column.
+
+    Without row and column it is the classic chart.
 
     Args:
         illuminant: of L, a, b.

@@ -72,7 +72,7 @@ def read_cameras_csv(root: Path, path: str, downsample: int | None, complaints: 
 
 
 def read_frames_csv(root: Path, path: str, complaints: Complaints) -> pd.DataFrame | None:
-    """Frames by number, with times that grow, the segment that each belongs to, and exposures if they are given."""
+    """Frames by number, with times that grow, segments, and exposures if they are given."""
     exposed: dict[str, Kind] = {name: "number" for name in EXPOSURE_COLUMNS if name in column_names(root, path)}
     table = read_csv(root, path, {**FRAME_COLUMNS, **exposed}, complaints)
     if table is None:

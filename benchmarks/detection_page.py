@@ -1,0 +1,120 @@
+"""Text of the page that bench_detection writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pipeline.capture.keypoint_orders import CHOICES, read_orders
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a detector made of a capture.
+
+    Attributes:
+        images, seen: that it looked at, and in which it found keypoints.
+        keypoints: of the template that it knows, of all.
+        pixels: median distance from the reference, of those that are not wrong.
+        wrong: share of detections that are.
+        overlap: median intersection over union of the masks with the capture's.
+        tracked_mm: error of the tracked template with these keypoints and masks, and with the capture's own.
+    """
+
+    name: str
+    images: int
+    seen: int
+    keypoints: tuple[int, int]
+    pixels: float
+    wrong: float
+    overlap: float
+    tracked_mm: tuple[str, str]
+
+
+HEAD = """\
+# Keypoints and masks of photographs
+
+<!-- Written by `python -m benchmarks.bench_detection`: change it there. -->
+
+A capture of photographs alone, without keypoints or masks, gets them from two stages, which look at fully lit frames
+only; the tracker carries the template through the others.
+
+- `detect_landmarks` finds bodies, faces with irises, and hands. It is used where `keypoints_2d` is missing, once
+  `make detect` has set up MediaPipe in `.venv-detect` (its models come with its package; it wants another NumPy than
+  the stages). `detect_landmarks: {use: always}` takes it in place of the capture's keypoints, `never` nowhere.
+- `segment_subject` masks the subject: by what differs from `masks.clean_plates`, each camera's image of the empty,
+  fully lit stage, where the capture has these; else by a network, where masks are missing and `make detect` was run.
+
+Both write into `results/<subject>/detected/`, with a picture to judge them by; `index_capture` takes them from there
+and says so. `make results/<subject>/detected/landmarks.png` looks without using it.
+
+## Points and orders
+
+The template's keypoints (`template.keypoints`) are matched by name: call them by the points below, or say in
+`template.points`, a csv of `keypoint,point`, which points they are. Points that a template lacks are left out. Tables
+of other detectors are read by `keypoints_order`, whose keypoints are numbers from 0 or the order's own labels:
+
+{orders}
+
+A face's points are those of iBUG, `face_0` to `face_67`, and in WFLW and MediaPipe also `left_eye_upper`,
+`left_eye_lower`, `left_pupil` and those of the right. Left and right are the person's. The table is
+`pipeline/capture/keypoint_orders.csv`.
+
+## Another detector
+
+`detector` of both stages is a command that is started as `COMMAND landmarks --images images.csv --out points.csv
+--parts body face hands --least 0.5`, and `COMMAND masks --images images.csv --out FOLDER`. `images.csv` has `image`,
+`path` (8-bit sRGB), `camera`, `frame`; `points.csv` gets `image`, `order`, `number`, `x`, `y` (pixels, the image's
+corner is 0, 0), `confidence`, and the folder a mask `IMAGE.png` per image, 255 = subject.
+
+## What MediaPipe finds
+
+"""
+
+
+def orders_table() -> str:
+    """Rows of the orders, with their first points."""
+    rows = ["| `keypoints_order` | keypoints | first points |", "|---|---|---|"]
+    for name in CHOICES:
+        points = read_orders()[name].points
+        rows.append(f"| `{name}` | {len(points)} | {', '.join(points[:3])} |")
+    return "\n".join(rows)
+
+
+def page(found: list[Found], faces: tuple[int, int, int] | None) -> str:
+    """The page, with a row for each capture."""
+    rows = [
+        "| capture | images with keypoints | template's keypoints known | wrong | error of the others | masks, IoU | "
+        "tracked with these | with the capture's own |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for each in found:
+        mine, own = each.tracked_mm
+        rows.append(
+            f"| {each.name} | {each.seen} of {each.images} | {each.keypoints[0]} of {each.keypoints[1]} | "
+            f"{each.wrong:.0%} | {each.pixels:.1f} px | {each.overlap:.2f} | {mine} mm | {own} mm |"
+        )
+    text = HEAD.replace("{orders}", orders_table())
+    text += (
+        "Synthetic captures, whose truth is known; wrong is farther from where a keypoint is than 5 % of the image's "
+        "height.\nMasks are compared with the capture's. Tracked: median and 90th percentile of the vertices' distance "
+        "from the truth,\nafter one rigid motion.\n\n" + "\n".join(rows) + "\n"
+    )
+    if faces is not None:
+        text += (
+            f"\nOf {faces[0]} photographs of a real face, each under one lamp close by (`face_near_lights`, eyes "
+            f"closed), the face was found in\n{faces[1]}, a body, of which only the neck shows, in {faces[2]}. Closed "
+            "eyes have irises all the same: the mesh comes as a whole.\n"
+        )
+    return text + "\n" + LIMITS
+
+
+LIMITS = """\
+## What to know
+
+- A face's mesh has no confidence of its own, each point has 0.9. Faces are also found at the back and the side of a
+  head. Points that agree with no other camera are left out by the tracker; where they are most, as with cameras all
+  around a head, it refuses the capture and says so. Cameras behind the head are best left out of such a table.
+- A body's points of hidden limbs are guesses with less confidence.
+- The network's masks are as coarse as its 256 x 256 pixels, and round off fingers; clean plates are exact to a pixel,
+  but what is as black as the stage, such as hair, is lost at the outline.
+"""
