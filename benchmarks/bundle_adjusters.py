@@ -63,7 +63,7 @@ def colmap(found: BoardViews, sizes: list[tuple[int, int]], loss: str = "CAUCHY"
 
 
 def adjust_with_colmap(
-    found: BoardViews, start: Start, loss: str = "CAUCHY", bars: bool = False
+    found: BoardViews, start: Start, loss: str = "CAUCHY", bars: bool = False, scale_px: float = LOSS_PX
 ) -> tuple[list[Camera], np.ndarray]:
     """A rig of sensors before one board per frame: the board is the world, its corners are constant points.
 
@@ -113,7 +113,7 @@ def adjust_with_colmap(
             config.add_constant_point(k + 1)
     options = pycolmap.BundleAdjustmentOptions(refine_principal_point=True, print_summary=False)
     options.ceres.loss_function_type = getattr(pycolmap.LossFunctionType, loss)
-    options.ceres.loss_function_scale = LOSS_PX
+    options.ceres.loss_function_scale = scale_px
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, scene)
     adjuster.solve()
     sigma = np.full(len(sizes), np.nan)

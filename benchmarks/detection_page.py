@@ -84,14 +84,14 @@ def page(found: list[Found], faces: tuple[int, int, int] | None) -> str:
     """The page, with a row for each capture."""
     rows = [
         "| capture | images with keypoints | template's keypoints known | wrong | error of the others | masks, IoU | "
-        "tracked with these | with the capture's own |",
+        "tracked with these, mm | with the capture's own, mm |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for each in found:
         mine, own = each.tracked_mm
         rows.append(
             f"| {each.name} | {each.seen} of {each.images} | {each.keypoints[0]} of {each.keypoints[1]} | "
-            f"{each.wrong:.0%} | {each.pixels:.1f} px | {each.overlap:.2f} | {mine} mm | {own} mm |"
+            f"{each.wrong:.0%} | {each.pixels:.1f} px | {each.overlap:.2f} | {mine} | {own} |"
         )
     text = HEAD.replace("{orders}", orders_table())
     text += (

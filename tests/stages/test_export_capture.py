@@ -83,7 +83,7 @@ def recorded(imported, row):
     """Linear light of an image in corrected colours, and its mask or None."""
     capture, results = imported
     source = ImageSource.from_index(capture, json.loads((results / "index/capture.json").read_text())["images"])
-    image = source.read(row.path, row.frame)
+    image = source.read(row.path, None)
     matrix = read_colors(results / "calibration/color.json")[str(row.camera)]
     return image @ matrix.T, None if pd.isna(row.mask_path) else source.read_mask(row.mask_path, image.shape)
 
