@@ -96,8 +96,8 @@ def verdict(rows: Sequence[Row]) -> str:
     stays = closer + faster + honest > 1.5 * len(groups)
     counted = (
         f"of {len(groups)} rigs, its centres are as close (to 5 %) or closer on {closer}, its error bars as honest or "
-        f"more so (or the only ones) on {honest}, and it is as fast or faster on {faster}, each time against the better "
-        "of pycolmap's two"
+        f"more so (or the only ones) on {honest}, and it is as fast or faster on {faster}, each time against the "
+        "better of pycolmap's two"
     )
     if stays:
         return f"Ours stays: {counted}."
