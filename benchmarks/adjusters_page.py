@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,9 @@ the problem to pycolmap and take the cameras and the focal lengths' error bars b
 
 ## Decision
 
-{verdict} Beyond the table, these parts of calibration have no counterpart in pycolmap's adjustment, and would need a
+{verdict}
+
+Beyond the table, these parts of calibration have no counterpart in pycolmap's adjustment, and would need a
 problem of our own beside it:
 
 - each image's own time, and the board's speed, for cameras that are not quite simultaneous
@@ -55,10 +58,11 @@ pycolmap reads and writes COLMAP's models here (`format: colmap`, `exports/colma
 
 MESHES = """\
 
-trimesh reads .ply, writes the template without a skin and makes spheres; that stays. It does not replace the {obj}
-lines that read .obj: vertices that several texture coordinates share are split, and the numbers by which keypoints,
-eyes and meshes of other frames name them change. Nor does it replace the reader of glTF: it drops skins, joints and
-weights, which rigged templates need, so that a second reader for those without would be added to the first.
+trimesh reads .ply, writes the template without a skin and makes spheres; that stays. Told to change nothing, it reads
+most .obj files as ours does, as fast, but not all: vertices of files with several materials come twice, and those that
+no textured face has are dropped. Keypoints, eyes and meshes of other frames name vertices by number, so the {obj} lines
+that read .obj stay. Nor does it replace the reader of glTF: it drops skins, joints and weights, which rigged templates
+need, so that a second reader for those without would be added to the first, at the same speed.
 """
 
 
@@ -77,7 +81,7 @@ def page(rows: Sequence[Row], lines: Mapping[str, int], readings: Sequence[Readi
         meshes.append(
             f"| {each.kind} | {each.reader} | {each.vertices} | {each.found} | {same} | {each.milliseconds:.1f} |"
         )
-    decision = DECISION.format(verdict=verdict(rows), **lines)
+    decision = DECISION.format(verdict=textwrap.fill(verdict(rows), 119), **lines)
     return HEAD + "\n".join(table) + "\n" + decision + "\n".join(meshes) + "\n" + MESHES.format(obj=lines["obj"])
 
 

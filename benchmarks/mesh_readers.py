@@ -55,17 +55,39 @@ def seamed_obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
     return "\n".join(lines).encode()
 
 
+def two_materials(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """An OBJ whose faces are of two materials, as skin and eyes are."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+    half = len(faces) // 2
+    for name, some in (("skin", faces[half:]), ("eyes", faces[:half])):
+        lines += [f"usemtl {name}", *(f"f {a} {b} {c}" for a, b, c in (some + 1).tolist())]
+    return "\n".join(lines).encode()
+
+
+def textured_in_part(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """An OBJ of a textured face in each corner, whose other vertices no face has: landmarks, for instance."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+    lines += ["vt 0 0", "vt 1 0", "vt 0 1"]
+    lines += [f"f {a}/1 {b}/2 {c}/3" for a, b, c in (faces[[0, -1]] + 1).tolist()]
+    return "\n".join(lines).encode()
+
+
 def compare_readers(repeats: int) -> list[Reading]:
     """A row for each kind of file and reader."""
     vertices, faces = grid()
     mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
     obj, ply, glb = seamed_obj(vertices, faces), mesh.export(file_type="ply"), mesh.export(file_type="glb")
+    materials, part = two_materials(vertices, faces), textured_in_part(vertices, faces)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "grid.glb"
         path.write_bytes(glb)
         readers: list[tuple[str, str, Callable[[], np.ndarray]]] = [
             (".obj with seams", "ours", lambda: decode_mesh(obj, Path("grid.obj")).vertices),
             (".obj with seams", "trimesh", lambda: _loaded(obj, "obj")),
+            (".obj of two materials", "ours", lambda: decode_mesh(materials, Path("grid.obj")).vertices),
+            (".obj of two materials", "trimesh", lambda: _loaded(materials, "obj")),
+            (".obj, textured in part", "ours", lambda: decode_mesh(part, Path("grid.obj")).vertices),
+            (".obj, textured in part", "trimesh", lambda: _loaded(part, "obj")),
             (".ply", "ours, by trimesh's", lambda: decode_mesh(ply, Path("grid.ply")).vertices),
             (".ply", "trimesh", lambda: _loaded(ply, "ply")),
             (".glb", "ours", lambda: np.concatenate([part.positions for part in GltfFile(path).primitives()])),
