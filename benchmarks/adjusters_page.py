@@ -59,10 +59,11 @@ pycolmap reads and writes COLMAP's models here (`format: colmap`, `exports/colma
 MESHES = """\
 
 trimesh reads .ply, writes the template without a skin and makes spheres; that stays. Told to change nothing, it reads
-most .obj files as ours does, as fast, but not all: vertices of files with several materials come twice, and those that
-no textured face has are dropped. Keypoints, eyes and meshes of other frames name vertices by number, so the {obj} lines
-that read .obj stay. Nor does it replace the reader of glTF: it drops skins, joints and weights, which rigged templates
-need, so that a second reader for those without would be added to the first, at the same speed.
+most .obj files as ours does, as fast, but not all: vertices of files with several materials come twice, and where a
+seam runs through a texture, vertices that no face has are dropped. Keypoints, eyes and meshes of other frames name
+vertices by number, so the {obj} lines that read .obj stay. Nor does it replace the reader of glTF: it drops skins,
+joints and weights, which rigged templates need, so that a second reader for those without would be added to the first,
+at the same speed.
 """
 
 

@@ -65,10 +65,11 @@ def two_materials(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
 
 def textured_in_part(vertices: np.ndarray, faces: np.ndarray) -> bytes:
-    """An OBJ of a textured face in each corner, whose other vertices no face has: landmarks, for instance."""
+    """An OBJ of two textured faces with a seam between them, whose other vertices no face has: landmarks, say."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
     lines += ["vt 0 0", "vt 1 0", "vt 0 1"]
-    lines += [f"f {a}/1 {b}/2 {c}/3" for a, b, c in (faces[[0, -1]] + 1).tolist()]
+    (a, b, c), (d, e, f) = (faces[:2] + 1).tolist()
+    lines += [f"f {a}/1 {b}/2 {c}/3", f"f {d}/3 {e}/1 {f}/2"]  # They share a vertex.
     return "\n".join(lines).encode()
 
 

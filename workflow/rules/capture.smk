@@ -187,7 +187,12 @@ use rule index_capture as inspect_images with:
         mem_mb=memory_for("index_capture", size_of_share),
         runtime=minutes_for("index_capture", size_of_share),
     params:
-        arguments=arguments_for("index_capture", index=lambda wildcards: job(wildcards).path("inspected")),
+        arguments=arguments_for(
+            "index_capture",
+            index=lambda wildcards: job(wildcards).path("inspected"),
+            detected_keypoints=lambda wildcards: [],
+            detected_masks=lambda wildcards: [],
+        ),
         inspected=[],
         chunks=lambda wildcards: [*chunk_words(job(wildcards)), "--chunk-size", job(wildcards).settings.chunk_frames],
     message:
