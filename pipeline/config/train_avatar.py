@@ -70,6 +70,24 @@ class TrainAvatar(Settings):
         "on images that had no part in finding it",
     )
     light_gain_sigma: float = Field(0.1, gt=0, description="Typical relative error of a light's calibrated brightness")
+    refine_light_places: bool = Field(
+        False,
+        description="Refine the lights' calibrated places, where it takes half a percent off the squared errors of "
+        "images that had no part in finding it",
+    )
+    light_place_sigma_m: float = Field(
+        3e-3, gt=0, description="Typical error of a light's calibrated place along each axis [m]"
+    )
+    refine_cameras: bool = Field(
+        False,
+        description="Refine the calibrated poses of the cameras of training images, on the same condition",
+    )
+    camera_turn_sigma: float = Field(
+        3e-4, gt=0, description="Typical error of a camera's calibrated orientation about each axis [rad]"
+    )
+    camera_shift_sigma_m: float = Field(
+        5e-4, gt=0, description="Typical error of a camera's calibrated place along each axis [m]"
+    )
     avatar: Literal["auto", "body", "head"] = Field(
         "auto",
         description="body (RFGCA): texels turn with the limbs; head (RGCA): a latent code of vertices and mean texture "

@@ -20,6 +20,7 @@ from pathlib import Path
 import pandas as pd
 import torch
 
+from pipeline.avatar.frames.camera_offsets import MovedImages
 from pipeline.avatar.frames.frame_stream import FrameStream
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.scratch import own_scratch
@@ -28,9 +29,9 @@ from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.spec.gpu_limits import require_drawable
 from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec, unread_settings
 from pipeline.avatar.texels.posed_texels import texel_spacing
+from pipeline.avatar.training.calibration_rounds import apply_refined, refine, refinement_step
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
-from pipeline.avatar.training.light_rounds import refine, refinement_step, relight
 from pipeline.avatar.training.local_processes import cache_bytes, partners, suggested_processes
 from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.read_ahead import ReadAhead, Rounds, frames_in_use
@@ -46,7 +47,7 @@ from pipeline.base.progress import progress
 from pipeline.base.seeds import seed_for
 from pipeline.base.spread import evenly
 from pipeline.base.stopping import Stopped, StopRequests
-from pipeline.capture.shards import ImageShards, read_frame_shards, read_image_shards
+from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.eyes.eye_fit import read_eyes
 from pipeline.geometry.texels import Atlas, read_atlas
@@ -104,7 +105,7 @@ def run(
     arguments |= {"cache_mb": cache_mb, "scratch": scratch}
     together = partners(processes or suggested_processes(settings), run, arguments)
     with together, joined_processes(settings.device) as processes, own_scratch(scratch) as traced:
-        images = read_image_shards([shards / "train"])
+        images = MovedImages(read_image_shards([shards / "train"]))
         if not len(images):
             raise InputError(f"{shards}/train: expected training images, found none; check `splits` in capture.yaml")
         require_no_held_out(images.table, shards / "train")
@@ -147,7 +148,7 @@ def run(
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
             facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
             facts |= {"dropped_terms": dropped, "built": spec.in_words, "why": reason_of(settings, effects)}
-            facts |= {"light_gains": done.light_gains}
+            facts |= {"light_gains": done.light_gains, "camera_offsets": done.camera_offsets}
             facts |= {"texels": len(texels.face), "parameters": parameters}  # No times: those are in the log alone.
             save_avatar(out, avatar, facts)
             for name in (CHECKPOINT, BROKEN):
@@ -170,7 +171,7 @@ def learn_expressions(avatar: Avatar, frames: Iterable[FrameInputs]) -> None:
 
 
 def train(
-    subject: str, training: Training, images: ImageShards, chosen: list[int], frames: FrameStream, out: Path,
+    subject: str, training: Training, images: MovedImages, chosen: list[int], frames: FrameStream, out: Path,
     fingerprint: str,
 ) -> Position:  # fmt: skip
     """All steps that are left after the checkpoint, if there is one, on the chosen images.
@@ -188,7 +189,7 @@ def train(
     in_step = settings.frames_per_step
     schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together * in_step)
     rounds = Rounds(schedule, chosen, settings)
-    relight(frames, at)
+    apply_refined(frames, images, at)
     left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
     with (
         StopRequests() as stop,
@@ -241,7 +242,7 @@ def require_same_start(step: int, processes: Processes) -> None:
 
 
 def open_log(
-    out: Path, images: ImageShards, chosen: list[int], frames: FrameStream, training: Training, at: Position
+    out: Path, images: MovedImages, chosen: list[int], frames: FrameStream, training: Training, at: Position
 ) -> AbstractContextManager[TrainingLog | None]:
     """Log of the training, kept by the main process, with previews of its middle image.
 

@@ -106,10 +106,13 @@ class FrameInputs:
 
     @cached_property
     def lights(self) -> PointLights:
-        """The lit lights where they are."""
+        """The lit lights where they are.
+
+        Their shadows stay those of the calibrated places: places are moved by less than a texel's shadow is wide.
+        """
         positions = self.record.light_positions
         intensities = self.record.light_intensities * self.gains.of(positions)[:, None]
-        return PointLights(self._tensor(positions), self._tensor(intensities))
+        return PointLights(self._tensor(self.gains.moved(positions)), self._tensor(intensities))
 
     def with_gains(self, gains: LightGains) -> FrameInputs:
         """The frame with lights of other brightness; what was traced is kept."""

@@ -1,4 +1,4 @@
-"""Factors by which lights are brighter than their calibration says."""
+"""Factors by which lights are brighter than their calibration says, and by how much they stand elsewhere."""
 
 from __future__ import annotations
 
@@ -8,36 +8,55 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float32
 
+COLUMNS = 7
+"""Numbers of a light in files: place, factor, offset."""
+
 
 @dataclass(frozen=True, eq=False)
 class LightGains:
-    """Factors of lights' intensities, by the places where the lights stand.
+    """Factors of lights' intensities and offsets of their places, by the places where the calibration has them.
 
     Attributes:
         positions: of the lights, stage frame, metres, exactly as frames have them.
         factors: of each light.
+        offsets_m: of each light's place, metres; None: they stand where they were.
     """
 
     positions: Float32[np.ndarray, "lights 3"]
     factors: Float32[np.ndarray, " lights"]
+    offsets_m: Float32[np.ndarray, "lights 3"] | None = None
 
     @cached_property
-    def _by_place(self) -> dict[bytes, float]:
-        return {place.tobytes(): float(factor) for place, factor in zip(self.positions, self.factors, strict=True)}
+    def _by_place(self) -> dict[bytes, int]:
+        return {place.tobytes(): number for number, place in enumerate(self.positions)}
 
     def of(self, positions: Float32[np.ndarray, "lit 3"]) -> Float32[np.ndarray, " lit"]:
         """Factors of lights at these places; 1 where none of the known ones stands."""
-        return np.array([self._by_place.get(place.tobytes(), 1.0) for place in positions], np.float32)
+        return np.append(self.factors, np.float32(1))[self._numbers(positions)]
+
+    def moved(self, positions: Float32[np.ndarray, "lit 3"]) -> Float32[np.ndarray, "lit 3"]:
+        """Where lights stand that the calibration has at these places."""
+        if self.offsets_m is None:
+            return positions
+        return positions + np.append(self.offsets_m, np.zeros((1, 3), np.float32), 0)[self._numbers(positions)]
+
+    def _numbers(self, positions: np.ndarray) -> list[int]:
+        """Numbers of the lights at these places; that of none is one more than the last."""
+        return [self._by_place.get(place.tobytes(), len(self.positions)) for place in positions]
 
     def as_json(self) -> list[list[float]]:
-        """Rows of x, y, z, factor."""
-        return np.concatenate([self.positions, self.factors[:, None]], 1).tolist()
+        """Rows of x, y, z and factor, then x, y and z of the offset if there are offsets."""
+        offsets = [] if self.offsets_m is None else [self.offsets_m]
+        return np.concatenate([self.positions, self.factors[:, None], *offsets], 1).tolist()
 
     @staticmethod
     def from_json(rows: list[list[float]]) -> LightGains:
         """Read what `as_json` wrote."""
-        table = np.array(rows, np.float32).reshape(-1, 4)
-        return LightGains(np.ascontiguousarray(table[:, :3]), table[:, 3])
+        table = np.zeros((len(rows), COLUMNS), np.float32)
+        for row, numbers in zip(table, rows, strict=True):
+            row[: len(numbers)] = numbers
+        offsets = np.ascontiguousarray(table[:, 4:])
+        return LightGains(np.ascontiguousarray(table[:, :3]), table[:, 3], offsets if offsets.any() else None)
 
 
 AS_CALIBRATED = LightGains(np.zeros((0, 3), np.float32), np.ones(0, np.float32))

@@ -11,6 +11,7 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
+from pipeline.avatar.frames.camera_offsets import CAMERAS_AS_CALIBRATED, CameraOffsets
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_gains import AS_CALIBRATED, LightGains
 from pipeline.avatar.frames.prepared import PreparedFrame
@@ -40,10 +41,15 @@ class LoadedAvatar:
 
     Attributes:
         light_gains: of the capture's lights, as training refined them.
+        camera_offsets: of the capture's cameras, as training refined them; `render` sees images by these.
     """
 
-    def __init__(self, avatar: Avatar, atlas: Atlas, light_gains: LightGains = AS_CALIBRATED) -> None:
+    def __init__(
+        self, avatar: Avatar, atlas: Atlas, light_gains: LightGains = AS_CALIBRATED,
+        camera_offsets: CameraOffsets = CAMERAS_AS_CALIBRATED,
+    ) -> None:  # fmt: skip
         self.avatar, self.atlas, self.light_gains = avatar.eval(), atlas, light_gains
+        self.camera_offsets = camera_offsets
         self._frame: tuple[object, PreparedFrame] | None = None  # cameras of one frame share its light and shadow
 
     def trace(self, frame: FrameRecord) -> FrameInputs:
@@ -53,13 +59,16 @@ class LoadedAvatar:
     @torch.no_grad()
     def render(self, frame: FrameRecord | FrameInputs, image: ImageRecord) -> tuple[Tensor, Tensor]:
         """Linear RGB [h, w, 3] over black and alpha [h, w] of the crop that `image` describes."""
-        picture = self.avatar.view(self._prepared(frame), camera_view(image, self.avatar.albedo.device))
+        picture = self.avatar.view(self._prepared(frame), self._camera(image))
         return picture.rgb, picture.alpha
 
     @torch.no_grad()
     def intrinsic_layers(self, frame: FrameRecord | FrameInputs, image: ImageRecord) -> IntrinsicLayers:
         """Layers that the light of that crop is made of."""
-        return intrinsic_layers(self.avatar, self._prepared(frame), camera_view(image, self.avatar.albedo.device))
+        return intrinsic_layers(self.avatar, self._prepared(frame), self._camera(image))
+
+    def _camera(self, image: ImageRecord) -> CameraView:
+        return camera_view(self.camera_offsets.moved(image), self.avatar.albedo.device)
 
     def _prepared(self, frame: FrameRecord | FrameInputs) -> PreparedFrame:
         if self._frame is None or self._frame[0] is not frame:
@@ -98,7 +107,8 @@ def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
         found, expected = len(state["albedo"]), len(avatar.albedo)
         raise InputError(f"{folder}: expected {expected} texels as in {atlas_path}, found {found}; train again")
     avatar.load_state_dict(state)
-    return LoadedAvatar(avatar, atlas, LightGains.from_json(described.get("light_gains", [])))
+    cameras = CameraOffsets.from_json(described.get("camera_offsets", {}))
+    return LoadedAvatar(avatar, atlas, LightGains.from_json(described.get("light_gains", [])), cameras)
 
 
 def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:

@@ -1,204 +1,142 @@
-"""Brightness of the lights, refined on training images with the avatar as it is.
+"""Brightness and places of the lights, refined on training images with the avatar as it is.
 
 Light adds up: a picture of a frame is the sum of pictures in the light of each of its lights alone. So the factors by
-which lights should be brighter are a linear least-squares problem, which needs no gradient of the renderer. The images
-are dealt into two halves; where factors fitted to one half do not bring down the error of the other, the calibration
-is left as it is.
+which lights should be brighter are a linear least-squares problem, which needs no gradient of the renderer; how a
+picture changes as its light moves follows from the surface behind its pixels. The images are dealt into two halves;
+where changes fitted to one half do not bring down the error of the other, the calibration is left as it is.
 """
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
-import torch
 from jaxtyping import Float, Float64
 
-from pipeline.avatar.frames.frame_stream import FrameStream
-from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_gains import LightGains
-from pipeline.avatar.model import Avatar
-from pipeline.avatar.training.checkpoint import camera_view
-from pipeline.avatar.training.distributed import Processes
-from pipeline.base.spread import evenly
-from pipeline.capture.records import ImageRecord
+from pipeline.avatar.training.picture_equations import TIGHTER, PictureEquations, Sigma
+from pipeline.avatar.training.seen_surface import SeenSurface
 
-log = logging.getLogger("train_avatar")
+LEAST_COSINE = 0.1
+"""Of the angle between a normal and the way to the light, from which on it is said how brightness changes as the light
+moves: it goes as one over this, and normals of the mesh are off by a few degrees."""
 
-MOST_LIGHTS, MOST_PARTS, IMAGES_PER_FRAME = 64, 512, 6
-"""What is looked at: partially lit frames of at most so many lights, so many lights of frames together, and some images
-of each frame. Every light of a frame is a picture of each of its images: time is theirs."""
-
-DARK = 0.02
-"""Linear RGB added to a pixel before errors are taken relative to its root: near black, noise does not fall further."""
-
-SATURATED = 0.98
-"""Linear RGB from which a captured pixel may have been cut off."""
-
-REDUNDANCY = 25.0
-"""Pixels that count as one: neighbours share a texel, a shadow's edge, a highlight."""
-
-TIGHTER = (1, 2, 4, 8, 16, 32)
-"""How much tighter than stated the priors are that are tried."""
-
-CAUCHY = 3.0
-"""Residuals of so many standard deviations count half."""
-
-NORMAL_MAD = 1.4826
-"""Standard deviation of normal numbers over the median of their absolute values."""
+LEAST_SHARE = 0.005
+"""Share of the squared errors that other places of lights, or of cameras, have to take away from images that had no
+part in finding them: 0.02 dB, by which two trainings differ that began otherwise. Less is not worth another
+calibration than all other stages have."""
 
 
 @dataclass(frozen=True)
-class LightEquations:
-    """Normal equations of the changes of lights' factors, of each half of the images.
+class Sigmas:
+    """Typical errors of what is refined; 0: it is not.
 
     Attributes:
-        matrix: A, of both halves.
-        vector: b: the error of a half is lower by 2 x.b - x.A x for changes x.
+        gain: of lights' brightness, relative.
+        light_m: of lights' places along each axis, metres.
+        turn: of cameras about each axis, radians.
+        shift_m: of cameras' places along each axis, metres.
     """
 
-    matrix: Float64[np.ndarray, "2 lights lights"]
-    vector: Float64[np.ndarray, "2 lights"]
-
-    def solve(self, halves: Sequence[int], sigma: float) -> Float64[np.ndarray, " lights"]:
-        """Changes that fit the given halves, of which `sigma` is expected."""
-        matrix, vector = self.matrix[list(halves)].sum(0), self.vector[list(halves)].sum(0)
-        return np.linalg.solve(matrix + np.eye(len(vector)) / sigma**2, vector)
-
-    def gain(self, changes: Float64[np.ndarray, " lights"], half: int) -> float:
-        """Squared errors of a half that changes of the factors take away."""
-        return float(2 * changes @ self.vector[half] - changes @ self.matrix[half] @ changes)
+    gain: float = 0.0
+    light_m: float = 0.0
+    turn: float = 0.0
+    shift_m: float = 0.0
 
 
-def frame_equations(
-    parts: Float[np.ndarray, "lights pixels 3"], captured: Float[np.ndarray, "pixels 3"]
-) -> tuple[Float64[np.ndarray, "lights lights"], Float64[np.ndarray, " lights"]]:
-    """Normal equations of one image.
+FIXED = 1e-9
+"""Error of what does not change: far below all that could be seen."""
+
+
+def changes_by_moving(
+    part: Float[np.ndarray, "pixels 3"], surface: SeenSurface, subject: np.ndarray, light: Float64[np.ndarray, " 3"],
+    R: Float64[np.ndarray, "3 3"],
+) -> Float64[np.ndarray, "3 pixels 3"]:  # fmt: skip
+    """Changes of a picture per metre that its only light moves along each axis of the world.
+
+    Of E ~ n.d / |d|^3 with d from the surface to the light: dE / E = n / n.d - 3 d / |d|^2. Zero where the surface is
+    not seen well, or almost turned away from the light.
 
     Args:
-        parts: linear RGB of the subject's pixels in the light of each light.
-        captured: what the camera saw there.
+        part: linear RGB of the subject's pixels in its light.
+        subject: which pixels of the image these are.
+        light: where it is, in the camera's frame.
+        R: camera from world.
     """
-    rows = parts.reshape(len(parts), -1).astype(np.float64)
-    seen, expected = captured.reshape(-1).astype(np.float64), rows.sum(0)
-    rows, seen, expected = (array[..., seen < SATURATED] for array in (rows, seen, expected))
-    scale = 1 / np.sqrt(DARK + expected.clip(0))  # The sRGB curve and photon noise both go about as the root.
-    rows, residual = rows * scale, (seen - expected) * scale
-    deviation = NORMAL_MAD * np.median(np.abs(residual)) if residual.size else 0.0
-    if not deviation > 0:
-        return np.zeros((len(parts), len(parts))), np.zeros(len(parts))
-    weight = 1 / (1 + (residual / (CAUCHY * deviation)) ** 2) / (REDUNDANCY * deviation**2)
-    return (rows * weight) @ rows.T, (rows * weight) @ residual
-
-
-@torch.no_grad()
-def equations_of(
-    avatar: Avatar, frame: FrameInputs, images: Sequence[ImageRecord]
-) -> tuple[Float64[np.ndarray, "2 lights lights"], Float64[np.ndarray, "2 lights"]]:
-    """Sums over the images of one frame, every other in the second half."""
-    lights, cameras = len(frame.record.light_positions), [camera_view(i, avatar.albedo.device) for i in images]
-    traced, pictures = avatar.trace(frame), []
-    for light in range(lights):
-        prepared = avatar.prepare(traced.with_light(light))
-        pictures.append([avatar.view(prepared, camera).rgb.cpu().numpy() for camera in cameras])
-    matrix, vector = np.zeros((2, lights, lights)), np.zeros((2, lights))
-    for number, image in enumerate(images):
-        inside = image.mask > 1 - 1 / 255
-        parts = np.stack([of_light[number][inside] for of_light in pictures])
-        for total, term in zip((matrix, vector), frame_equations(parts, image.image[inside]), strict=True):
-            total[number % 2] += term
-    return matrix, vector
-
-
-def frames_to_look_at(table: pd.DataFrame, images_of: Mapping[int, Sequence[int]]) -> list[int]:
-    """Partially lit frames with at least two images, evenly chosen.
-
-    Args:
-        table: of `FrameShards`.
-        images_of: rows of each frame's images.
-    """
-    enough = table.frame.map(lambda number: len(images_of.get(number, ())) > 1).astype(bool)
-    useful = table[~table.fully_lit & table.lights.between(1, MOST_LIGHTS) & enough].sort_values("frame")
-    numbers = useful.frame.tolist()
-    return evenly(numbers, max(1, len(numbers) * MOST_PARTS // max(1, int(useful.lights.sum()))))
-
-
-def images_to_look_at(images: Sequence[int]) -> list[int]:
-    """Some images of a frame, evenly chosen."""
-    return evenly(list(images), IMAGES_PER_FRAME)
+    way = light - surface.points[subject]
+    distance = np.linalg.norm(way, axis=1)
+    normals = surface.normals[subject]
+    along = (normals * way).sum(1)
+    known = surface.seen[subject] & (along > LEAST_COSINE * distance)
+    along = np.where(known, along, 1.0)
+    relative = np.where(known[:, None], normals / along[:, None] - 3 * way / np.square(distance)[:, None], 0.0)
+    return (relative @ R).T[:, :, None] * part
 
 
 def assembled(
-    lights: Sequence[np.ndarray], equations: Sequence[tuple[np.ndarray, np.ndarray]]
-) -> tuple[np.ndarray, LightEquations]:
-    """Places of all lights, and their equations from those of frames that some light."""
+    lights: Sequence[np.ndarray], equations: Sequence[PictureEquations], each: int = 1
+) -> tuple[np.ndarray, PictureEquations]:
+    """Places of all lights, and their equations from those of frames that some light.
+
+    Args:
+        lights: places of the lights of each frame.
+        equations: of each frame: first factors, then, if `each` is 4, the three axes of each light.
+        each: unknowns per light.
+    """
     places = np.unique(np.concatenate(lights), axis=0)
     number = {place.tobytes(): i for i, place in enumerate(places)}
-    matrix, vector = np.zeros((2, len(places), len(places))), np.zeros((2, len(places)))
-    for positions, (a, b) in zip(lights, equations, strict=True):
-        lit = [number[place.tobytes()] for place in positions]
+    together = PictureEquations.none(each * len(places))
+    for positions, of_frame in zip(lights, equations, strict=True):
+        lit = np.array([number[place.tobytes()] for place in positions])
+        axes = len(places) + (3 * lit[:, None] + np.arange(3)).ravel()
+        which = np.concatenate([lit, axes])[: each * len(lit)]
         for half in range(2):
-            matrix[half][np.ix_(lit, lit)] += a[half]
-            vector[half][lit] += b[half]
-    return places, LightEquations(matrix, vector)
+            together.add(half, of_frame.matrix[half], of_frame.vector[half], of_frame.errors[half], which.tolist())
+    return places, together
+
+
+def tightest_that_foretells(equations: PictureEquations, sigmas: Sequence[Sigma]) -> tuple[float, Sigma]:
+    """The prior with which each half foretells the other best, and the squared errors that this takes away.
+
+    Errors of the avatar look like those of a calibration when seen by a few cameras only: then a tight prior is best.
+    """
+    foretold = [equations.foretold(tried) for tried in sigmas]
+    best = int(np.argmax(foretold))
+    return foretold[best], sigmas[best]
 
 
 def refined_gains(
-    places: np.ndarray, equations: LightEquations, gains: LightGains, sigma: float
-) -> tuple[LightGains, float]:
-    """Gains times what both halves of the images say, and by how much each foretold the other.
+    places: np.ndarray, equations: PictureEquations, gains: LightGains, sigmas: Sigmas
+) -> tuple[LightGains, float, float]:
+    """Gains times what both halves of the images say, and by how much each foretold the other: factors, then places.
 
-    That is the squared errors that factors fitted to one half take away from the other. Errors of the avatar look like
-    lights' when seen by a few cameras only. So of priors from `sigma` downwards, that one counts with which each half
-    foretells the other best. The gains stay as they were, if none foretells anything.
-    """
-    sigmas = [sigma / divisor for divisor in TIGHTER]
-    foretold = [sum(equations.gain(equations.solve([1 - half], tried), half) for half in range(2)) for tried in sigmas]
-    best = int(np.argmax(foretold))
-    if not foretold[best] > 0:
-        return gains, foretold[best]
-    changes = 1 + equations.solve([0, 1], sigmas[best])
-    return LightGains(places, (gains.of(places) * changes).astype(np.float32)), foretold[best]
-
-
-def refine_lights(
-    avatar: Avatar, frames: FrameStream, images_of: Mapping[int, Callable[[], Sequence[ImageRecord]]],
-    gains: LightGains, sigma: float, processes: Processes, mine: Callable[[int], bool],
-) -> LightGains:  # fmt: skip
-    """Gains of the lights of some frames, the same in all processes.
+    The gains stay as they were, if nothing is foretold; places stay, if it is little.
 
     Args:
-        avatar: as it is trained so far.
-        frames: among which are those to look at.
-        images_of: frames to look at, and what reads their training images, one frame's at a time.
-        gains: those that the frames are lit with.
-        sigma: typical change to expect.
-        processes: that share the frames.
-        mine: whether a frame is this process' to render.
+        places: of the lights.
+        equations: of factors, and of places behind them if these are refined.
+        gains: those that the frames were lit with.
+        sigmas: typical changes to expect.
     """
-    numbers = sorted(images_of)
-    positions = [frames.records[number].light_positions for number in numbers]
-    lights = [len(each) for each in positions]
-    sizes = [2 * n * (n + 1) for n in lights]
-    flat = torch.zeros(sum(sizes), dtype=torch.float64)
-    for number, part in zip(numbers, flat.split(sizes), strict=True):
-        if mine(number):
-            of_frame = equations_of(avatar, frames[number], images_of[number]())
-            part.copy_(torch.from_numpy(np.concatenate([array.ravel() for array in of_frame])))
-    flat = flat.to(avatar.albedo.device)
-    processes.sum_in_place(flat)  # Each part is another process' zeros but once, so that the sum is exact.
-    equations = [
-        (part[: 2 * n * n].reshape(2, n, n), part[2 * n * n :].reshape(2, n))
-        for n, part in zip(lights, np.split(flat.cpu().numpy(), np.cumsum(sizes)[:-1]), strict=True)
-    ]
-    places, together = assembled(positions, equations)
-    refined, gained = refined_gains(places, together, gains, sigma)
-    if refined is gains:
-        log.info("lights stay as they are: other brightness would not fit images that had no part in finding it")
+    lights, gained, sigma = len(places), 0.0, FIXED
+    if sigmas.gain:
+        only = equations.of(slice(lights))
+        gained, sigma = tightest_that_foretells(only, [sigmas.gain / divisor for divisor in TIGHTER])
+        gained, sigma = (gained, sigma) if gained > 0 else (gained, FIXED)
+    moved = 0.0
+    if sigmas.light_m:
+        both = [np.repeat([sigma, sigmas.light_m / divisor], [lights, 3 * lights]) for divisor in TIGHTER]
+        moved, joint = tightest_that_foretells(equations, both)
+        moved -= max(gained, 0.0)
+    if moved > LEAST_SHARE * equations.errors.sum():
+        found = equations.solve([0, 1], joint)
+        offsets = gains.moved(places) - places + found[lights:].reshape(-1, 3)
+    elif gained > 0:
+        found = equations.of(slice(lights)).solve([0, 1], sigma)
+        offsets = gains.moved(places) - places
     else:
-        spread = 100 * float(refined.factors.std())
-        log.info("%d lights' brightness refined by %.1f %%, squared errors fall by %.0f", len(places), spread, gained)
-    return refined
+        return gains, gained, moved
+    factors = gains.of(places) * (1 + found[:lights])
+    moves = offsets.astype(np.float32) if offsets.any() else None
+    return LightGains(places, factors.astype(np.float32), moves), gained, moved

@@ -7,13 +7,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from types import TracebackType
 
+from pipeline.avatar.frames.camera_offsets import MovedImages
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.training.distributed import Processes
 from pipeline.avatar.training.training import Portion
 from pipeline.avatar.training.training_images import Schedule
 from pipeline.capture.records import ImageRecord
-from pipeline.capture.shards import ImageShards
 from pipeline.config.train_avatar import TrainAvatar
 
 
@@ -62,7 +62,7 @@ class ReadAhead:
     """
 
     def __init__(
-        self, avatar: Avatar, images: ImageShards, frames: Mapping[int, FrameInputs], processes: Processes
+        self, avatar: Avatar, images: MovedImages, frames: Mapping[int, FrameInputs], processes: Processes
     ) -> None:
         self.avatar, self.images, self.frames, self.processes = avatar, images, frames, processes
         self._pool = ThreadPoolExecutor(1, "read_ahead")

@@ -119,12 +119,14 @@ class Position:
         seconds: what they took, in all runs.
         rows: of the log.
         light_gains: of the lights, as `LightGains.as_json` has them.
+        camera_offsets: of the cameras, as `CameraOffsets.as_json` has them.
     """
 
     step: int = 0
     seconds: float = 0.0
     rows: list[dict] = field(default_factory=list)
     light_gains: list[list[float]] = field(default_factory=list)
+    camera_offsets: dict[str, list[float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
