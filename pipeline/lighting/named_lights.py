@@ -43,6 +43,10 @@ class NamedLights:
         patterns[CHANNELS] = patterns[CHANNELS].to_numpy() * factors[patterns.light.to_numpy(), None]
         return replace(self, intensities=self.intensities * factors[:, None], patterns=patterns)
 
+    def moved(self, offsets_m: Float32[np.ndarray, "lights 3"]) -> NamedLights:
+        """The same lights, each elsewhere by an offset."""
+        return replace(self, positions=self.positions + offsets_m)
+
 
 def read_named_lights(lights: Path, patterns: Path) -> NamedLights:
     """Read the calibrated lights and what they did in each frame.

@@ -67,7 +67,8 @@ def run(
     spec = loaded.avatar.spec
     require_analytic(spec, f"{avatar}/config.json")
     stage, records = read_named_lights(lights, patterns), read_frame_shards([frames or shards / "frames"])
-    stage = stage.brightened(loaded.light_gains.of(stage.positions.astype(np.float32)))
+    places = stage.positions.astype(np.float32)
+    stage = stage.brightened(loaded.light_gains.of(places)).moved(loaded.light_gains.moved(places) - places)
     if not len(records):
         raise InputError(f"{shards}/frames: expected at least one frame, found none; run pack_shards again")
     images = read_image_shards([shards / folder for folder in ("train", VALIDATION, "test")])

@@ -1,4 +1,4 @@
-"""Small motions by which cameras stand otherwise than their calibration says, and images that are seen from there."""
+"""Small motions of cameras from their calibrated poses, and images seen from there."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ class CameraOffsets:
         return dict(zip(self.names, self.motions, strict=True))
 
     def moved(self, image: ImageRecord) -> ImageRecord:
-        """An image with the camera where it stands; as it was, if the camera is none of the known ones."""
+        """An image with the camera where it stands.
+
+        As it was, if the camera is none of the known ones.
+        """
         motion = self._by_name.get(image.camera)
         if motion is None:
             return image

@@ -1,4 +1,4 @@
-"""Factors by which lights are brighter than their calibration says, and by how much they stand elsewhere."""
+"""Factors of the lights' calibrated brightness, and offsets of their places."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COLUMNS = 7
 
 @dataclass(frozen=True, eq=False)
 class LightGains:
-    """Factors of lights' intensities and offsets of their places, by the places where the calibration has them.
+    """Factors of lights' intensities and offsets of their places, by their calibrated places.
 
     Attributes:
         positions: of the lights, stage frame, metres, exactly as frames have them.
@@ -35,7 +35,7 @@ class LightGains:
         return np.append(self.factors, np.float32(1))[self._numbers(positions)]
 
     def moved(self, positions: Float32[np.ndarray, "lit 3"]) -> Float32[np.ndarray, "lit 3"]:
-        """Where lights stand that the calibration has at these places."""
+        """Move these places to where the lights stand that the calibration has there."""
         if self.offsets_m is None:
             return positions
         return positions + np.append(self.offsets_m, np.zeros((1, 3), np.float32), 0)[self._numbers(positions)]

@@ -1,4 +1,4 @@
-"""Looks at training images that tell what of the calibration should be otherwise, shared by all processes."""
+"""Looks at training images that tell what to change in the calibration, by all processes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MOTION = 6
 
 @dataclass(frozen=True)
 class Look:
-    """What the images of one frame say.
+    """Equations from the images of one frame.
 
     Attributes:
         lights: equations of its lights' factors and, if they are refined, places; every other image in the second half.
@@ -122,7 +122,9 @@ def refine_calibration(
     avatar: Avatar, frames: FrameStream, images_of: Mapping[int, Callable[[], Sequence[ImageRecord]]],
     gains: LightGains, sigmas: Sigmas, processes: Processes, mine: Callable[[int], bool],
 ) -> tuple[LightGains, CameraOffsets]:  # fmt: skip
-    """Lights of some frames and cameras of their images as they should be, the same in all processes.
+    """Refine the lights of some frames and the cameras of their images.
+
+    The result is the same in all processes.
 
     Args:
         avatar: as it is trained so far.

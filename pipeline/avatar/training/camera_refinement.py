@@ -17,7 +17,7 @@ from pipeline.avatar.training.picture_equations import TIGHTER, PictureEquations
 
 
 def refined_cameras(cameras: Mapping[str, PictureEquations], sigmas: Sigmas) -> tuple[CameraOffsets, float]:
-    """Motions of cameras that both halves of the frames agree on, and the share of the squared errors they foretell.
+    """Motions of cameras, and the share of squared errors that halves of the frames foretell.
 
     Cameras stay as calibrated, if that is little.
 

@@ -97,7 +97,7 @@ def assembled(
 
 
 def tightest_that_foretells(equations: PictureEquations, sigmas: Sequence[Sigma]) -> tuple[float, Sigma]:
-    """The prior with which each half foretells the other best, and the squared errors that this takes away.
+    """The squared errors that halves best foretell of each other, and the prior for it.
 
     Errors of the avatar look like those of a calibration when seen by a few cameras only: then a tight prior is best.
     """
@@ -109,9 +109,10 @@ def tightest_that_foretells(equations: PictureEquations, sigmas: Sequence[Sigma]
 def refined_gains(
     places: np.ndarray, equations: PictureEquations, gains: LightGains, sigmas: Sigmas
 ) -> tuple[LightGains, float, float]:
-    """Gains times what both halves of the images say, and by how much each foretold the other: factors, then places.
+    """Gains times what both halves of the images say, and the squared errors that each foretold.
 
-    The gains stay as they were, if nothing is foretold; places stay, if it is little.
+    Of the factors first, then by how much more with the places. The gains stay as they were, if nothing is foretold;
+    places stay, if it is little.
 
     Args:
         places: of the lights.

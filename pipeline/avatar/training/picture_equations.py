@@ -1,4 +1,4 @@
-"""Linear least squares on what pictures of the avatar lack of captured ones, solved on halves of the images."""
+"""Linear least squares on errors of pictures of the avatar, solved on halves of the images."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class SeenSurface:
     focal: Float64[np.ndarray, " 2"]
 
     def motion_columns(self, rgb: Float64[np.ndarray, "h w 3"]) -> Float64[np.ndarray, "pixels 3 6"]:
-        """Changes of a picture at the seen pixels, by the motion of `CameraOffsets` per radian and metre.
+        """Changes of a picture at the seen pixels, per radian and metre of `CameraOffsets`.
 
         A point that moves by dp in the picture takes its colour along: dI = -grad I . dp.
         """
