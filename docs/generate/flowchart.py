@@ -12,9 +12,10 @@ FLOW: dict[str, tuple[str, ...]] = {
     "calibrate_lights": ("calibrate_cameras",),
     "book_patterns": ("calibrate_lights",),
     "track_mesh": ("book_patterns",),
-    "plan_effects": ("calibrate_color", "track_mesh", "unwrap_atlas"),
+    "estimate_gaze": ("track_mesh", "unwrap_atlas"),
+    "plan_effects": ("calibrate_color", "track_mesh", "unwrap_atlas", "estimate_gaze"),
     "trace_irradiance": ("track_mesh", "unwrap_atlas"),
-    "fit_eyes": ("track_mesh", "unwrap_atlas"),
+    "fit_eyes": ("track_mesh", "unwrap_atlas", "estimate_gaze"),
     "bake_textures": ("plan_effects",),
     "pack_shards": ("plan_effects", "trace_irradiance", "bake_textures"),
     "train_avatar": ("pack_shards", "fit_eyes"),
@@ -28,13 +29,16 @@ PLACES: dict[str, tuple[float, float]] = {
     "synthesize_capture": (0.5, 0), "import_capture": (1.5, 0), "index_capture": (1, 1),
     "calibrate_cameras": (0, 2), "calibrate_color": (2, 2),
     "calibrate_lights": (0, 3), "unwrap_atlas": (1, 3), "book_patterns": (0, 4),
-    "track_mesh": (0, 5), "plan_effects": (2, 6),
+    "track_mesh": (0, 5), "estimate_gaze": (1, 5.5), "plan_effects": (2, 6),
     "trace_irradiance": (0, 7), "fit_eyes": (1, 7), "bake_textures": (2, 7),
     "pack_shards": (2, 8), "train_avatar": (1, 9), "evaluate_avatar": (0.5, 10), "relight_avatar": (1.5, 10),
 }  # fmt: skip
 """Column and row of each box."""
 
-OPTIONAL = {"synthesize_capture", "import_capture", "trace_irradiance", "bake_textures", "fit_eyes", "relight_avatar"}
+OPTIONAL = {
+    "synthesize_capture", "import_capture", "estimate_gaze", "trace_irradiance", "bake_textures", "fit_eyes",
+    "relight_avatar",
+}  # fmt: skip
 """Stages that not every subject has: drawn with dashes."""
 
 WIDTH, HEIGHT, ACROSS, DOWN, MARGIN = 172, 34, 204, 62, 12

@@ -19,6 +19,7 @@ from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
 from pipeline.config.detect_landmarks import DetectLandmarks
+from pipeline.config.estimate_gaze import EstimateGaze
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.export_avatar import ExportAvatar
 from pipeline.config.export_capture import ExportCapture
@@ -93,6 +94,7 @@ class SubjectSettings(Settings):
     unwrap_atlas: UnwrapAtlas = UnwrapAtlas()
     track_mesh: TrackMesh = TrackMesh()
     review_tracking: ReviewTracking = ReviewTracking()
+    estimate_gaze: EstimateGaze = EstimateGaze()
     plan_effects: PlanEffects = PlanEffects()
     fit_eyes: FitEyes = FitEyes()
     trace_irradiance: TraceIrradiance = TraceIrradiance()

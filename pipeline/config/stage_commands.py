@@ -29,6 +29,7 @@ FILES = {
     "tracking": "tracking/{chunk}.safetensors",
     "tracking_review": "tracking/review",
     "effects": "effects.json",
+    "estimated_gaze": "gaze.parquet",
     "eyes": "eyes.json",
     "irradiance": "irradiance/{chunk}",
     "visibility": "visibility",
@@ -59,15 +60,16 @@ ARGUMENTS = {
     "unwrap_atlas": "capture index cameras=rig out=results",
     "track_mesh": "capture index cameras lights patterns chunk chunk_size out=trackings",
     "review_tracking": "capture index calibration patterns tracking out=tracking_review",
-    "plan_effects": "capture index atlas tracking patterns booked=frames lights cameras color out=effects",
-    "fit_eyes": "index atlas tracking out=eyes",
+    "estimate_gaze": "capture index atlas tracking cameras frames out=estimated_gaze",
+    "plan_effects": "capture index atlas tracking patterns booked=frames lights cameras color gaze out=effects",
+    "fit_eyes": "index atlas tracking gaze out=eyes",
     "trace_irradiance": "subject atlas tracking lights patterns frames out=irradiance cache=visibility",
     "bake_textures": "capture index atlas tracking cameras color effects frames out=baked",
     "pack_shards": "capture index atlas tracking cameras color lights effects patterns frames chunk chunk_size "
-    "irradiance textures out=shards",
+    "irradiance textures gaze out=shards",
     "train_avatar": "subject atlas shards frames=frame_shards effects fitted_eyes=eyes out=avatar",
     "evaluate_avatar": "subject atlas shards frames=frame_shards effects avatars=avatar out=scores",
-    "relight_avatar": "atlas avatar tracking textures index cameras environment lights=light_list shards=captured "
+    "relight_avatar": "atlas avatar tracking textures index gaze cameras environment lights=light_list shards=captured "
     "out=relit",
     "export_viewer": "subject atlas avatar shards frames=frame_shards lights patterns out=viewer",
     "export_avatar": "capture atlas avatar shards frames=frame_shards index cameras lights patterns tracking "
@@ -81,6 +83,10 @@ ARGUMENTS = {
     "compare_subjects": "scores=score_tables out=project_results",
 }
 """Stage -> its flags; `flag=name` where the file is called otherwise."""
+
+ESTIMATED = ("gaze",)
+"""Names of files that stand for what the capture declares, where it declares none: without a value, none is handed
+over."""
 
 THREADED = ("calibrate_cameras", "calibrate_color", "calibrate_lights", "review_calibration", "review_tracking",
             "trace_irradiance", "measure_cost", "budget_errors")  # fmt: skip
@@ -110,7 +116,7 @@ def stage_arguments(stage: str, values: Mapping[str, Value]) -> list[str]:
     """
     words: list[str] = []
     for flag, _, name in (part.partition("=") for part in ARGUMENTS[stage].split()):
-        value = values[name or flag]
+        value = values.get(name or flag, ()) if flag in ESTIMATED else values[name or flag]
         given = [value] if isinstance(value, str) else list(value)
         words += [f"--{flag.replace('_', '-')}", *given] if given else []
     return words

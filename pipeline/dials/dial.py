@@ -56,7 +56,9 @@ class Subject:
         """Files and facts by the names of `pipeline.config.stage_commands`."""
         facts = {"capture": str(self.capture), "subject": self.results.name, "chunk_size": str(self.chunk_size)}
         one = {"chunk": CHUNK, "variant": self.variant}
-        return {**subject_files(self.results, **one), **facts, **one, **NOT_HANDED_OVER}
+        files = subject_files(self.results, **one)
+        estimated = {"gaze": files["estimated_gaze"]} if Path(files["estimated_gaze"]).exists() else {}
+        return {**files, **facts, **one, **estimated, **NOT_HANDED_OVER}
 
     def has(self, part: Literal["head", "eyes"]) -> bool:
         """True if the workflow made what only avatars of heads, or of eyes, read."""

@@ -1,1 +1,1 @@
-"""Two-sphere eyes: their geometry, `eye_shape`, their fit, `eye_fit`, and `eye_verdicts`."""
+"""Two-sphere eyes: `eye_shape`, `eye_fit`, `eye_pixels`, `gaze_estimate`, `eye_verdicts`."""

@@ -129,7 +129,7 @@ def fit_eye(
         )
     axis, axes, gaze_rms = tracked_axes(name, rest, tracked, gaze)
     points, axes = tracked.reshape(-1, 3), np.repeat(axes, len(rest), 0)
-    ball = solve_least_squares(lambda x: _distances(x, points, axes), _sphere_through(points), LEAST_SIGMA_M)
+    ball = solve_least_squares(lambda x: _distances(x, points, axes), sphere_through(points), LEAST_SIGMA_M)
     sigma = _sigmas(ball, len(tracked))
     radius = float(ball.parameters[3])
     if not RADII_M[0] <= radius <= RADII_M[1] or sigma[:4].max() > LARGEST_SIGMA_M:
@@ -174,8 +174,8 @@ def tracked_axes(
     return axis / length, axes, float(np.degrees(np.sqrt(np.mean(angles**2))))
 
 
-def _sphere_through(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4"]:
-    """Centre and radius of the algebraic least-squares fit.
+def sphere_through(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4"]:
+    """Centre and radius of a sphere through points: the algebraic least-squares fit.
 
     |x|^2 = 2 c . x + (r^2 - |c|^2) is linear in them.
     """

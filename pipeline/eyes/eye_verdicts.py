@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float64
 
 from pipeline.base.errors import listed
 from pipeline.base.verdicts import Grade, Verdict
 from pipeline.eyes.eye_fit import FOLLOWING_DEG, LEAST_BULGE_M, FittedEye
+from pipeline.eyes.gaze_estimate import GazeEstimate
 
 SURE = 5.0
 """Sigmas, sqrt(2 log-likelihood ratio), by which another reading of the gaze has to be ahead: of two simple hypotheses
@@ -89,6 +92,31 @@ def gaze_verdict(
         found = f"{said}, up to {angle.max():.1f} in frames {numbers}: wrong there, or looking elsewhere?"
         return Verdict("gaze", name, "weak", found)
     return Verdict("gaze", name, "good", said)
+
+
+def estimate_verdict(name: str, frames: list[int], estimates: Sequence[GazeEstimate]) -> Verdict:
+    """Judge the estimates of one eye's gaze in fully lit frames.
+
+    Failed if there is none; weak if the gaze is undefined in some frame, or pictures agree on it to less than
+    `FOLLOWING_DEG`.
+    """
+    sigmas = [estimate.sigma_deg for estimate in estimates if estimate.status == "estimated"]
+    undefined = {
+        why: [str(frame) for frame, estimate in zip(frames, estimates, strict=True) if estimate.status == status]
+        for status, why in (("hidden", "lids hide the eye"), ("unclear", "no iris shows"))
+    }
+    said = [
+        f"undefined in {len(numbers)} frames, as {why}: {listed(numbers)}"
+        for why, numbers in undefined.items()
+        if numbers
+    ]
+    if not sigmas:
+        reason = "; ".join(said) if said else "no fully lit frame"
+        return Verdict("gaze", name, "failed", f"not estimated: {reason}; declare gaze, or eyes look as tracked")
+    spread = float(np.sqrt(np.mean(np.square(sigmas))))
+    known = f"estimated in {len(sigmas)} of {len(frames)} fully lit frames, pictures agree to {spread:.1f} degrees"
+    grade: Grade = "weak" if said or spread > FOLLOWING_DEG else "good"
+    return Verdict("gaze", name, grade, "; ".join([known, *said]))
 
 
 def _to_the_side_and_up(

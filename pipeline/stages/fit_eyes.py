@@ -27,7 +27,8 @@ log = logging.getLogger("fit_eyes")
 
 
 def run(
-    *, index: Path, atlas: Path, tracking: tuple[Path, ...], out: Path, settings: FitEyes = FitEyes(),
+    *, index: Path, atlas: Path, tracking: tuple[Path, ...], out: Path, gaze: Path | None = None,
+    settings: FitEyes = FitEyes(),
 ) -> None:  # fmt: skip
     """Fit the eyes of a capture.
 
@@ -36,18 +37,19 @@ def run(
         atlas: atlas.safetensors of unwrap_atlas, for the template at rest.
         tracking: all chunks of track_mesh.
         out: eyes.json; verdicts_eyes.csv is written beside it.
+        gaze: gaze.parquet of estimate_gaze, where the capture declares none.
         settings: see the flags below.
     """
-    eyes, gaze = read_table(index / "eyes.parquet"), read_table(index / "gaze.parquet")
-    if eyes.empty or gaze.empty:
-        missing = " and ".join(name for name, table in (("template.eyes", eyes), ("gaze", gaze)) if table.empty)
+    eyes, looked = read_table(index / "eyes.parquet"), read_table(gaze or index / "gaze.parquet")
+    if eyes.empty or looked.empty:
+        missing = " and ".join(name for name, table in (("template.eyes", eyes), ("gaze", looked)) if table.empty)
         raise InputError(f"{index}: expected eyes and where they look, found no {missing}; set train_avatar.eyes: off")
     rest = read_atlas(atlas).rest_vertices.astype(np.float64)
     tracked = in_head(tracking)
-    known = gaze[~gaze.interpolated & gaze.frame.isin(tracked)]
+    known = looked[~looked.interpolated & looked.frame.isin(tracked)]
     frames = np.sort(known.frame.unique())
     chosen = frames[np.linspace(0, len(frames) - 1, min(len(frames), settings.frames)).astype(np.int64)]
-    log.info("%d of %d frames with a declared gaze", len(chosen), len(frames))
+    log.info("%d of %d frames with a gaze", len(chosen), len(frames))
     found: dict[str, dict] = {}
     verdicts: list[Verdict] = []
     for name, rows in eyes.groupby("eye"):

@@ -54,12 +54,12 @@ THRESHOLDS = {
     "specular": "specular_db", "deferred": "deferred_db", "learned_transport": "learned_transport_db",
     "lens_distortion": "lens_distortion_px", "color_correction": "color_correction_percent",
 }  # fmt: skip
-"""The setting that each effect's evidence is compared with; declared eyes need none."""
+"""The setting that each effect's evidence is compared with; eyes whose gaze is known need none."""
 
 
 def run(
     *, capture: Path, index: Path, atlas: Path, tracking: tuple[Path, ...], patterns: Path, booked: Path, lights: Path,
-    cameras: Path, color: Path, out: Path,
+    cameras: Path, color: Path, out: Path, gaze: Path | None = None,
     settings: PlanEffects = PlanEffects(),
 ) -> None:  # fmt: skip
     """Measure which effects this capture calls for.
@@ -77,6 +77,7 @@ def run(
         cameras: calibration/cameras.json, at sensor resolution.
         color: calibration/color.json.
         out: effects.json.
+        gaze: gaze.parquet of estimate_gaze, where the capture declares none.
         settings: numbers and modes.
     """
     described, texels = read_json(index / "capture.json"), read_atlas(atlas)
@@ -91,12 +92,15 @@ def run(
     found = read_cameras(cameras)
     downsample = float(described["images"]["downsample_from_sensor"])
     # Eyes turn with the gaze: without one they are part of the mesh like everything else.
-    eyes = read_table(index / "gaze.parquet").eye.nunique()
+    eyes = read_table(gaze or index / "gaze.parquet").eye.nunique()
+    found_eyes = f"the images show where {eyes or 'no'} eyes look" if gaze else (
+        f"the capture declares {eyes or 'no'} eyes and their gaze"
+    )  # fmt: skip
     evidence = {
         "shadow": shadow_evidence(texels, sample, settings.local_radius_percent, settings.rays, random),
         "near_field": near_field_evidence(texels, sample, settings.rays, random),
         "articulation": articulation_evidence(chunks, texels),
-        "eyes": Evidence(float(eyes), f"the capture declares {eyes or 'no'} eyes and their gaze"),
+        "eyes": Evidence(float(eyes), found_eyes),
         "lens_distortion": distortion_evidence(found, downsample),
         "color_correction": color_evidence(color),
     }

@@ -27,7 +27,7 @@ RESULTS = "results"
 OPTIONAL_OF_PROJECT = ("hard_cases.csv", "effects_comparison.csv", "scaling/*", "growth/*")
 OPTIONAL_OF_SUBJECT = (
     "accuracy_cost.*", "error_budget/*", "calibration/review/*.png", "tracking/review/*.png", "relit/*/*/stills/*.png",
-    "verdicts_eyes.csv",
+    "verdicts_eyes.csv", "verdicts_gaze.csv",
 )  # fmt: skip
 """What a report shows if it is there: below the project's results, and below the subject's."""
 
@@ -185,6 +185,16 @@ class JobFiles:
         """The file of a variant's explicit eyes, if it has any."""
         settings = section_for(self.settings, "train_avatar", self.variant)
         return [self.path("eyes.json")] if settings.reads_eyes(planned) else []
+
+    def estimated_gaze(self, capture: str | Path) -> list[str]:
+        """The table of gaze from images, for a capture that lists eyes and declares no gaze.
+
+        Args:
+            capture: capture.json of index_capture.
+        """
+        described = json.loads(Path(capture).read_text())
+        lacking = described.get("template", {}).get("eyes") and not described.get("gaze", True)
+        return [self.path("gaze.parquet")] if lacking and self.settings.estimate_gaze.mode == "auto" else []
 
     def avatars(self, file: str = "") -> list[str]:
         """A file of each avatar of the job, or the avatars' folders."""

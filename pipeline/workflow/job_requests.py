@@ -81,6 +81,7 @@ NOT_MEASURED = {
     "import_capture": {"mb": 2500.0, "seconds": 900.0},
     "detect_landmarks": {"mb": 2500.0, "seconds": 3600.0},
     "segment_subject": {"mb": 2500.0, "seconds": 3600.0},
+    "estimate_gaze": {"mb": 1100.0, "seconds": 900.0},
     "export_capture": {"mb": 2500.0, "seconds": 900.0},
     "check_budget": {"mb": 1100.0, "seconds": 60.0},
     "compare_subjects": {"mb": 1100.0, "seconds": 300.0},

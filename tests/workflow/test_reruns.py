@@ -43,6 +43,7 @@ ON_REQUEST = {
     "import_capture",
     "detect_landmarks",
     "segment_subject",
+    "estimate_gaze",
     "check_budget",
     "review_calibration",
     "review_tracking",

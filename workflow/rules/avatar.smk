@@ -5,6 +5,7 @@ checkpoint pack_shards:
         index_frames="results/{subject}/index/frames.parquet",
         images="results/{subject}/index/images.parquet",
         gaze="results/{subject}/index/gaze.parquet",
+        estimated=estimated_gaze,
         atlas="results/{subject}/atlas.safetensors",
         tracking="results/{subject}/tracking/{chunk}.safetensors",
         cameras="results/{subject}/calibration/cameras.json",
@@ -39,6 +40,7 @@ checkpoint pack_shards:
             {},
             irradiance=traced_maps,
             textures=lambda input: input.textures,
+            gaze=lambda input: input.estimated,
         ),
         parts=[],
         settings=settings_for("pack_shards"),
@@ -63,6 +65,7 @@ use rule pack_shards as pack_frames_of_variant with:
             {"shards": lambda wildcards: job(wildcards).path("variants", wildcards.variant)},
             irradiance=traced_maps,
             textures=lambda input: input.textures,
+            gaze=lambda input: input.estimated,
         ),
         parts=["--only-frames"],
     message:

@@ -245,6 +245,11 @@ def capture_kind(wildcards):
     return read_kind(checkpoints.index_capture.get(subject=wildcards.subject).output.capture)
 
 
+def estimated_gaze(wildcards):
+    """The table of gaze from images, where the capture declares none."""
+    return job(wildcards).estimated_gaze(checkpoints.index_capture.get(subject=wildcards.subject).output.capture)
+
+
 def traced_irradiance(wildcards):
     planned = planned_effects(wildcards)
     return job(wildcards).traced_irradiance(planned, capture_kind(wildcards))

@@ -103,11 +103,48 @@ rule unwrap_atlas:
         "{params.settings:q} > {log:q} 2>&1"
 
 
+# Only for captures that list eyes and no gaze: `estimated_gaze` asks for it.
+rule estimate_gaze:
+    input:
+        capture="results/{subject}/index/capture.json",
+        eyes="results/{subject}/index/eyes.parquet",
+        images="results/{subject}/index/images.parquet",
+        atlas="results/{subject}/atlas.safetensors",
+        tracking=each_chunk("tracking/{chunk}.safetensors"),
+        cameras="results/{subject}/calibration/cameras.json",
+        frames="results/{subject}/frames.parquet",
+    output:
+        gaze="results/{subject}/gaze.parquet",
+        quality="results/{subject}/quality_gaze.parquet",
+        verdicts="results/{subject}/verdicts_gaze.csv",
+    log:
+        "results/{subject}/logs/estimate_gaze.log",
+    benchmark:
+        "results/{subject}/benchmarks/estimate_gaze.tsv"
+    conda:
+        "../../envs/cpu.yaml"
+    threads: threads_for("estimate_gaze")
+    resources:
+        mem_mb=memory_for("estimate_gaze"),
+        runtime=minutes_for("estimate_gaze"),
+    params:
+        code=code_for("estimate_gaze"),
+        capture=capture_folder,
+        arguments=arguments_for("estimate_gaze", tracking=each_chunk("tracking/{chunk}.safetensors")),
+        settings=settings_for("estimate_gaze"),
+    message:
+        "{wildcards.subject}: estimating where the eyes look"
+    shell:
+        "python -m pipeline.stages.estimate_gaze --capture {params.capture:q} {params.arguments:q} "
+        "{params.settings:q} > {log:q} 2>&1"
+
+
 # Only for avatars with explicit eyes: `fitted_eyes` asks for it.
 rule fit_eyes:
     input:
         eyes="results/{subject}/index/eyes.parquet",
         gaze="results/{subject}/index/gaze.parquet",
+        estimated=estimated_gaze,
         atlas="results/{subject}/atlas.safetensors",
         tracking=each_chunk("tracking/{chunk}.safetensors"),
     output:
@@ -125,7 +162,12 @@ rule fit_eyes:
         runtime=minutes_for("fit_eyes"),
     params:
         code=code_for("fit_eyes"),
-        arguments=arguments_for("fit_eyes", tracking=each_chunk("tracking/{chunk}.safetensors")),
+        named=named,
+        arguments=arguments_with_input(
+            "fit_eyes",
+            {"tracking": each_chunk("tracking/{chunk}.safetensors")},
+            gaze=lambda input: input.estimated,
+        ),
         settings=settings_for("fit_eyes"),
     message:
         "{wildcards.subject}: fitting eyeballs and corneas"

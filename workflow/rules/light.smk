@@ -6,6 +6,7 @@ checkpoint plan_effects:
         tracking=each_chunk("tracking/{chunk}.safetensors"),
         images="results/{subject}/index/images.parquet",
         gaze="results/{subject}/index/gaze.parquet",
+        estimated=estimated_gaze,
         patterns="results/{subject}/patterns.parquet",
         frames="results/{subject}/frames.parquet",
         lights="results/{subject}/calibration/lights.parquet",
@@ -26,7 +27,12 @@ checkpoint plan_effects:
     params:
         code=code_for("plan_effects"),
         capture=capture_folder,
-        arguments=arguments_for("plan_effects", tracking=each_chunk("tracking/{chunk}.safetensors")),
+        named=named,
+        arguments=arguments_with_input(
+            "plan_effects",
+            {"tracking": each_chunk("tracking/{chunk}.safetensors")},
+            gaze=lambda input: input.estimated,
+        ),
         settings=settings_for("plan_effects"),
     message:
         "{wildcards.subject}: measuring which effects this capture calls for"

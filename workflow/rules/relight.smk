@@ -8,6 +8,7 @@ rule relight_avatar:
         textures=mean_textures,
         index_frames="results/{subject}/index/frames.parquet",
         gaze="results/{subject}/index/gaze.parquet",
+        estimated=estimated_gaze,
         tables=lambda wildcards: job(wildcards).driving_tables(),
         captured=lambda wildcards: job(wildcards).captured_shards(),
         cameras="results/{subject}/calibration/cameras.json",
@@ -37,6 +38,7 @@ rule relight_avatar:
                 "relit": lambda wildcards: job(wildcards).path("relit", wildcards.variant, wildcards.light),
             },
             textures=lambda input: input.textures,
+            gaze=lambda input: input.estimated,
         ),
         settings=settings_for("relight_avatar"),
     message:

@@ -28,7 +28,7 @@ from pipeline.geometry.tracked import read_tracked
 
 def read_poses(
     relighter: Relighter, tracking: tuple[Path, ...], textures: tuple[Path, ...], index: Path | None,
-    settings: RelightAvatar,
+    settings: RelightAvatar, gaze: Path | None = None,
 ) -> dict[int, DrivingSignal]:  # fmt: skip
     """The tracked frames to show, by number.
 
@@ -37,14 +37,17 @@ def read_poses(
     Args:
         tracking, textures: of the same chunks; without textures, those of an average frame are encoded.
         index: folder of index_capture, for segments and gaze.
+        gaze: gaze.parquet of estimate_gaze, where the capture declares none.
 
     Raises:
         InputError: if none is left to show, or files do not belong together.
     """
     if textures and len(textures) != len(tracking):
         raise InputError(f"--textures: expected one for each of {len(tracking)} chunks, found {len(textures)}")
-    gaze = read_gaze(index / "gaze.parquet") if index is not None else {}
-    gaze = {frame: looks.copy() for frame, looks in gaze.items()}  # tensors share no memory with a table's columns
+    captured = read_gaze(gaze or index / "gaze.parquet") if gaze or index is not None else {}
+    looks = {
+        frame: directions.copy() for frame, directions in captured.items()
+    }  # tensors share no memory with a table's columns
     wanted, poses, known = frames_of_segment(index, settings.segment), {}, []
     for path, texture_path in zip(tracking, textures or repeat(None), strict=False):
         chunk = read_tracked(path, len(relighter.atlas.rest_vertices))
@@ -54,7 +57,7 @@ def read_poses(
         known += chunk.frames.tolist()
         for frame, vertices in zip(chunk.frames.tolist(), chunk.vertices, strict=True):
             if (wanted is None or frame in wanted) and is_shown(frame, settings):
-                signal = DrivingSignal(vertices, motions.get(frame), colors.get(frame), gaze=gaze.get(frame))
+                signal = DrivingSignal(vertices, motions.get(frame), colors.get(frame), gaze=looks.get(frame))
                 # Only the code is kept: textures of thousands of frames would not fit into memory.
                 code = relighter.code_of(signal) if head else None
                 poses[frame] = replace(signal, texture=None, code=code)

@@ -44,6 +44,8 @@ def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: I
         facts["exposures"] = {str(frame): factor for frame, factor in source.exposures.items()}
     if manifest.meshes is not None:
         given["meshes"] = manifest.meshes.model_dump(include={"motion", "scale_to_m"})
+    if manifest.template.eyes and not manifest.gaze:
+        given["gaze"] = False
     if manifest.imported is not None:
         given["imported"] = manifest.imported.model_dump(exclude={"digest"})
     return {

@@ -123,10 +123,24 @@ def read_gaze_csv(
     complain_unknown(complaints, path, "frame", table["frame"], frames["frame"], "the table of frames")
     if len(complaints.messages) > before or not names or not np.isfinite(length).all():
         return empty
-    full = pd.concat([_in_all_frames(table[table["eye"] == name], frames) for name in names], ignore_index=True)
+    full = gaze_of_all_frames(table, frames)
     if count := int(full["interpolated"].sum()):
         log.warning("%s: %d of %d directions interpolated between neighbouring frames", path, count, len(full))
-    return full.sort_values(["frame", "eye"], kind="stable", ignore_index=True)[list(empty)]
+    return full[list(empty)]
+
+
+def gaze_of_all_frames(table: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFrame:
+    """Directions of eyes in all frames from those in some, with `interpolated` for all others.
+
+    These lie between their neighbours in the same segment.
+
+    Args:
+        table: frame, eye, x, y, z; at least one row of each eye.
+        frames: frame, timestamp_s and segment of all frames, in order.
+    """
+    names = dict.fromkeys(table["eye"])
+    full = pd.concat([_in_all_frames(table[table["eye"] == name], frames) for name in names], ignore_index=True)
+    return full.sort_values(["frame", "eye"], kind="stable", ignore_index=True)
 
 
 def _in_all_frames(table: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFrame:

@@ -114,6 +114,16 @@ class TestPlanned:
         assert files.fitted_eyes(["eyes"]) == ["results/someone/eyes.json"]
         assert files.fitted_eyes([]) == []
 
+    def test_gaze_is_estimated_for_eyes_without_one(self, project, tmp_path):
+        def asked(described, **settings):
+            (tmp_path / "capture.json").write_text(json.dumps(described))
+            return JobFiles(project(**settings), "someone").estimated_gaze(tmp_path / "capture.json")
+
+        eyes = {"kind": "head", "template": {"eyes": ["left"]}}
+        assert asked(eyes | {"gaze": False}) == ["results/someone/gaze.parquet"]
+        assert asked(eyes | {"gaze": False}, estimate_gaze={"mode": "off"}) == []
+        assert asked(eyes) == asked({"kind": "head", "template": {"eyes": []}, "gaze": False}) == []
+
     def test_effects_and_kind_are_read_from_their_files(self, tmp_path):
         (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": True}, "eyes": {"on": False}}))
         (tmp_path / "capture.json").write_text(json.dumps({"kind": "head"}))

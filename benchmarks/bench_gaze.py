@@ -1,0 +1,107 @@
+"""Gaze from images against the truth of a synthesised head, and how much of an iris skin seems to show.
+
+Of a head that has been through the workflow up to book_patterns and track_mesh, whatever gaze it declares:
+`python -m benchmarks.bench_gaze --capture captures/subjectB --results results/subjectB`
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.true_eyes import read_true_eyes
+from pipeline.base.files import read_arrays, read_json, read_table
+from pipeline.capture.head_data import head_motions
+from pipeline.capture.images import ImageSource
+from pipeline.eyes.eye_pixels import join_views, seen_pixels
+from pipeline.eyes.eye_shape import usual_shape
+from pipeline.eyes.gaze_estimate import estimate_gaze
+from pipeline.geometry.cameras import read_cameras
+from pipeline.geometry.depth_maps import draw_depth
+from pipeline.geometry.texels import read_atlas
+from pipeline.stages.estimate_gaze import run, training_images
+
+PATCHES_M = {
+    "brow": (0.032, 0.032, 0.0725), "cheek": (0.044, -0.030, 0.0625), "mouth": (0.0, -0.055, 0.0745),
+    "temple": (0.062, 0.010, 0.0325), "nose": (0.0, -0.020, 0.0975),
+}  # fmt: skip
+"""Centres of spheres in the procedural head at rest, as large as eyes, over which there is skin and no eye."""
+
+RADIUS_M = 0.0125
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--capture", type=Path, required=True, help="folder of the capture, with its truth")
+    parser.add_argument("--results", type=Path, required=True, help="its results")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        print(errors(options.capture, options.results, Path(folder) / "gaze.parquet").to_string(index=False))
+    print(skin(options.capture, options.results).to_string(index=False))
+
+
+def errors(capture: Path, results: Path, out: Path) -> pd.DataFrame:
+    """Angles to the truth, degrees, by eye, of estimated frames and of those in between."""
+    run(
+        capture=capture, index=results / "index", atlas=results / "atlas.safetensors", cameras=_cameras(results),
+        tracking=_chunks(results), frames=results / "frames.parquet", out=out,
+    )  # fmt: skip
+    true, table = read_true_eyes(capture), read_table(out)
+    looks = np.stack([true.looks(int(frame)) for frame in table.frame])
+    given = table[["x", "y", "z"]].to_numpy()
+    table["angle"] = np.degrees(np.arctan2(np.linalg.norm(np.cross(given, looks), axis=1), (given * looks).sum(1)))
+    by = table.groupby(["eye", "interpolated"]).angle
+    found = by.agg(frames="count", rms_deg=lambda a: np.sqrt((a**2).mean()), median_deg="median", largest_deg="max")
+    return found.round(2).reset_index()
+
+
+def skin(capture: Path, results: Path) -> pd.DataFrame:
+    """Share that an iris explains of patches of skin, over the fully lit frames."""
+    index, texels = results / "index", read_atlas(results / "atlas.safetensors")
+    facts, booked = read_json(index / "capture.json")["images"], read_table(results / "frames.parquet")
+    cameras = {
+        n: c.downsampled(float(facts["downsample_from_sensor"])) for n, c in read_cameras(_cameras(results)).items()
+    }
+    images = training_images(
+        read_table(index / "images.parquet"), booked.frame[booked.fully_lit.astype(bool)].tolist(), cameras, 0
+    )
+    source, faces, rows = ImageSource.from_index(capture, facts), texels.faces.astype(np.int64), []
+    posed = {}
+    for path in _chunks(results):
+        arrays = read_arrays(path)
+        motions = head_motions(arrays)
+        posed |= {f: (v, motions[f]) for f, v in zip(arrays["frames"].tolist(), arrays["vertices"], strict=True)}
+    shown: dict[str, list] = {name: [] for name in PATCHES_M}
+    for frame, pictures in images.groupby("frame"):
+        vertices, head = (array.astype(np.float64) for array in posed[frame])
+        seen: dict[str, list] = {name: [] for name in PATCHES_M}
+        for row in pictures.itertuples():
+            camera, image = cameras[row.camera], source.read(row.path)
+            behind = draw_depth(camera, vertices, faces) + np.float32(RADIUS_M)
+            for name, place in PATCHES_M.items():
+                seen[name].append(seen_pixels(camera, image, behind, head, np.array(place), RADIUS_M))
+        for name in PATCHES_M:
+            shown[name].append(join_views(seen[name]))
+    for name, frames in shown.items():
+        found = estimate_gaze(frames, usual_shape(RADIUS_M))
+        explained = [estimate.explained for estimate in found]
+        taken = sum(estimate.status == "estimated" for estimate in found)
+        rows.append((name, len(found), taken, round(min(explained), 2), round(max(explained), 2)))
+    return pd.DataFrame(rows, columns=["skin", "frames", "taken_for_eyes", "explained_least", "explained_most"])
+
+
+def _cameras(results: Path) -> Path:
+    return results / "calibration/cameras.json"
+
+
+def _chunks(results: Path) -> tuple[Path, ...]:
+    return tuple(sorted((results / "tracking").glob("[0-9]*.safetensors")))
+
+
+if __name__ == "__main__":
+    main()
