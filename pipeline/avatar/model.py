@@ -28,6 +28,7 @@ from pipeline.avatar.frames.prepared import Decoded, PosedEyes, PreparedFrame, S
 from pipeline.avatar.networks.body_networks import BodyNetworks
 from pipeline.avatar.networks.head_networks import HeadNetworks
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.texels.texel_parameters import GEOMETRY
 from pipeline.avatar.texels.texel_store import TexelStore
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.geometry.texels import Atlas
@@ -69,6 +70,8 @@ class Avatar(TexelStore):
         super().__init__(atlas, spacing)
         self.spec, self.networks, self.eyes = spec, None, None
         self.built, self.fitted_eyes = build_parts(self, spec), dict(eyes or {})
+        for name in GEOMETRY if spec.given_geometry else ():
+            self.get_parameter(name).requires_grad_(False)
         if spec.decoded:
             boxes = self.built.primitives.network_atlas
             build = partial(HeadNetworks, eyes=eyes or {}, boxes=boxes) if spec.head else BodyNetworks

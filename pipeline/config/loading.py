@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import product
@@ -180,7 +181,28 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
             section_for(settings, stage, variant)
         except ValidationError as error:
             _complain(error, SECTIONS[stage], own, complaints, prefix=f"{'.'.join(inside)}.")
+            continue
+        if stage == "train_avatar" and (found := _fault_of_geometry(settings, variant)):
+            where = next((name for name, given in own if isinstance(given, Mapping) and "geometry_from" in given), "")
+            key, expected = (
+                ".".join((*inside, "geometry_from")),
+                "another variant, which does not come back to this one",
+            )
+            complaints.add(where or origins[0][0], key, expected=expected, found=found)
     return settings
+
+
+def _fault_of_geometry(settings: SubjectSettings, variant: str) -> str:
+    """Why a variant cannot take the geometry that it asks for, or nothing."""
+    way = [variant]
+    with suppress(ValidationError):  # of another variant, whose own complaint it is
+        while source := section_for(settings, "train_avatar", way[-1]).geometry_from:
+            way.append(source)
+            if source not in settings.variants:
+                return f"{source!r}, of {', '.join(settings.variants)}"
+            if source in way[:-1]:
+                return " -> ".join(way)
+    return ""
 
 
 def _complain_of_path(settings: SubjectSettings, origins: list[tuple[str, Any]], complaints: Complaints) -> None:

@@ -67,7 +67,7 @@ ARGUMENTS = {
     "bake_textures": "capture index atlas tracking cameras color effects frames out=baked",
     "pack_shards": "capture index atlas tracking cameras color lights effects patterns frames chunk chunk_size "
     "irradiance textures gaze out=shards",
-    "train_avatar": "subject atlas shards frames=frame_shards effects fitted_eyes=eyes out=avatar",
+    "train_avatar": "subject atlas shards frames=frame_shards effects fitted_eyes=eyes geometry out=avatar",
     "evaluate_avatar": "subject atlas shards frames=frame_shards effects avatars=avatar out=scores",
     "relight_avatar": "atlas avatar tracking textures index gaze cameras environment lights=light_list shards=captured "
     "out=relit",
@@ -84,9 +84,9 @@ ARGUMENTS = {
 }
 """Stage -> its flags; `flag=name` where the file is called otherwise."""
 
-ESTIMATED = ("gaze",)
-"""Names of files that stand for what the capture declares, where it declares none: without a value, none is handed
-over."""
+OPTIONAL = ("gaze", "geometry")
+"""Flags of files that most jobs do without: a gaze that the capture does not declare, a geometry that another avatar
+learned. Without a value, none is handed over."""
 
 THREADED = ("calibrate_cameras", "calibrate_color", "calibrate_lights", "review_calibration", "review_tracking",
             "trace_irradiance", "measure_cost", "budget_errors")  # fmt: skip
@@ -116,7 +116,7 @@ def stage_arguments(stage: str, values: Mapping[str, Value]) -> list[str]:
     """
     words: list[str] = []
     for flag, _, name in (part.partition("=") for part in ARGUMENTS[stage].split()):
-        value = values.get(name or flag, ()) if flag in ESTIMATED else values[name or flag]
+        value = values.get(name or flag, ()) if flag in OPTIONAL else values[name or flag]
         given = [value] if isinstance(value, str) else list(value)
         words += [f"--{flag.replace('_', '-')}", *given] if given else []
     return words

@@ -98,6 +98,11 @@ class TrainAvatar(Settings):
         description="What is drawn: a Gaussian on each texel, or, for heads, boxes of voxels on patches of texels "
         "(MVP, rows F, G and H of RGCA), which have no explicit eyes",
     )
+    geometry_from: str = Field(
+        "",
+        description="Bodies: another variant of the subject, whose Gaussians' places, sizes, turns and opacities this "
+        "one takes and does not change; empty: it learns its own",
+    )
     box_voxels: int = Field(8, ge=2, le=32, description="Volumes: voxels along each side of a box [voxels]")
     ray_step_m: float = Field(2e-3, gt=0, description="Volumes: way between two samples of a ray [m]")
     shading: Literal["auto", "transfer", "harmonics", "microfacet", "combined", "linear"] = Field(

@@ -196,6 +196,11 @@ class JobFiles:
         lacking = described.get("template", {}).get("eyes") and not described.get("gaze", True)
         return [self.path("gaze.parquet")] if lacking and self.settings.estimate_gaze.mode == "auto" else []
 
+    def given_geometry(self) -> list[str]:
+        """Files of the avatar whose geometry the variant takes over, if it does."""
+        source = section_for(self.settings, "train_avatar", self.variant).geometry_from
+        return [self.path("avatars", source, file) for file in ("avatar.safetensors", "config.json") if source]
+
     def avatars(self, file: str = "") -> list[str]:
         """A file of each avatar of the job, or the avatars' folders."""
         return [self.path("avatars", variant, *filter(None, [file])) for variant in self.variants]

@@ -81,6 +81,7 @@ rule train_avatar:
         train=lambda wildcards: job(wildcards).shards("shards/train"),
         frames=lambda wildcards: job(wildcards).frame_shards(),
         eyes=fitted_eyes,
+        geometry=lambda wildcards: job(wildcards).given_geometry(),
     output:
         avatar="results/{subject}/avatars/{variant}/avatar.safetensors",
         config="results/{subject}/avatars/{variant}/config.json",
@@ -108,6 +109,7 @@ rule train_avatar:
             "train_avatar",
             {"frame_shards": lambda wildcards: job(wildcards).frame_folders()},
             eyes=lambda input: input.eyes,
+            geometry=lambda input: [os.path.dirname(path) for path in input.geometry[:1]],
         ),
         scratch=training_scratch,
         settings=settings_for("train_avatar"),

@@ -22,6 +22,8 @@ from pipeline.config.train_avatar import (
     TransferStart,
 )
 
+GivenGeometry = Literal["", "texels", "decoded"]
+
 DIFFUSE_WORDS = {
     "transfer": "zonal transfer", "harmonics": "harmonic transfer", "microfacet": "Lambert",
     "combined": "Lambert and zonal transfer", "linear": "a light-linear network",
@@ -83,6 +85,8 @@ class AvatarSpec:
         face: middle and radius of the face on the template at rest, metres: a code of its own; none if empty.
         pose_points, code_size: points of the surface behind a code, and its numbers.
         decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
+        given_geometry: where the Gaussians are and how opaque was learned by another avatar and stays: one value per
+            "texels", or "decoded" from the pose; "": it is this avatar's own.
     """
 
     specular: bool
@@ -126,6 +130,7 @@ class AvatarSpec:
     geometry: Geometry = "gaussians"
     box_voxels: int = 8
     ray_step_m: float = 2e-3
+    given_geometry: GivenGeometry = ""
 
     @property
     def degrees(self) -> int:
@@ -231,7 +236,7 @@ class AvatarSpec:
     @property
     def decoded(self) -> bool:
         """Any network of pose, expression or view is built."""
-        return self.head or self.pose_decoder or self.view_decoder
+        return self.head or self.pose_decoder or self.view_decoder or self.given_geometry == "decoded"
 
     @property
     def in_words(self) -> str:

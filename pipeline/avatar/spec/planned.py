@@ -38,7 +38,8 @@ def resolve_spec(settings: TrainAvatar, planned: Collection[str], kind: Kind = "
     """
     decided = settings.decided(planned, kind)
     require_parts(decided)
-    chosen = {field.name: getattr(decided, field.name) for field in fields(AvatarSpec)}
+    names = [field.name for field in fields(AvatarSpec) if field.name != "given_geometry"]
+    chosen = {name: getattr(decided, name) for name in names}
     modes = ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
     spec = AvatarSpec(**chosen | {name: chosen[name] == "on" for name in modes})
     # Light in the root's frame has no place for one texel's shadows.
@@ -78,9 +79,12 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
     }
     readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels"), spec.decoded)
     readers |= dict.fromkeys(("box_voxels", "ray_step_m", "weight_volume"), spec.volumes)
-    readers |= dict.fromkeys(("dilation_px2", "compensate_opacity", "cull_backs", "weight_size"), not spec.volumes)
+    readers |= dict.fromkeys(("dilation_px2", "compensate_opacity", "cull_backs"), not spec.volumes)
     readers |= dict.fromkeys(("shadow_input", "shadow_levels"), spec.shadow_net)
     readers |= dict.fromkeys(("anchors", "code_start", "weight_geometry", "weight_kl"), spec.head)
+    of_geometry = ("weight_offset", "weight_size", "learning_rate_offset")
+    readers |= dict.fromkeys(of_geometry, not spec.given_geometry)
+    readers["weight_size"] &= not spec.volumes
     readers["eye_parameters"] = spec.eyes
     readers |= dict.fromkeys(("lids", "eye_channels"), spec.eyes and spec.eye_parameters == "decoded")
     readers["texel_frame"] = spec.head

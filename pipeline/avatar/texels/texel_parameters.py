@@ -14,6 +14,9 @@ POSED = ("offset", "rotation", "log_scale", "opacity", "transfer_color", "transf
 PLACED = ("offset", "rotation", "log_scale")
 """Parameters of primitives, of which boxes have fewer than there are texels."""
 
+GEOMETRY = (*PLACED, "opacity")
+"""Parameters of what is drawn, whatever its colour: an avatar may take another's (`geometry_from`)."""
+
 EXPRESSED = (*POSED, "log_roughness")
 """Parameters that an expression may change (RGCA 3, 9)."""
 

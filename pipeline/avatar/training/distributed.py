@@ -28,6 +28,7 @@ import torch.distributed
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.avatar.training.optimizer import learned_parameters
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import Device
 
@@ -162,7 +163,7 @@ class FlatGradients:
     """
 
     def __init__(self, module: nn.Module, steps: int = 1) -> None:
-        self.parameters = dict(module.named_parameters())
+        self.parameters = learned_parameters(module)
         sizes = [parameter.numel() for parameter in self.parameters.values()]
         first = next(iter(self.parameters.values()))
         self.flat: Float[Tensor, "steps numbers"] = first.new_zeros(steps, sum(sizes))

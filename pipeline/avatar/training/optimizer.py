@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from pipeline.avatar.model import Avatar
 from pipeline.config.train_avatar import TrainAvatar
@@ -40,10 +40,15 @@ class Adam(torch.optim.Adam):
     step = torch.no_grad()(plain(torch.optim.Adam.step))
 
 
+def learned_parameters(module: nn.Module) -> dict[str, nn.Parameter]:
+    """The parameters that training changes, by name: not those of a geometry that was given."""
+    return {name: parameter for name, parameter in module.named_parameters() if parameter.requires_grad}
+
+
 def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> Adam:
     """Adam with one rate per kind of parameter."""
     groups: dict[str, list[Tensor]] = defaultdict(list)
-    for name, parameter in avatar.named_parameters():
+    for name, parameter in learned_parameters(avatar).items():
         groups[RATE_OF.get(name, "network")].append(parameter)
     rates = [{"params": group, "lr": getattr(settings, f"learning_rate_{kind}")} for kind, group in groups.items()]
     for group in rates:

@@ -28,7 +28,7 @@ from pipeline.avatar.training.checkpoint import camera_view, load_tensors
 from pipeline.avatar.training.distributed import FlatGradients, Processes
 from pipeline.avatar.training.head_losses import expression_terms
 from pipeline.avatar.training.losses import reconstruction, regularization
-from pipeline.avatar.training.optimizer import MOMENTS, make_optimizer
+from pipeline.avatar.training.optimizer import MOMENTS, learned_parameters, make_optimizer
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.base.seeds import generator_for
@@ -243,7 +243,7 @@ class Training:
     def save(self, path: Path, position: Position, fingerprint: str) -> None:
         """Write parameters, Adam's moments and the position."""
         tensors = {f"avatar.{name}": tensor for name, tensor in self.avatar.state_dict().items()}
-        for name, parameter in self.avatar.named_parameters():
+        for name, parameter in learned_parameters(self.avatar).items():
             tensors |= {f"adam.{key}.{name}": value for key, value in self.optimizer.state[parameter].items()}
         metadata = {"position": json.dumps(asdict(position)), "fingerprint": fingerprint}
         with written_whole(path) as temporary:
@@ -263,7 +263,7 @@ class Training:
         self.avatar.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
         position = Position(**json.loads(metadata["position"]))
         if position.step:  # Before the first step Adam has no moments.
-            for name, parameter in self.avatar.named_parameters():
+            for name, parameter in learned_parameters(self.avatar).items():
                 state = {key: tensors[f"adam.{key}.{name}"].to(parameter.device) for key in MOMENTS}
                 self.optimizer.state[parameter] = state
         return position

@@ -110,6 +110,22 @@ def test_wrong_variant_names_the_variant(tmp_path):
     assert any("two.yaml: variants.v.nothing: expected a known key" in line for line in lines)
 
 
+def test_geometry_comes_from_another_variant_and_never_in_a_circle(tmp_path):
+    def lines(**variants):
+        return complaints(tmp_path, subjects={"two": {"variants": variants}})[1:]
+
+    load(tmp_path, {"two": {"variants": {"full": {}, "pbr": {"geometry_from": "full"}}}})
+    (line,) = lines(full={}, pbr={"geometry_from": "ful"})
+    assert line.endswith("two.yaml: variants.pbr.geometry_from: expected another variant, which does not come back to "
+                         "this one, found 'ful', of full, pbr")  # fmt: skip
+    (line,) = lines(full={"geometry_from": "full"})
+    assert "found full -> full" in line
+    both = lines(a={"geometry_from": "b"}, b={"geometry_from": "a"})
+    assert ["found a -> b -> a" in both[0], "found b -> a -> b" in both[1]] == [True, True]
+    (line,) = lines(a={"geometry_from": "b"}, b={"steps": 0})
+    assert "variants.b.steps" in line
+
+
 def test_section_of_training_inside_a_variant_is_refused(tmp_path):
     """It was left out without a word, and the variant was the one without it."""
     variants = {"matte": {"train_avatar": {"specular": False, "nonsense": 3}}}

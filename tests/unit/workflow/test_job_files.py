@@ -124,6 +124,12 @@ class TestPlanned:
         assert asked(eyes | {"gaze": False}, estimate_gaze={"mode": "off"}) == []
         assert asked(eyes) == asked({"kind": "head", "template": {"eyes": []}, "gaze": False}) == []
 
+    def test_a_variant_waits_for_the_avatar_whose_geometry_it_takes(self, project):
+        loaded = project(variants={"full": {}, "pbr": {"geometry_from": "full"}})
+        found = JobFiles(loaded, "someone", "pbr").given_geometry()
+        assert found == [f"results/someone/avatars/full/{name}" for name in ("avatar.safetensors", "config.json")]
+        assert JobFiles(loaded, "someone", "full").given_geometry() == []
+
     def test_effects_and_kind_are_read_from_their_files(self, tmp_path):
         (tmp_path / "effects.json").write_text(json.dumps({"shadow": {"on": True}, "eyes": {"on": False}}))
         (tmp_path / "capture.json").write_text(json.dumps({"kind": "head"}))
