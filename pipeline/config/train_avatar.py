@@ -207,6 +207,11 @@ class TrainAvatar(Settings):
         (),
         description="For networks: x y z and radius of the face on the template at rest; none: no code for it [m]",
     )
+    face_code: Literal["labelled", "off"] = Field(
+        "off",
+        description="For networks: a code for what the template labels as face, or else for what the joint of its "
+        "keypoint head moves most; off: only for `face`, if that is given",
+    )
     pose_points: int = Field(64, ge=4, description="Points of the surface that the networks know a pose by [points]")
     code_size: int = Field(16, ge=1, description="Numbers that a pose is encoded to")
     decoder_channels: tuple[int, ...] = Field(

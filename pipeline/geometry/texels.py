@@ -7,13 +7,14 @@ One Gaussian stands on each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Int32, Int64
+from jaxtyping import Float, Float32, Int, Int32, Int64
 
 from pipeline.base.array_module import Array, array_module, is_tensor
 from pipeline.base.errors import InputError
@@ -34,6 +35,13 @@ FIELD_SHAPES = {
 }  # fmt: skip
 
 
+REGION = "region."
+"""Beginning of the names of arrays that hold the vertices of a region."""
+
+FACE, HEAD, HAIR = "face", "head", "hair"
+"""Regions that something asks for; a template may have others."""
+
+
 @dataclass(frozen=True)
 class Atlas:
     """Map from the valid texels of a square to points of the template.
@@ -50,6 +58,7 @@ class Atlas:
         face, barycentric: the point of the mesh at the texel's centre.
         chart: connected piece of the map that the texel lies in.
         tangent_weights: the direction of increasing u is sum_i tangent_weights[i] * corner_i, not of unit length.
+        regions: vertices of named parts of the surface, in ascending order, as far as they are known; always NumPy.
     """
 
     size: int
@@ -62,6 +71,7 @@ class Atlas:
     barycentric: Float[Array, "t 3"]
     chart: Int[Array, " t"]
     tangent_weights: Float[Array, "t 3"]
+    regions: Mapping[str, Int[np.ndarray, " _"]] = field(default_factory=dict)
 
     @property
     def texel_count(self) -> int:
@@ -73,6 +83,14 @@ class Atlas:
         """Vertex indices of each texel's face."""
         return self.faces[self.face]
 
+    def texels_of(self, region: str) -> Float32[np.ndarray, " t"]:
+        """Share of each texel that lies in a region.
+
+        1 inside, 0 outside, and between them on faces across its border.
+        """
+        inside = np.isin(np.asarray(self.corners), self.regions.get(region, ()))
+        return (inside * np.asarray(self.barycentric)).sum(1).astype(np.float32)
+
     def to_torch(self, device: Any = "cpu") -> Atlas:
         """The same atlas as tensors: int64 indices, float32 numbers."""
         import torch
@@ -81,7 +99,7 @@ class Atlas:
         tensors = {
             name: a.to(device, torch.float32 if a.is_floating_point() else torch.int64) for name, a in arrays.items()
         }
-        return Atlas(self.size, **tensors)
+        return Atlas(self.size, **tensors, regions=self.regions)
 
     def chosen(self, texels: Int64[np.ndarray, " chosen"]) -> Atlas:
         """The same template with these of the texels alone."""
@@ -107,6 +125,7 @@ def write_atlas(path: Path, atlas: Atlas) -> None:
     """Write a NumPy atlas as safetensors: `size` [1] int64, indices int32, numbers float32."""
     arrays = {name: np.asarray(getattr(atlas, name)) for name in FIELD_SHAPES}
     arrays = {name: a.astype(np.float32 if a.dtype.kind == "f" else np.int32) for name, a in arrays.items()}
+    arrays |= {f"{REGION}{name}": vertices.astype(np.int32) for name, vertices in atlas.regions.items()}
     write_arrays(path, {"size": np.array([atlas.size], np.int64), **arrays})
 
 
@@ -131,7 +150,13 @@ def read_atlas(path: Path) -> Atlas:
     for name, limit in limits.items():
         if arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
             raise InputError(f"{path}: {name}: expected indices below {limit}, found others; run unwrap_atlas again")
-    return Atlas(size, **{field.name: arrays[field.name] for field in fields(Atlas) if field.name != "size"})
+    regions = {name.removeprefix(REGION): array for name, array in arrays.items() if name.startswith(REGION)}
+    for name, vertices in regions.items():
+        if vertices.size and not 0 <= vertices.min() <= vertices.max() < lengths["v"]:
+            raise InputError(
+                f"{path}: {name}: expected vertices below {lengths['v']}, found others; run unwrap_atlas again"
+            )
+    return Atlas(size, **{name: arrays[name] for name in FIELD_SHAPES}, regions=regions)
 
 
 def adjoining_texels(atlas: Atlas) -> Int32[np.ndarray, "t 9"]:

@@ -11,7 +11,7 @@ coordinates, to look at.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -27,6 +27,7 @@ from pipeline.geometry.atlas import reasons_against, sampled_atlas, unwrap_faces
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh import area_vectors, is_closed, signed_volume, weld_vertices
 from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.template_regions import head_of_skin, read_regions
 from pipeline.geometry.texels import Atlas, write_atlas
 from pipeline.metrics.output_errors import pixel_size_m
 
@@ -66,7 +67,10 @@ def run(
         size = fitting_size(template, settings.texel_pixels * pixel_m, settings.most)
         log.info("%.2f mm per pixel at the subject: %d texels per side", 1e3 * pixel_m, size)
         settings = settings.model_copy(update={"size": size})
-    atlas = build_atlas(template, settings, path)
+    labels, keypoints = (described.get(name) for name in ("regions", "keypoints"))
+    regions = head_of_skin(template, capture / keypoints if keypoints else None)
+    regions |= read_regions(capture / labels) if labels else {}
+    atlas = replace(build_atlas(template, settings, path), regions=regions)
     measures = measure_atlas(atlas)
     log.info("%s", measures)
     write_atlas(out / "atlas.safetensors", atlas)

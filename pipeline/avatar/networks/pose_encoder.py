@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn.functional import leaky_relu
 from torch.nn.utils.parametrizations import weight_norm
 
-from pipeline.avatar.networks.pose_points import body_points, face_points, pose_offsets
+from pipeline.avatar.networks.pose_points import FEWEST_POINTS, body_points, face_points, labelled_face, pose_offsets
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.geometry.texels import Atlas
 
@@ -53,7 +53,7 @@ class PoseEncoder(nn.Module):
 
 
 class PoseCode(nn.Module):
-    """l_b and l_f beside each other: a body's if the limbs move, a face's if one is declared."""
+    """l_b and l_f beside each other: a body's if the limbs move, a face's if one is known."""
 
     def __init__(self, atlas: Atlas, spec: AvatarSpec) -> None:
         super().__init__()
@@ -62,6 +62,10 @@ class PoseCode(nn.Module):
             parts["body"] = PoseEncoder(atlas, body_points(atlas, spec.pose_points), spec.code_size)
         if spec.face:
             parts["face"] = PoseEncoder(atlas, face_points(atlas, spec.face, spec.pose_points), spec.code_size)
+        elif spec.face_code == "labelled":
+            found = labelled_face(atlas, spec.pose_points)
+            if len(found) >= FEWEST_POINTS:
+                parts["face"] = PoseEncoder(atlas, found, spec.code_size)
         self.parts = nn.ModuleDict(parts)
         self.size = max(1, len(parts) * spec.code_size)
         self.register_buffer("constant", torch.ones(1), persistent=False)

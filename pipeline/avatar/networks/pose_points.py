@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.surface_points import spread_vertices
-from pipeline.geometry.texels import Atlas
+from pipeline.geometry.texels import FACE, HEAD, Atlas
 
 FEWEST_POINTS = 4
 """Three points fix a rigid motion; a fourth is what may move."""
@@ -51,6 +51,16 @@ def face_points(atlas: Atlas, face: Sequence[float], count: int) -> Int64[np.nda
             f"{len(chosen)}; the template at rest reaches from {low} to {high} m"
         )
     return chosen
+
+
+def labelled_face(atlas: Atlas, count: int) -> Int64[np.ndarray, " points"]:
+    """Vertices spread evenly over the face that the template labels, or else over its head.
+
+    Fewer than `FEWEST_POINTS`, or none, if it labels neither.
+    """
+    inside = np.asarray(atlas.regions.get(FACE, atlas.regions.get(HEAD, ())), np.int64)
+    rest = atlas.rest_vertices.astype(np.float64)
+    return inside[spread_vertices(rest[inside], count)] if len(inside) else inside
 
 
 def pose_offsets(

@@ -83,6 +83,7 @@ class AvatarSpec:
         articulation: the subject's limbs move: a code of the body's pose.
         eyes: Gaussians of eyes lie on two spheres per eye that turn with the gaze (RGCA section 3.4).
         face: middle and radius of the face on the template at rest, metres: a code of its own; none if empty.
+        face_code: without it, "labelled": the template's labels say where the face is; "off": it has no code.
         pose_points, code_size: points of the surface behind a code, and its numbers.
         decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
         given_geometry: where the Gaussians are and how opaque was learned by another avatar and stays: one value per
@@ -111,6 +112,7 @@ class AvatarSpec:
     articulation: bool = False
     eyes: bool = False
     face: tuple[float, ...] = ()
+    face_code: Literal["labelled", "off"] = "off"
     pose_points: int = 64
     code_size: int = 16
     decoder_channels: tuple[int, ...] = (16, 8)

@@ -75,6 +75,7 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "articulation": transfer or spec.pose_decoder,
         "parameters": spec.pose_decoder or spec.view_decoder,
         "face": spec.pose_decoder,
+        "face_code": spec.pose_decoder and not spec.face,
         "weight_normal_orient": spec.pixel_depth is not None,
     }
     readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels"), spec.decoded)

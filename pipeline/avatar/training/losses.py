@@ -17,6 +17,7 @@ from pipeline.avatar.training.shape_losses import shape_terms
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import Edges, LossMean, LossSpace, TrainAvatar
+from pipeline.geometry.texels import HAIR
 from pipeline.lighting.lobes import unit
 from pipeline.metrics.images import LPIPS_SMALLEST_SIDE
 from pipeline.metrics.lpips import Lpips, open_lpips
@@ -74,15 +75,29 @@ def silhouette(
 
 
 def alpha_sparsity(
-    alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"], mean: LossMean = "subject"
-) -> Float[Tensor, ""]:
+    alpha: Float[Tensor, "h w"], mask: Float[Tensor, "h w"], mean: LossMean = "subject",
+    hair: Float[Tensor, "h w"] | None = None,
+) -> Float[Tensor, ""]:  # fmt: skip
     """L1 between alpha and the nearer of 0 and 1, per pixel (Appendix B).
 
-    Pixels that touch the mask's edge are left out: the subject covers them in part. So do hairs, of which a capture
-    does not say where they are: for a subject with loose hair the weight is 0.
+    Pixels that touch the mask's edge are left out: the subject covers them in part. So do hairs.
+
+    Args:
+        hair: share of what each pixel shows that is hair, which does not count; none if the template labels none.
     """
     inside = (widest(mask) == -widest(-mask)).to(mask.dtype)
+    inside = inside if hair is None else inside * (1 - hair)
     return per_pixel((torch.minimum(alpha, 1 - alpha).abs() * inside).sum(), mask, mean)
+
+
+@torch.no_grad()
+def shown_hair(avatar: Avatar, frame: PreparedFrame, camera: CameraView) -> Float[Tensor, "h w"] | None:
+    """Share of each pixel that shows what the template labels as hair; None if it labels none."""
+    if not len(avatar.atlas.regions.get(HAIR, ())):
+        return None
+    share = torch.as_tensor(avatar.atlas.texels_of(HAIR)).to(avatar.albedo)[:, None]
+    blended = avatar.draw(frame, share.expand(-1, 3), camera)
+    return (blended.features[..., 0] / blended.alpha.clamp_min(SMALLEST_ALPHA)).clamp(0, 1)
 
 
 def normal_orient(normal: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], camera: CameraView) -> Float[Tensor, ""]:
@@ -136,7 +151,7 @@ def dropped_terms(weights: TrainAvatar) -> dict[str, str]:
 
 def reconstruction(
     picture: Picture, captured: Float[Tensor, "h w 3"], mask: Float[Tensor, "h w"], camera: CameraView,
-    weights: TrainAvatar,
+    weights: TrainAvatar, hair: Float[Tensor, "h w"] | None = None,
 ) -> dict[str, Tensor]:  # fmt: skip
     """All terms that look at one picture of `Avatar.view`, weighted. Those of weight 0 are not computed."""
     rgb, alpha, mean = picture.rgb, picture.alpha, weights.loss_mean
@@ -148,7 +163,7 @@ def reconstruction(
     if weights.weight_ssim:
         terms["ssim"] = weights.weight_ssim * structural_dissimilarity(rgb, captured, mask, weights.loss_space, mean)
     if weights.weight_alpha_sparsity:
-        terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask, mean)
+        terms["alpha_sparsity"] = weights.weight_alpha_sparsity * alpha_sparsity(alpha, mask, mean, hair)
     if weights.weight_normal_orient and picture.normal is not None:
         terms["normal_orient"] = weights.weight_normal_orient * normal_orient(picture.normal, alpha, camera)
     if picture.eye_visibility is not None:

@@ -27,7 +27,7 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.training.checkpoint import camera_view, load_tensors
 from pipeline.avatar.training.distributed import FlatGradients, Processes
 from pipeline.avatar.training.head_losses import expression_terms
-from pipeline.avatar.training.losses import reconstruction, regularization
+from pipeline.avatar.training.losses import reconstruction, regularization, shown_hair
 from pipeline.avatar.training.optimizer import MOMENTS, learned_parameters, make_optimizer
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
@@ -82,7 +82,8 @@ def compute_loss(
         camera = camera_view(image, device)
         picture = avatar.view(frame, camera)
         captured, mask = (torch.tensor(array, device=device) for array in (image.image, image.mask))
-        for name, term in reconstruction(picture, captured, mask, camera, settings).items():
+        hair = shown_hair(avatar, frame, camera) if settings.weight_alpha_sparsity else None
+        for name, term in reconstruction(picture, captured, mask, camera, settings, hair).items():
             terms[name] = terms.get(name, 0) + term / portion.batch
     return terms
 

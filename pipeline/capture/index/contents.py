@@ -44,7 +44,10 @@ def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: I
         facts["exposures"] = {str(frame): factor for frame, factor in source.exposures.items()}
     if manifest.meshes is not None:
         given["meshes"] = manifest.meshes.model_dump(include={"motion", "scale_to_m"})
-    if manifest.template.eyes and not manifest.gaze:
+    labelled = {}
+    if template.regions:
+        labelled = {"regions": template.regions, "regions_digest": digest_file(root / template.regions)}
+    if template.eyes and not manifest.gaze:
         given["gaze"] = False
     if manifest.imported is not None:
         given["imported"] = manifest.imported.model_dump(exclude={"digest"})
@@ -60,6 +63,7 @@ def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: I
             "keypoints_digest": digest_file(root / template.keypoints) if template.keypoints else None,
             "scale_to_m": template.scale_to_m,
             "eyes": sorted(set(eyes["eye"])),
+            **labelled,
         },
         **given,
     }

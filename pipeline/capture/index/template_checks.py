@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,12 +11,14 @@ import pandas as pd
 from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import Complaints, InputError, listed
-from pipeline.capture.index.csv_tables import complain_repeats, complain_rows, header_cells, read_csv
+from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, header_cells, read_csv
 from pipeline.capture.index.eye_tables import read_eyes_csv
 from pipeline.capture.paths import locate
 from pipeline.capture.schema.capture_yaml import Template
 from pipeline.geometry.gltf import GltfFile, by_the_specification
 from pipeline.geometry.skin import read_template
+
+REGION_COLUMNS: Mapping[str, Kind] = {"region": "name", "vertex": "whole"}
 
 SMALLEST_M, LARGEST_M = 0.05, 10.0
 """Longest side of a template at rest: an eye to a person with outstretched arms, and some. Metres for centimetres, or
@@ -54,6 +57,7 @@ def check_template(
     faces, vertices = (None, 0) if shape is None else (shape.faces, shape.vertices)
     count = None if shape is None else shape.vertices
     eyes = read_eyes_csv(root, template.eyes, faces, vertices, complaints)
+    _check_regions(root, template.regions, count, complaints)
     table = read_keypoint_places(root, template.keypoints, complaints)
     if table is None:
         return None, eyes, count
@@ -61,6 +65,20 @@ def check_template(
     if shape is not None:
         _check_places(template.keypoints, table, shape.vertices, shape.joints, complaints)
     return list(table["keypoint"]), eyes, count
+
+
+def _check_regions(root: Path, path: str | None, vertices: int | None, complaints: Complaints) -> None:
+    """A vertex may be in several regions, but is listed once in each."""
+    table = None if path is None else read_csv(root, path, REGION_COLUMNS, complaints)
+    if table is None:
+        return
+    if table.empty:
+        complaints.add(path, "region", expected="at least one row", found="none", hint="leave the key out")
+    complain_repeats(complaints, path, table, ["region", "vertex"])
+    if vertices is not None and (bad := ~table["vertex"].between(0, vertices - 1)).any():
+        complain_rows(
+            complaints, path, "vertex", bad, f"a vertex of the template, 0 to {vertices - 1}", table["vertex"]
+        )
 
 
 def _check_size(template: Template, rest: Float64[np.ndarray, "vertices 3"], complaints: Complaints) -> None:

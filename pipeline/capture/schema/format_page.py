@@ -42,6 +42,7 @@ complete example.
 - **Eyes** (optional): eyeballs are separate parts of the template; `template.eyes` lists their vertices. `gaze` says
   where each looks, in the frame of the template at rest: it does not turn with the head. Without `gaze` it is estimated
   from fully lit images.
+- **Regions** (optional): `template.regions` names parts of the surface, such as hair and face, by their vertices.
 - **Held out**: `splits` names cameras, frames, segments and patterns that no avatar is trained on, for testing and,
   with `validation_...`, for making choices. Where no validation list is given, an eighth of the training frames is
   taken. A pattern is named by any frame that shows it and is held out wherever it returns. Training frames under the

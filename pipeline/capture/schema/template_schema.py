@@ -25,3 +25,7 @@ class Template(Section):
     eyes: CsvPath | None = Field(
         None, description="csv: eye, vertex; every vertex of each eyeball, which is a separate part of the mesh"
     )
+    regions: CsvPath | None = Field(
+        None,
+        description="csv: region, vertex; parts of the surface by name, among them hair and face if they are known",
+    )

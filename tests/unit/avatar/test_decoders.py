@@ -203,3 +203,17 @@ def test_decoder_has_the_papers_layers():
         norms = layer.conv.parametrizations.weight.original0.flatten()
         assert torch.allclose(weight.square().sum((0, 2, 3)).sqrt(), norms, atol=1e-6)  # per output channel
     assert decoder(torch.ones(3)).shape == (256, 5) and (decoder(torch.ones(3)) == 0).all()
+
+
+def test_a_labelled_face_has_a_code_of_its_own_and_else_the_head():
+    def sizes(**regions):
+        atlas = dataclasses.replace(make_sheet(8), regions={name: np.array(v) for name, v in regions.items()})
+        spec = resolve_spec(DECODED.model_copy(update={"face_code": "labelled"}), PLANNED)
+        return {name: len(part.chosen) for name, part in PoseCode(atlas, spec).parts.items()}
+
+    assert sizes() == {"body": 4}
+    assert sizes(face=[0, 1, 2, 3]) == sizes(head=[0, 1, 2, 3]) == {"body": 4, "face": 4}
+    assert sizes(face=[0, 1, 2], head=[0, 1, 2, 3]) == {"body": 4}  # too few to tell a motion, and no other meant
+    off = resolve_spec(DECODED, PLANNED)
+    atlas = dataclasses.replace(make_sheet(8), regions={"face": np.arange(4)})
+    assert list(PoseCode(atlas, off).parts) == ["body"]

@@ -36,7 +36,22 @@ def gaze(*rows: str) -> Break:
     return with_eyes(BOTH_EYES, list(rows))
 
 
+def regions(*rows: str) -> Break:
+    def edit(root: Path) -> None:
+        write_lines(root / "template/regions.csv", "region,vertex", *rows)
+        edit_manifest(root, lambda m: m["template"].update(regions="template/regions.csv"))
+
+    return edit
+
+
 EYE_BREAKS: dict[str, tuple[Break, list[str]]] = {
+    "no region": (regions(), ["regions.csv: region: expected at least one row, found none; leave the key out"]),
+    "region with a strange name": (
+        regions("long hair,0"),
+        ["regions.csv: region: expected letters, digits, _ - and ., found 'long hair' in line 2"],
+    ),
+    "region beyond the mesh": (regions("hair,99"), ["regions.csv: vertex: expected a vertex of the template, 0 to"]),
+    "vertex twice in a region": (regions("hair,0", "face,0", "hair,0"), ["regions.csv:"]),
     "no table of eyes": (
         manifest(lambda m: m["template"].update(eyes="eyes.csv")),
         ["eyes.csv: table: expected the columns eye, vertex"],
