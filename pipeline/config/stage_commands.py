@@ -61,16 +61,18 @@ ARGUMENTS = {
     "track_mesh": "capture index cameras lights patterns chunk chunk_size out=trackings",
     "review_tracking": "capture index calibration patterns tracking out=tracking_review",
     "estimate_gaze": "capture index atlas tracking cameras frames out=estimated_gaze",
-    "plan_effects": "capture index atlas tracking patterns booked=frames lights cameras color gaze out=effects",
-    "fit_eyes": "index atlas tracking gaze out=eyes",
+    "plan_effects": "capture index atlas tracking patterns booked=frames lights cameras color "
+    "estimated_gaze=gaze out=effects",
+    "fit_eyes": "index atlas tracking estimated_gaze=gaze out=eyes",
     "trace_irradiance": "subject atlas tracking lights patterns frames out=irradiance cache=visibility",
     "bake_textures": "capture index atlas tracking cameras color effects frames out=baked",
     "pack_shards": "capture index atlas tracking cameras color lights effects patterns frames chunk chunk_size "
-    "irradiance textures gaze out=shards",
-    "train_avatar": "subject atlas shards frames=frame_shards effects fitted_eyes=eyes geometry out=avatar",
+    "irradiance textures estimated_gaze=gaze out=shards",
+    "train_avatar": "subject atlas shards frames=frame_shards effects fitted_eyes=eyes "
+    "given_geometry=geometry out=avatar",
     "evaluate_avatar": "subject atlas shards frames=frame_shards effects avatars=avatar out=scores",
-    "relight_avatar": "atlas avatar tracking textures index gaze cameras environment lights=light_list shards=captured "
-    "out=relit",
+    "relight_avatar": "atlas avatar tracking textures index estimated_gaze=gaze cameras environment lights=light_list "
+    "shards=captured out=relit",
     "export_viewer": "subject atlas avatar shards frames=frame_shards lights patterns out=viewer",
     "export_avatar": "capture atlas avatar shards frames=frame_shards index cameras lights patterns tracking "
     "out=export",
@@ -84,7 +86,7 @@ ARGUMENTS = {
 }
 """Stage -> its flags; `flag=name` where the file is called otherwise."""
 
-OPTIONAL = ("gaze", "geometry")
+OPTIONAL = ("estimated_gaze", "given_geometry")
 """Flags of files that most jobs do without: a gaze that the capture does not declare, a geometry that another avatar
 learned. Without a value, none is handed over."""
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64, Int64
+from jaxtyping import Float32, Float64, Int64
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
@@ -71,7 +71,9 @@ def run(
     shown: dict[str, list[EyePixels]] = {name: [] for name in parts}
     for frame in progress(lit, "frames"):
         pictures = images[images.frame == frame].itertuples()
-        seen = [_seen(source, row.path, calibrated[row.camera], skin, posed[frame], spheres) for row in pictures]
+        seen = [
+            _seen(source.read(row.path, frame), calibrated[row.camera], skin, posed[frame], spheres) for row in pictures
+        ]
         for name, pixels in shown.items():
             pixels.append(join_views([picture[name] for picture in seen]))
     found = {name: estimate_gaze(pixels, usual_shape(float(spheres[name][3]))) for name, pixels in shown.items()}
@@ -122,11 +124,11 @@ def gaze_table(booked: pd.DataFrame, lit: list[int], found: Mapping[str, list[Ga
 
 
 def _seen(
-    source: ImageSource, path: str, camera: Camera, skin: Int64[np.ndarray, "f 3"],
+    image: Float32[np.ndarray, "h w 3"], camera: Camera, skin: Int64[np.ndarray, "f 3"],
     pose: tuple[np.ndarray, np.ndarray], spheres: Mapping[str, np.ndarray],
 ) -> dict[str, EyePixels]:  # fmt: skip
     """What one picture shows of each eye."""
-    (vertices, head), image = pose, source.read(path)
+    vertices, head = pose
     depth = draw_depth(camera, vertices, skin)
     return {
         name: seen_pixels(camera, image, depth, head, sphere[:3], float(sphere[3])) for name, sphere in spheres.items()

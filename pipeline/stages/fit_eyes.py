@@ -27,7 +27,7 @@ log = logging.getLogger("fit_eyes")
 
 
 def run(
-    *, index: Path, atlas: Path, tracking: tuple[Path, ...], out: Path, gaze: Path | None = None,
+    *, index: Path, atlas: Path, tracking: tuple[Path, ...], out: Path, estimated_gaze: Path | None = None,
     settings: FitEyes = FitEyes(),
 ) -> None:  # fmt: skip
     """Fit the eyes of a capture.
@@ -37,10 +37,10 @@ def run(
         atlas: atlas.safetensors of unwrap_atlas, for the template at rest.
         tracking: all chunks of track_mesh.
         out: eyes.json; verdicts_eyes.csv is written beside it.
-        gaze: gaze.parquet of estimate_gaze, where the capture declares none.
+        estimated_gaze: gaze.parquet of estimate_gaze, where the capture declares none.
         settings: see the flags below.
     """
-    eyes, looked = read_table(index / "eyes.parquet"), read_table(gaze or index / "gaze.parquet")
+    eyes, looked = read_table(index / "eyes.parquet"), read_table(estimated_gaze or index / "gaze.parquet")
     if eyes.empty or looked.empty:
         missing = " and ".join(name for name, table in (("template.eyes", eyes), ("gaze", looked)) if table.empty)
         raise InputError(f"{index}: expected eyes and where they look, found no {missing}; set train_avatar.eyes: off")

@@ -53,7 +53,7 @@ def run(
     out: Path,
     irradiance: Path | None = None,
     textures: Path | None = None,
-    gaze: Path | None = None,
+    estimated_gaze: Path | None = None,
     chunk: int = 0,
     chunk_size: int = 64,
     only_frames: bool = False,
@@ -77,7 +77,7 @@ def run(
         out: folder of the shards.
         irradiance: irradiance/CHUNK of trace_irradiance; not given, nothing is in shadow.
         textures: textures/CHUNK.safetensors of bake_textures; not given, frames have no mean texture.
-        gaze: gaze.parquet of estimate_gaze, where the capture declares none.
+        estimated_gaze: gaze.parquet of estimate_gaze, where the capture declares none.
         chunk: which chunk; chunk c holds the sorted frames from c * chunk_size.
         chunk_size: frames per chunk.
         only_frames: write frames/CHUNK.arrow alone.
@@ -109,7 +109,7 @@ def run(
         patterns=read_table(patterns).merge(read_table(lights)[["light", "x", "y", "z"]], on="light", how="left"),
         irradiance=irradiance,
         heads=head_motions(tracked) if described["kind"] == "head" else {},
-        gazes=read_gaze(gaze or index / "gaze.parquet"),
+        gazes=read_gaze(estimated_gaze or index / "gaze.parquet"),
         textures=read_textures(textures) if textures else {},
     )
     complain_about(inputs, images, effects)

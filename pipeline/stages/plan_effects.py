@@ -59,7 +59,7 @@ THRESHOLDS = {
 
 def run(
     *, capture: Path, index: Path, atlas: Path, tracking: tuple[Path, ...], patterns: Path, booked: Path, lights: Path,
-    cameras: Path, color: Path, out: Path, gaze: Path | None = None,
+    cameras: Path, color: Path, out: Path, estimated_gaze: Path | None = None,
     settings: PlanEffects = PlanEffects(),
 ) -> None:  # fmt: skip
     """Measure which effects this capture calls for.
@@ -77,7 +77,7 @@ def run(
         cameras: calibration/cameras.json, at sensor resolution.
         color: calibration/color.json.
         out: effects.json.
-        gaze: gaze.parquet of estimate_gaze, where the capture declares none.
+        estimated_gaze: gaze.parquet of estimate_gaze, where the capture declares none.
         settings: numbers and modes.
     """
     described, texels = read_json(index / "capture.json"), read_atlas(atlas)
@@ -92,8 +92,8 @@ def run(
     found = read_cameras(cameras)
     downsample = float(described["images"]["downsample_from_sensor"])
     # Eyes turn with the gaze: without one they are part of the mesh like everything else.
-    eyes = read_table(gaze or index / "gaze.parquet").eye.nunique()
-    found_eyes = f"the images show where {eyes or 'no'} eyes look" if gaze else (
+    eyes = read_table(estimated_gaze or index / "gaze.parquet").eye.nunique()
+    found_eyes = f"the images show where {eyes or 'no'} eyes look" if estimated_gaze else (
         f"the capture declares {eyes or 'no'} eyes and their gaze"
     )  # fmt: skip
     evidence = {

@@ -52,7 +52,7 @@ def run(
     tracking: tuple[Path, ...] = (),
     textures: tuple[Path, ...] = (),
     index: Path | None = None,
-    gaze: Path | None = None,
+    estimated_gaze: Path | None = None,
     environment: Path | None = None,
     lights: Path | None = None,
     cameras: Path | None = None,
@@ -71,7 +71,7 @@ def run(
         tracking: chunks of track_mesh, in order.
         textures: of the same chunks, by bake_textures, for heads; without, those of an average frame are taken.
         index: folder of index_capture, for --segment and for the gaze that was captured; without, eyes look as tracked.
-        gaze: gaze.parquet of estimate_gaze, where the capture declares none.
+        estimated_gaze: gaze.parquet of estimate_gaze, where the capture declares none.
         environment: panorama that lights the avatar.
         lights: point lights instead: columns light, x, y, z [m], r, g, b and, if they move, picture.
         cameras: calibration/cameras.json, for --camera-names.
@@ -82,7 +82,8 @@ def run(
     if (environment is None) == (lights is None):
         raise InputError("expected either --environment or --lights, found both or neither; name one light")
     relighter = Relighter(load_avatar(avatar, atlas), TraceIrradiance(samples=settings.shadow_samples))
-    sequence = DrivingSequence(relighter, read_poses(relighter, tracking, textures, index, settings, gaze), settings)
+    poses = read_poses(relighter, tracking, textures, index, settings, estimated_gaze)
+    sequence = DrivingSequence(relighter, poses, settings)
     path, codes = camera_path(sequence, cameras, keyframes, settings), []
     beside = captured_panel(shards, settings)
     if settings.exr_layers and settings.stills not in ("exr", "both"):

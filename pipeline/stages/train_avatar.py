@@ -75,7 +75,7 @@ def run(
     out: Path,
     frames: Path | None = None,
     fitted_eyes: Path | None = None,
-    geometry: Path | None = None,
+    given_geometry: Path | None = None,
     processes: int = 0,
     cache_mb: int = 16_000,
     scratch: Path | None = None,
@@ -92,7 +92,7 @@ def run(
             checkpoint.safetensors while training is under way; broken.safetensors if a number was not finite.
         frames: folder of frame shards with other irradiance maps than SHARDS/frames.
         fitted_eyes: eyes.json of fit_eyes, for an avatar with explicit eyes.
-        geometry: folder of the avatar that `geometry_from` names.
+        given_geometry: folder of the avatar that `geometry_from` names.
         processes: that train together, on each node; 0: on a CPU one per thread, at most `steps_together`; on a GPU
             one.
         cache_mb: megabytes that frames may be kept in, at most half of the memory that is free at the start; all others
@@ -105,7 +105,7 @@ def run(
         become_torchrun(processes or suggested_processes(settings))
     paths = {"atlas": atlas, "shards": shards, "effects": effects, "out": out}
     arguments = {"subject": subject, "frames": frames, "fitted_eyes": fitted_eyes, "settings": settings, **paths}
-    arguments |= {"geometry": geometry, "cache_mb": cache_mb, "scratch": scratch}
+    arguments |= {"given_geometry": given_geometry, "cache_mb": cache_mb, "scratch": scratch}
     together = partners(processes or suggested_processes(settings), run, arguments)
     with together, joined_processes(settings.device) as processes, own_scratch(scratch) as traced:
         images = MovedImages(read_image_shards([shards / "train"]))
@@ -126,19 +126,19 @@ def run(
                 "--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off and "
                 "gaze_features: false"
             )
-        if bool(settings.geometry_from) != (geometry is not None):
+        if bool(settings.geometry_from) != (given_geometry is not None):
             expected = "the folder of an avatar" if settings.geometry_from else "none, as geometry_from is empty"
-            raise InputError(f"--geometry: expected {expected}, found {geometry or 'none'}")
-        spec = spec if geometry is None else with_given_geometry(spec, geometry)
+            raise InputError(f"--given-geometry: expected {expected}, found {given_geometry or 'none'}")
+        spec = spec if given_geometry is None else with_given_geometry(spec, given_geometry)
         read = [*(shards / "train").glob("[!.]*.arrow"), *frames.glob("[!.]*.arrow"), *[fitted_eyes] * spec.reads_eyes]
-        read += [] if geometry is None else [geometry / "avatar.safetensors"]
+        read += [] if given_geometry is None else [given_geometry / "avatar.safetensors"]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
         torch.manual_seed(seed_for(subject, "train_avatar"))
         fitted = read_eyes(fitted_eyes) if spec.reads_eyes else None
         avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
-        if geometry is not None:
-            take_geometry(avatar, geometry, atlas)
+        if given_geometry is not None:
+            take_geometry(avatar, given_geometry, atlas)
         chosen = chosen_images(images.table, records, settings, subject)
         if spec.head:
             seen = sorted(set(images.table.frame.iloc[chosen].tolist()))
