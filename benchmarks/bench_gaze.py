@@ -81,7 +81,7 @@ def skin(capture: Path, results: Path) -> pd.DataFrame:
         vertices, head = (array.astype(np.float64) for array in posed[frame])
         seen: dict[str, list] = {name: [] for name in PATCHES_M}
         for row in pictures.itertuples():
-            camera, image = cameras[row.camera], source.read(row.path)
+            camera, image = cameras[row.camera], source.read(row.path, int(frame))
             behind = draw_depth(camera, vertices, faces) + np.float32(RADIUS_M)
             for name, place in PATCHES_M.items():
                 seen[name].append(seen_pixels(camera, image, behind, head, np.array(place), RADIUS_M))

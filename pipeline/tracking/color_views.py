@@ -83,7 +83,7 @@ def read_color_views(
         stack = np.empty((np.count_nonzero(usable), camera.height, camera.width, 3), np.float32)
         masks = np.empty(stack.shape[:3], np.float32)
         for f in np.flatnonzero(usable):
-            image = source.read(rows.path[frames[f]], frames[f])
+            image = source.read(rows.path[frames[f]], int(frames[f]))
             finite = np.isfinite(image).all(2)
             path = rows.mask_path[frames[f]]
             share = 1.0 if pd.isna(path) else source.read_mask(path, image.shape).astype(np.float32) / 255

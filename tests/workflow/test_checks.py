@@ -168,7 +168,7 @@ def test_commands_name_files_that_the_rules_declare(copy_of_project, tmp_path):
     wanted = ("calibration/review", "tracking/review", "accuracy_cost.csv", "report/index.html", "eyes.json",
               "irradiance/0000.parquet", "textures/0000.safetensors", "relit/full/sky", "budget.csv",
               "error_budget", "viewer/index.html", "export", "exports/goliath", "detected/landmarks.png",
-              "detected/masks.png")  # fmt: skip
+              "detected/masks.png", "gaze.parquet")  # fmt: skip
     options = ("--dry-run", "--printshellcmds", "--config", "budget_minutes=60", "--")
     targets = ["results/comparison.csv", "results/someone/metrics.csv", *(f"results/tiny/{name}" for name in wanted)]
     done = workflow.snakemake(*options, *targets)
