@@ -90,7 +90,7 @@ def picture(
 def _save(figure: Figure, path: Path) -> None:
     """Without matplotlib's version in the file: the same picture is the same bytes."""
     with written_whole(path) as temporary:
-        figure.savefig(temporary, format="png", metadata={"Software": None}, pil_kwargs={"optimize": True})
+        figure.savefig(temporary, format="png", metadata={"Software": None})
 
 
 def grid_size(count: int, panel: tuple[float, float]) -> tuple[tuple[float, float], int]:

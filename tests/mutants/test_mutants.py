@@ -43,13 +43,17 @@ def test_bugs_of_every_layer_are_listed_in_the_list_of_their_layer(mutants):
     assert min(counts.values()) >= LEAST_OF_A_LAYER
 
 
-CODE = """def half(number):
+CODE = """import time
+
+
+def half(number):
     return number / 2
 
 
 def waited(number):
     while number > 10:
         number -= 1
+        time.sleep(1e-4)
     return number
 """
 TESTS = """from pipeline.base.halves import half, waited

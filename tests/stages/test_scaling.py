@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import subprocess
 import sys
@@ -33,6 +34,15 @@ def test_memory_is_what_the_peak_adds(repo_root):
     assert [float(line) for line in done.stdout.split()] == pytest.approx([8, 64, 8], abs=1.0)
 
 
+@pytest.fixture
+def settled():
+    """What other tests left behind is no garbage that each measurement looks for."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("settled")
 def test_sizes_run_in_turn_and_none_counts_that_comes_first(tmp_path):
     calls = []
 

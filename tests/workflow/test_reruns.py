@@ -282,7 +282,7 @@ def test_pictures_of_scores_are_expected_only_where_they_are_made(workflow, said
 
 
 def test_relighting_a_head_reads_its_textures_and_the_tables_that_drive_it(workflow):
-    stage = workflow.folder / "pipeline/stages/relight_avatar.py"
+    stage = workflow.with_own_code().folder / "pipeline/stages/relight_avatar.py"
     stage.write_text(stand_in("relight_avatar", ["film.mp4"]))
     (workflow.folder / "config/lights").mkdir()
     (workflow.folder / "config/lights/key.csv").write_text("light,x,y,z,r,g,b\n")
@@ -322,7 +322,7 @@ def test_failed_stage_shows_its_log(workflow):
 def test_report_shows_what_is_there_and_makes_nothing_else(workflow):
     """What it can do without is no input: it is not made for the report, nor made anew; yet the report follows it."""
     target = "results/subjectA/report/index.html"
-    stage = workflow.folder / "pipeline/stages/write_report.py"
+    stage = workflow.with_own_code().folder / "pipeline/stages/write_report.py"
     stage.write_text(stand_in("write_report", [""]))
     assert workflow.ran(target) == ["write_report"]
     assert workflow.planned(target) == {}

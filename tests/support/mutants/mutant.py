@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -59,7 +60,7 @@ class Mutant:
         planted, text = self.planted(root), (root / self.file).read_text()
         if self.file.endswith(".py"):
             try:
-                same = ast.dump(ast.parse(planted)) == ast.dump(ast.parse(text))
+                same = ast.dump(ast.parse(planted)) == _tree_of(text)
             except SyntaxError as error:
                 raise ValueError(f"{self}: no Python after the change: {error}") from error
             if same:
@@ -84,6 +85,12 @@ class Mutant:
 
     def __str__(self) -> str:
         return f"{self.layer}: {self.file}: {self.was.strip().splitlines()[0]!r}"
+
+
+@cache
+def _tree_of(text: str) -> str:
+    """Syntax tree of some code, where several bugs are planted."""
+    return ast.dump(ast.parse(text))
 
 
 def read_mutants(folder: Path) -> list[Mutant]:

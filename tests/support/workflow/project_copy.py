@@ -41,8 +41,10 @@ class ProjectCopy:
         return cls(folder, server)
 
     def copied(self, folder: Path) -> ProjectCopy:
-        """The project as it is, elsewhere; times are kept."""
-        shutil.copytree(self.folder, folder, symlinks=True)
+        """The project as it is, elsewhere; times are kept. The code is a link to this one's, until it is edited."""
+        code = self.folder / CODE
+        shutil.copytree(self.folder, folder, symlinks=True, ignore=lambda at, _: [CODE] * (at == str(self.folder)))
+        (folder / CODE).symlink_to(code.resolve())
         return replace(self, folder=folder)
 
     def with_stages_of(self, server: StageServer) -> ProjectCopy:
@@ -51,9 +53,11 @@ class ProjectCopy:
 
     def with_own_code(self) -> ProjectCopy:
         """The same with code that may be edited."""
-        linked = (self.folder / CODE).resolve()
-        (self.folder / CODE).unlink()
-        shutil.copytree(linked, self.folder / CODE, ignore=shutil.ignore_patterns("__pycache__"))
+        code = self.folder / CODE
+        if code.is_symlink():
+            linked = code.resolve()
+            code.unlink()
+            shutil.copytree(linked, code, ignore=shutil.ignore_patterns("__pycache__"))
         return self
 
     def command(self, *words):
@@ -88,11 +92,17 @@ class ProjectCopy:
         return done.stdout
 
     def edit(self, name, old, new):
-        path = self.folder / name
+        path = self._own(name)
         text = path.read_text()
         assert old in text
         path.write_text(text.replace(old, new, 1))
 
     def append(self, name, text):
-        with open(self.folder / name, "a") as file:
+        with open(self._own(name), "a") as file:
             file.write(text)
+
+    def _own(self, name):
+        """A file that is nobody else's."""
+        if Path(name).parts[0] == CODE:
+            self.with_own_code()
+        return self.folder / name

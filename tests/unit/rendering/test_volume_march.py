@@ -14,7 +14,6 @@ from scipy.special import gamma, gammainc
 from pipeline.rendering.splat_types import CameraView
 from pipeline.rendering.volume_conventions import FADE_POWER, FADE_SCALE
 from pipeline.rendering.volume_march import march
-from pipeline.rendering.volume_reference import march_reference
 from pipeline.rendering.volume_torch import march_torch
 from pipeline.rendering.volume_types import Volumes
 from tests.support.avatars.boxes import STEP_M, TINTED, boxes, camera, compare, drawn, one_box
@@ -117,17 +116,16 @@ def test_pictures_and_gradients_are_those_of_the_twin(way, density, kind, tolera
     assert max(found.gradients.values()) < tolerance, found.gradients
 
 
-@pytest.mark.parametrize("way", [march, march_torch, march_reference])
 @pytest.mark.parametrize("density", [0.8, 60.0])
-def test_gradients_are_those_of_finite_differences(way, density):
-    """Rays that stay transparent, and rays that end in a box."""
+def test_gradients_are_those_of_finite_differences(density):
+    """Rays that stay transparent, and rays that end in a box. By torch and of the twin they are the same, see above."""
     scene, view = boxes(2, density=density, depth=1.0, spread=0.05, grid=(2, 3, 2)), camera(4, 3, focal=9.0)
     leaves = [a.clone().requires_grad_() for a in (*scene.volumes.named().values(), scene.features)]
-    alpha = way(scene.volumes, scene.features, TINTED, view, 0.05).alpha
+    alpha = march(scene.volumes, scene.features, TINTED, view, 0.05).alpha
     assert float(alpha.max()) == 1 if density > 1 else float(alpha.max()) < 1
 
     def seen(*tensors):
-        found = way(Volumes(*tensors[:-1]), tensors[-1], TINTED, view, 0.05)
+        found = march(Volumes(*tensors[:-1]), tensors[-1], TINTED, view, 0.05)
         return found.features, found.alpha, found.depth
 
     assert torch.autograd.gradcheck(seen, leaves, eps=1e-7, atol=1e-5, rtol=1e-4)
