@@ -57,7 +57,7 @@ def train(scene, settings, steps, start=None, folder=None, spec=SPEC):
 
 def test_learns_a_lambertian_sheet_and_relights_it(scene):
     """Under a light from a new direction, seen from a new camera, within the truncation of the transfer (2 %)."""
-    settings = TrainAvatar(steps=250, cameras_per_step=2)
+    settings = TrainAvatar(steps=150, cameras_per_step=2)
     avatar = train(scene, settings, settings.steps)
     frame = one_light([0.3, -0.1, 1.3], 9)
     image = make_image(frame, ALBEDO, shift_x=0.05)
@@ -70,7 +70,7 @@ def test_learns_a_lambertian_sheet_and_relights_it(scene):
 def test_every_variant_learns_the_sheet_under_its_lights(scene, name):
     """The relative error of the sheet's middle after a few steps; a flat sheet asks little of any of them."""
     atlas, frames, _ = scene
-    settings = TrainAvatar(steps=80, cameras_per_step=2, **VARIANTS[name])
+    settings = TrainAvatar(steps=50, cameras_per_step=2, **VARIANTS[name])
     avatar = train(scene, settings, settings.steps, spec=resolve_spec(settings, PLANNED))
     image = make_image(frames[0].record, ALBEDO, shift_x=0.05)
     rgb, _ = LoadedAvatar(avatar, atlas).render(frames[0].record, image)
