@@ -15,6 +15,7 @@ import pandas as pd
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from pipeline.base.exr import save_exr
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.base.seeds import generator_for, seed_for
 from pipeline.base.splits import VALIDATION_FLAGS
@@ -28,7 +29,7 @@ from pipeline.synthesis.capture_files import held_out
 from pipeline.synthesis.figure import build_figure
 from pipeline.synthesis.head_shape import head_mesh
 from pipeline.synthesis.lens import view_points
-from pipeline.synthesis.sensor_model import SensorModel, write_8bit, write_exr
+from pipeline.synthesis.sensor_model import SensorModel, write_8bit
 from pipeline.synthesis.stage_rig import StageRig, build_stage_rig, light_patterns, segment_for
 from pipeline.synthesis.subject import vertex_normals
 
@@ -178,7 +179,7 @@ def photograph(
         developed = view.develop(mitsuba.render(world, view, samples, seed_for(name, camera_name, frame) % 2**31))
         random = generator_for(name, "sensor", camera_name, frame)
         raw = sensor.expose(developed[..., :3], rig.raw_from_true[camera_name], random)
-        write_exr(folder / f"images/{camera_name}/{frame:06d}.exr", raw)
+        save_exr(folder / f"images/{camera_name}/{frame:06d}.exr", raw)
         mask = np.where(developed[..., 3] >= 0.5, 255, 0).astype(np.uint8)
         write_8bit(folder / f"masks/{camera_name}/{frame:06d}.png", mask)
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import OpenEXR
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float32, UInt8
 
 from pipeline.base.color import linear_from_srgb, srgb_from_linear
 from pipeline.base.errors import InputError
@@ -25,10 +25,6 @@ from pipeline.capture.archives import read_bytes
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 
 Transfer = Literal["linear", "srgb"]
-
-HALF_MAX = 65504.0
-"""Largest finite half-precision number: brighter pixels are stored as this, so that a highlight stays finite."""
-
 
 BlackLevel = float | Sequence[float]
 """Stored value of no light, of all channels or of R, G and B each."""
@@ -181,28 +177,6 @@ def read_exr_channel(path: Path, channel: str = "Y") -> Float32[np.ndarray, "h w
     if channel not in channels:
         raise InputError(f"{path}: expected a channel {channel}, found {', '.join(sorted(channels)) or 'none'}")
     return channels[channel].astype(np.float32)
-
-
-def write_exr(
-    path: Path, image: Float[np.ndarray, "h w *channels"] | Mapping[str, Float[np.ndarray, "h w"]], *, half: bool = True
-) -> None:
-    """Write an OpenEXR file of half floats (clamped to their finite range) or floats.
-
-    [h, w, 3] becomes the channels R, G, B, [h, w] the channel Y; a mapping names its channels.
-    """
-    if not isinstance(image, Mapping):
-        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
-            raise ValueError(f"write_exr: expected shape [h, w] or [h, w, 3], found {list(image.shape)}")
-        image = {"Y": image} if image.ndim == 2 else dict(zip("RGB", np.moveaxis(image, 2, 0), strict=True))
-    planes = {
-        name: np.clip(plane, -HALF_MAX, HALF_MAX).astype(np.float16) if half else plane.astype(np.float32)
-        for name, plane in image.items()
-    }
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with written_whole(path) as temporary:
-        OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in planes.items()}).write(
-            str(temporary)
-        )
 
 
 def write_png(path: Path, image: np.ndarray) -> None:

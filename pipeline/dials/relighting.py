@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.capture.images import read_exr_channel, write_exr
+from pipeline.base.exr import write_exr
+from pipeline.capture.images import read_exr_channel
 from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
 from pipeline.lighting.environment import Environment
 

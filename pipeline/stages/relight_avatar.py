@@ -28,10 +28,11 @@ from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError, listed
+from pipeline.base.exr import write_exr
 from pipeline.base.files import write_table
 from pipeline.base.progress import progress
 from pipeline.base.whole_files import written_folder
-from pipeline.capture.images import write_exr, write_png
+from pipeline.capture.images import write_png
 from pipeline.capture.video import write_video
 from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.config.trace_irradiance import TraceIrradiance

@@ -20,11 +20,11 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import digest_file, read_table, write_table
 from pipeline.base.progress import progress
 from pipeline.base.seeds import generator_for
 from pipeline.base.whole_files import written_folder
-from pipeline.capture.images import write_exr
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.figures.atlas_sheet import spread_tiles, write_atlas_sheet
 from pipeline.geometry.texels import Atlas, read_atlas

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.base.exr import save_exr
 from pipeline.base.seeds import generator_for, seed_for
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.geometry.cameras import Camera
@@ -19,7 +20,7 @@ from pipeline.synthesis import mitsuba_scenes as scenes
 from pipeline.synthesis.detector import detect_keypoints
 from pipeline.synthesis.frame_rendering import FrameRenderer, LitSubject, LlvmRenderer, ScalarRenderer, Shot
 from pipeline.synthesis.lens import LensView, view_points
-from pipeline.synthesis.sensor_model import write_8bit, write_exr
+from pipeline.synthesis.sensor_model import write_8bit
 from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.subject import Moment, Subject
 from pipeline.synthesis.target_photography import (
@@ -90,7 +91,7 @@ def _photograph_by(job: FrameJob, renderer: FrameRenderer) -> pd.DataFrame:
         developed = _developed(of_camera, [next(rendered) for _ in of_camera])
         random = generator_for(studio.subject, "sensor", name, job.frame)
         raw = studio.sensor_model.expose(developed[..., :3], studio.rig.raw_from_true[name], random)
-        write_exr(studio.root / f"images/{name}/{job.frame:06d}.exr", raw)
+        save_exr(studio.root / f"images/{name}/{job.frame:06d}.exr", raw)
         mask = np.where(developed[..., 3] >= COVERED, 255, 0).astype(np.uint8)
         write_8bit(studio.root / f"masks/{name}/{job.frame:06d}.png", mask)
         detections.append(_detect(job, renderer.scene, name, camera))

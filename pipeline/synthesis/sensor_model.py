@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenEXR
 from jaxtyping import Float32, Float64, UInt8
 
 
@@ -44,14 +43,6 @@ class SensorModel:
         deviation = np.sqrt(self.shot_gain * np.maximum(values, 0.0) + self.read_noise**2)
         noisy = values + deviation * random.standard_normal(values.shape)
         return np.rint(255 * noisy.clip(0.0, 1.0)).astype(np.uint8)
-
-
-def write_exr(path: Path, image: Float32[np.ndarray, "h w 3"]) -> None:
-    """Write linear RGB as a half-float EXR, compressed without loss."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(image.astype(np.float16))}) as file:
-        file.write(str(path))
 
 
 def write_8bit(path: Path, image: UInt8[np.ndarray, "h w"], jpeg_quality: int = 95) -> None:

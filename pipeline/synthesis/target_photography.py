@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.base.exr import save_exr
 from pipeline.base.seeds import generator_for
 from pipeline.geometry.cameras import Camera
 from pipeline.synthesis import mitsuba_scenes as scenes
 from pipeline.synthesis.lens import view_points, whole_grid
 from pipeline.synthesis.prints import render_print
-from pipeline.synthesis.sensor_model import write_8bit, write_exr
+from pipeline.synthesis.sensor_model import write_8bit
 from pipeline.synthesis.studio import Studio
 from pipeline.synthesis.targets import (
     CHART_LIGHT,
@@ -87,7 +88,7 @@ def photograph_chart(job: ChartJob) -> None:
     radiance = CHART_LIGHT * _photograph_print(chart_texture(), corners, camera, studio.settings.supersampling)
     random = generator_for(studio.subject, "chart sensor", job.camera)
     raw = studio.sensor_model.expose(radiance, studio.rig.raw_from_true[job.camera], random)
-    write_exr(studio.root / f"calibration/color_chart/{job.camera}.exr", raw)
+    save_exr(studio.root / f"calibration/color_chart/{job.camera}.exr", raw)
 
 
 def _photograph_print(

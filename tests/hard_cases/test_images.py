@@ -11,8 +11,9 @@ import torch
 
 from pipeline.avatar.training.losses import photometric, silhouette
 from pipeline.base.color import BREAK_LINEAR, SLOPE, linear_from_srgb, srgb_from_linear
+from pipeline.base.exr import HALF_MAX, write_exr
 from pipeline.capture.crops import cut_crop
-from pipeline.capture.images import HALF_MAX, read_image, write_exr
+from pipeline.capture.images import read_image
 from pipeline.capture.index.image_checks import ExpectedImage, inspect_image
 from pipeline.capture.undistortion import SPLINE_SUPPORT, undistort_image
 from pipeline.geometry.cameras import Camera

@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.effect_scenes import BALL_RADIUS_M, SCENES, make_scene
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import read_json, write_json
 from pipeline.capture.head_data import read_textures
-from pipeline.capture.images import read_image, write_exr
+from pipeline.capture.images import read_image
 from pipeline.figures.atlas_sheet import BORDER_PX, CAPTION_PX
 from pipeline.geometry.cameras import read_cameras, write_cameras
 from pipeline.geometry.texels import read_atlas

@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.capture.images import write_exr, write_png
+from pipeline.base.exr import write_exr
+from pipeline.capture.images import write_png
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.stages.book_patterns import run

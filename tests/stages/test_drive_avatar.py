@@ -16,9 +16,10 @@ from pipeline.avatar.eyes.eye_parts import eye_texels
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import write_arrays, write_table
 from pipeline.capture.head_data import write_textures
-from pipeline.capture.images import read_exr_channel, write_exr
+from pipeline.capture.images import read_exr_channel
 from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.geometry.texels import write_atlas
 from pipeline.rendering.splat_ply import read_splats

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 import pipeline.stages.estimate_gaze as stage
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import write_arrays, write_json, write_table
-from pipeline.capture.images import write_exr
 from pipeline.config.estimate_gaze import EstimateGaze
 from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.texels import write_atlas

@@ -12,8 +12,9 @@ import scipy.spatial.transform
 from safetensors.numpy import load_file
 
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import write_arrays
-from pipeline.capture.images import write_exr, write_png
+from pipeline.capture.images import write_png
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import Camera, write_cameras

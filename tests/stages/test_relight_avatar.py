@@ -17,8 +17,9 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import load_avatar, save_avatar
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import write_arrays
-from pipeline.capture.images import read_exr_channel, read_stored, write_exr
+from pipeline.capture.images import read_exr_channel, read_stored
 from pipeline.capture.records import ImageRecord
 from pipeline.capture.shards import write_image_shard
 from pipeline.config.relight_avatar import RelightAvatar

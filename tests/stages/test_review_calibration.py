@@ -13,8 +13,8 @@ from matplotlib.patches import Circle, Ellipse
 
 from pipeline.base.color import linear_from_srgb
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import write_json, write_table
-from pipeline.capture.images import write_exr
 from pipeline.config.review_calibration import ReviewCalibration
 from pipeline.figures.style import GRADE_COLORS
 from pipeline.geometry.cameras import Camera, write_cameras

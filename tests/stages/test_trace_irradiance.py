@@ -11,9 +11,10 @@ import pytest
 from pydantic import ValidationError
 
 from pipeline.base.errors import InputError
+from pipeline.base.exr import write_exr
 from pipeline.base.files import read_arrays, write_arrays, write_table
 from pipeline.base.whole_files import WRITTEN_BY
-from pipeline.capture.images import read_exr_channel, write_exr
+from pipeline.capture.images import read_exr_channel
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texels import read_atlas
 from pipeline.stages.trace_irradiance import run

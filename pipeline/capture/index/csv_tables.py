@@ -130,7 +130,7 @@ def complain_repeats(complaints: Complaints, path: str, table: pd.DataFrame, key
     """Name the rows that repeat another row's keys."""
     repeated = table.duplicated(keys)
     if repeated.any():
-        named = table.loc[repeated, keys].drop_duplicates().astype(str).agg(" ".join, axis=1)
+        named = table.loc[repeated, keys].drop_duplicates().map(str).agg(" ".join, axis=1)
         complaints.add(path, " and ".join(keys), expected="each once", found=f"repeated: {listed(list(named))}")
 
 

@@ -47,6 +47,10 @@ def read_keypoints_parquet(
     table = read_parquet(root, path, KEYPOINT_COLUMNS, complaints)
     if table is None:
         return empty
+    for column in ("camera", "keypoint"):
+        if count := int(table[column].isna().sum()):
+            complaints.add(path, column, expected="a name in each row", found=f"{count} rows without any")
+            table = table[table[column].notna()]
     for column in ("x", "y", "confidence"):
         if count := int((~np.isfinite(table[column])).sum()):
             hint = "leave out rows that the detector did not find"

@@ -52,7 +52,8 @@ class Ended:
 
 def prepare() -> None:
     """Import what stages work with, once."""
-    for name in (*LIBRARIES, "snakemake.cli", *(f"pipeline.stages.{stage}" for stage in STAGES)):
+    # Python's own folder may be closed to a child: a codec is imported when a file is first opened with it.
+    for name in (*LIBRARIES, "encodings.utf_8_sig", "snakemake.cli", *(f"pipeline.stages.{stage}" for stage in STAGES)):
         importlib.import_module(name)
     gc.collect()
     gc.freeze()  # A child that collected what it shares with this process would copy it all.

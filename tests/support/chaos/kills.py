@@ -148,11 +148,11 @@ def kill_workflow(sound: SoundRun, whom: str, share: float, folder: Path) -> Res
         start = partial(forked_stage.start_snakemake, folder=folder, python=str(stages.python))
         started = start(["--", target])
         time.sleep(share * KILLED_WITHIN_S)
-        below = psutil.Process(started.pid).children(recursive=True) if whom == "all of it" else []
-        below += psutil.Process(stages.pid).children() if whom == "all of it" else []
-        for process in (psutil.Process(started.pid), *below):
+        shells, below = psutil.Process(started.pid).children(recursive=True), psutil.Process(stages.pid).children()
+        for process in (psutil.Process(started.pid), *((*shells, *below) if whom == "all of it" else ())):
             _kill(process)
         started.ended()
+        psutil.wait_procs(shells)  # Of one that has just begun, the stage is yet to come.
         wait_for_orphans(psutil.Process(stages.pid))
         ended = start(["--", target]).ended()
     known = digests(sound.folder)

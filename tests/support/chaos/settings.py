@@ -25,6 +25,9 @@ from tests.support.chaos.mutations.mutation import Meaning
 from tests.support.chaos.outcome import Attack, Outcome, Result
 from tests.support.chaos.sound_run import SoundRun, Step
 
+OF_NO_SUBJECT = {"compare_subjects"}
+"""Sections that the file of a subject may not have."""
+
 SCHEMA = Path("workflow/schemas/config.schema.json")
 
 VALUES: tuple[Any, ...] = (
@@ -145,6 +148,8 @@ def is_wrong(section: str, key: str, value: Any) -> bool:
             readings.append(int(value))
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
         readings.append(str(value))  # A number where text is due is its text.
+    if isinstance(value, bool):
+        readings.append("on" if value else "off")  # As YAML reads these words.
     if isinstance(value, list):
         readings.append([str(item) for item in value])
     return not any(validator.is_valid({section: {key: reading}}) for reading in readings)
@@ -158,7 +163,10 @@ def _plan_text(change: Any, wrong: bool, sound: SoundRun, folder: Path) -> Resul
 def _plan_file(section: str, key: str, value: Any, sound: SoundRun, folder: Path) -> Result:
     content = yaml.safe_load((sound.folder / "config/subjects/tiny.yaml").read_text())
     content[section] = {**content.get(section, {}), key: value}
-    return _planned(sound, folder, yaml.safe_dump(content, allow_unicode=True), is_wrong(section, key, value), key)
+    wrong, named = is_wrong(section, key, value), key
+    if section in OF_NO_SUBJECT:
+        wrong, named = True, section
+    return _planned(sound, folder, yaml.safe_dump(content, allow_unicode=True), wrong, named)
 
 
 def _plan_variant(section: str, key: str, value: Any, sound: SoundRun, folder: Path) -> Result:

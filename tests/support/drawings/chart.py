@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pandas as pd
 
+from pipeline.base.exr import write_exr
 from pipeline.base.files import read_json, write_json, write_table
-from pipeline.capture.images import write_exr
 
 # Linear Rec. 709 of the classic chart, to two digits: any 24 distinct colours in its order would do for the fit, but
 # OpenCV's detector knows the real ones.

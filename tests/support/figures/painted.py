@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pandas as pd
 
+from pipeline.base.exr import write_exr
 from pipeline.base.files import read_table, write_table
-from pipeline.capture.images import write_exr
 from pipeline.geometry.cameras import Camera
 from tests.support.captures.walking import DOWNSAMPLE
 from tests.support.figures.walking import Motion, ring_of_cameras

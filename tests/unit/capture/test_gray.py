@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline.base.exr import write_exr
 from pipeline.capture.gray import read_gray, read_gray_8bit
-from pipeline.capture.images import write_exr
 
 
 @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])

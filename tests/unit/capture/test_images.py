@@ -13,15 +13,8 @@ import pytest
 from PIL import Image
 
 from pipeline.base.errors import InputError
-from pipeline.capture.images import (
-    HALF_MAX,
-    read_exr_channel,
-    read_image,
-    read_mask,
-    read_stored,
-    write_exr,
-    write_png,
-)
+from pipeline.base.exr import HALF_MAX, write_exr
+from pipeline.capture.images import read_exr_channel, read_image, read_mask, read_stored, write_png
 from tests.support.captures.builder import save_exr, truncate
 
 RGB = np.random.default_rng(0).uniform(-0.1, 3, (5, 7, 3))

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.base.exr import write_exr
 from pipeline.base.files import write_table
-from pipeline.capture.images import write_exr
 from pipeline.capture.records import ImageRecord
 from pipeline.capture.shards import write_image_shard
 from pipeline.dials import jobs

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.capture.images import ImageSource, write_exr
+from pipeline.base.exr import write_exr
+from pipeline.capture.images import ImageSource
 from pipeline.effects.mean_textures import SeenColors, between_lit_frames, fill_unseen, joined, seen_colors
 from pipeline.geometry.cameras import Camera
 from tests.support.avatars.sheet import make_sheet

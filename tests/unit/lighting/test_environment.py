@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.capture.images import write_exr
+from pipeline.base.exr import write_exr
 from pipeline.lighting.environment import Environment, read_environment
 from pipeline.lighting.irradiance import LUMINANCE, Lights, Samples, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks

@@ -4,7 +4,8 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pipeline.synthesis.sensor_model import SensorModel, write_8bit, write_exr
+from pipeline.base.exr import save_exr
+from pipeline.synthesis.sensor_model import SensorModel, write_8bit
 
 MODEL = SensorModel(shot_gain=2e-4, read_noise=0.002, saturation=1.0, black_level=0.05)
 
@@ -37,7 +38,7 @@ def test_saturation_comes_before_the_black_level():
 
 def test_exr_is_half_and_lossless(tmp_path):
     image = np.random.default_rng(0).uniform(-0.01, 1, (7, 5, 3)).astype(np.float32)
-    write_exr(tmp_path / "a" / "b.exr", image)
+    save_exr(tmp_path / "a" / "b.exr", image)
     with OpenEXR.File(str(tmp_path / "a" / "b.exr")) as file:
         pixels = file.channels()["RGB"].pixels
     assert pixels.dtype == np.float16

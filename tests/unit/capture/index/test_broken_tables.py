@@ -156,6 +156,10 @@ TABLE_BREAKS: dict[str, tuple[Break, list[str]]] = {
         keypoints(lambda t: t.assign(x="here")),
         ["keypoints_2d.parquet: columns: expected numbers"],
     ),
+    "keypoints without names": (
+        keypoints(lambda t: t.assign(keypoint=None)),
+        ["keypoints_2d.parquet: keypoint: expected a name in each row, found 12 rows without any"],
+    ),
     "keypoints nan": (keypoints(lambda t: t.assign(x=np.nan)), ["keypoints_2d.parquet: x: expected finite", "12 rows"]),
     "keypoint unknown": (
         keypoints(lambda t: t.replace({"keypoint": {"hip": "hop"}})),

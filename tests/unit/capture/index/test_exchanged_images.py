@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import Complaints
-from pipeline.capture.images import ImageSource, write_exr
+from pipeline.base.exr import write_exr
+from pipeline.capture.images import ImageSource
 from pipeline.capture.index.exchanged_images import complain_of_exchanged
 
 SIZE = (64, 48)
