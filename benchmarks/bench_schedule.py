@@ -64,7 +64,7 @@ def jobs_of(dot: str, files: JobFiles, cores: int, seconds: Mapping[str, float])
         size = chunk if stage in CHUNKED else whole
         threads = min(useful_threads(stage, size), cores)
         terms = costs[stage, "seconds"]
-        expected = terms.highest(size) / terms.worst / (1 + THREAD_SHARE * (threads - 1))
+        expected = terms.expected(size) / (1 + THREAD_SHARE * (threads - 1))
         memory = memory_mb(stage, size, threads, 1)
         jobs[number] = Job(rule, threads, memory, seconds.get(stage, expected), before[number])
     return jobs

@@ -100,7 +100,7 @@ def stage_costs(
         own = looked_at(stage, own_sizes[rule])
         threads, terms = min(useful_threads(stage, own), most_threads), costs[stage, "seconds"]
         beyond = beyond_fitted(terms, own)
-        middle, off = terms.highest(own) / terms.worst, terms.worst * beyond**EXPONENT_ERROR
+        middle, off = terms.expected(own), terms.worst * beyond**EXPONENT_ERROR
         cpu = Range(middle / off, middle, middle * off)
         read, written = rule_bytes(rule, size, shared=not own.frames)
         wall = cpu.times(1 / (1 + THREAD_SHARE * (threads - 1)))

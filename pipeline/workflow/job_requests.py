@@ -110,9 +110,13 @@ class CostTerms:
     coefficients: Mapping[tuple[str, ...], float]
     worst: float = 1.0
 
+    def expected(self, size: JobSize) -> float:
+        """Cost of a job, in seconds or megabytes."""
+        return sum(factor * size.product(names) for names, factor in self.coefficients.items())
+
     def highest(self, size: JobSize) -> float:
-        """Cost of a job, in seconds or megabytes, that exceeds its terms as the worst run did."""
-        return self.worst * sum(factor * size.product(names) for names, factor in self.coefficients.items())
+        """Cost of a job that exceeds its terms as the worst run did."""
+        return self.worst * self.expected(size)
 
 
 def request(stage: str, size: JobSize) -> Request:
@@ -155,6 +159,18 @@ def minutes(stage: str, size: JobSize, threads: int, attempt: int) -> int:
     expected = RERUN.get(stage, 1) * sum(_expected(each, "seconds", size) for each in _parts(stage))
     speed = 1 + THREAD_SHARE * (threads - 1)
     return math.ceil((START_S + TIME_MARGIN * expected / speed) * 2 ** (attempt - 1) / 60)
+
+
+def expected_seconds(stage: str, size: JobSize) -> float:
+    """Seconds of one processor that a job is expected to take."""
+    costs = read_costs(TABLE)
+    seconds = (
+        NOT_MEASURED[part]["seconds"]
+        if part in NOT_MEASURED
+        else costs[part, "seconds"].expected(looked_at(part, size))
+        for part in _parts(stage)
+    )
+    return RERUN.get(stage, 1) * sum(seconds)
 
 
 def looked_at(stage: str, size: JobSize) -> JobSize:

@@ -193,6 +193,16 @@ def declared(details):
     return {file for line in lines for file in line.split(", ")}
 
 
+def test_what_is_left_of_a_run_is_told_by_stage(copy_of_project, tmp_path):
+    workflow = copy_of_project(tmp_path / "project")
+    words = [sys.executable, "-m", "pipeline.workflow.time_left", "results/tiny/metrics.csv", "--cores", "4"]
+    done = subprocess.run(words, cwd=workflow.folder, capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    planned = workflow.planned("results/tiny/metrics.csv")
+    assert {line.split()[0]: int(line.split()[1]) for line in lines[1:-1]} == planned and len(planned) > 8
+    assert lines[-1].startswith("at least ") and "on 4 processors; no job is finished" in lines[-1]
+
+
 def test_workflow_imports_nothing_heavy(repo_root):
     """A plan has to appear at once: what the Snakefile imports pulls in no numerical library."""
     modules = re.findall(
