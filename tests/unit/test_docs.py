@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from docs.generate import comparison_table
 from docs.generate.flowchart import FLOW, PLACES
 from docs.generate.pages import PAGES
 from docs.generate.pictures import evening
@@ -171,6 +172,26 @@ def test_sun_of_the_pictures_sky_stands_low_on_the_right():
     sky = Environment(evening())
     sun = sky.directions().reshape(-1, 3)[sky.radiance.sum(2).argmax()]
     assert sun[0] > 0.6 and 0.2 < sun[1] < 0.4
+
+
+def test_comparison_has_a_row_for_each_avatar_and_none_for_their_mean(tmp_path):
+    rows = [
+        {"subject": subject, "variant": variant, "baseline": "full", "lit": lit, "metric": metric, "images": 7,
+         "mean": mean, "mean_error": 0.25, "difference": mean - 31 if variant == "pbr" else None,
+         "difference_error": 0.5}
+        for subject in ("all", "ann") for variant, psnr in (("full", 31.0), ("pbr", 29.5)) for lit in ("all", "partial")
+        for metric, mean in (("psnr_db", psnr - (lit == "partial")), ("ssim", 0.9), ("flip", 0.1))
+    ]  # fmt: skip
+    pd.DataFrame(rows).to_csv(tmp_path / "comparison.csv")
+    page = tmp_path / "page.md"
+    page.write_text("<!-- comparison: begin -->\n<!-- comparison: end -->\n")
+    comparison_table.run(comparison=tmp_path / "comparison.csv", page=page)
+    assert page.read_text().splitlines()[1:-1] == [
+        "| subject | variant | images | PSNR, dB | partially lit | against `full` | SSIM | FLIP |",
+        "|---|---|---|---|---|---|---|---|",
+        "| `ann` | `full` | 7 | 31.00 ± 0.25 | 30.00 ± 0.25 |  | 0.900 | 0.100 |",
+        "| `ann` | `pbr` | 7 | 29.50 ± 0.25 | 28.50 ± 0.25 | -1.50 ± 0.50 | 0.900 | 0.100 |",
+    ]
 
 
 def test_row_of_results_repeats_the_scores_of_all_held_out_images(tmp_path):
