@@ -17,6 +17,19 @@ class ImportCapture(Settings):
         description=".obj or .ply with the faces of the tracked meshes, for sets that ship vertices alone; empty: the "
         "set's own template",
     )
+    mesh: str = Field(
+        "",
+        description=".obj or .ply of an object that stands still, in the world of the set's cameras, for sets that "
+        "ship none; empty: the set's own, else the visual hull of the masks",
+    )
+    hull_cells: int = Field(
+        64, ge=16, le=256, description="cells along the longest side of a visual hull, for objects without a mesh"
+    )
+    light_patterns: str = Field(
+        "",
+        description="csv of pattern, light, x, y, z, intensity, one row per lit light, metres in the world of the "
+        "set's cameras, for sets that do not say which lights their patterns turn on",
+    )
     least_overlap: float = Field(
         0.5,
         ge=0,

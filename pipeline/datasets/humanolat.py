@@ -34,17 +34,16 @@ from pipeline.datasets.humanolat_images import (
     MODEL,
     ORDER,
     SKIP_STEP,
-    find_images,
     image_of,
-    image_store,
     read_light_points,
     read_order,
 )
 from pipeline.datasets.imported_capture import HeldOut, ImageStore, ImportedCapture, Provenance, TrackedMeshes
 from pipeline.datasets.kept_frames import shown
-from pipeline.datasets.layout import require
+from pipeline.datasets.layout import find_shared, require
 from pipeline.datasets.light_durations import light_name
 from pipeline.datasets.mask_agreement import agreement, decide, masked_views, prove
+from pipeline.datasets.still_images import find_images, image_store
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.mesh_files import Mesh, decode_mesh
 
@@ -74,7 +73,7 @@ def read_humanolat(root: Path, settings: ImportCapture) -> ImportedCapture:
     provenance, written = Provenance(), read_calib(shared / CALIBRATION)
     lights = read_light_points(shared / LIGHTS)
     order = read_order(shared / ORDER, len(lights))
-    images = find_images(root, settings.cameras)
+    images = find_images(root, IMAGES, settings.cameras)
     names = [name for name in sorted(images) if name in written]
     if uncalibrated := sorted(set(images) - set(names)):
         provenance.left_out["cameras without a calibration"] = shown(uncalibrated)
@@ -94,7 +93,7 @@ def read_humanolat(root: Path, settings: ImportCapture) -> ImportedCapture:
     still = np.eye(3, 4).ravel().tolist()
     table = pd.DataFrame({"frame": frames, "path": MODEL, "world_from_mesh": [still] * len(frames)})
     tracked = TrackedMeshes(table, METRES_PER_UNIT, rest)
-    store = image_store(root, names, images, frames)
+    store = image_store(root, names, images, frames, f"{MASKS}/{{}}.png")
     cameras, said = choose_direction(root, written, store, tracked, settings.least_overlap)
     say_given(provenance, said, store.table)
     on = {n: lights.light.tolist() if lit_by[n] is None else [light_name(lit_by[n])] for n in frames}
@@ -104,12 +103,6 @@ def read_humanolat(root: Path, settings: ImportCapture) -> ImportedCapture:
         store, lights, pd.DataFrame(patterns, columns=["frame", "light", "intensity"]), {}, tracked,
         held_out(names, frames, order), provenance,
     )  # fmt: skip
-
-
-def find_shared(root: Path) -> Path:
-    """The folder `shared` of a pose, of its subject or of the whole set."""
-    places = [folder / "shared" for folder in (root, root.parent, root.parent.parent)]
-    return next((place for place in places if place.is_dir()), places[0])
 
 
 def choose_direction(

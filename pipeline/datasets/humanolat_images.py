@@ -1,19 +1,15 @@
-"""Images of HumanOLAT, and the light that each shows."""
+"""Images of HumanOLAT: the light that each shows."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.base.errors import InputError, listed
+from pipeline.base.errors import InputError
 from pipeline.capture.archives import read_bytes
-from pipeline.capture.images import decode_mask, decode_stored
-from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
-from pipeline.datasets.imported_capture import ImageStore
 from pipeline.datasets.light_durations import light_name
 
 MODEL, MASKS, IMAGES = "model/model.obj", "segmentations/masks/000", "images_processed"
@@ -60,41 +56,3 @@ def read_order(path: Path, lights: int) -> list[int]:
     if sorted(order) != list(range(lights)):
         raise InputError(f"{path}: expected the numbers 1 to {lights}, each once, found {len(order)} numbers")
     return order
-
-
-def find_images(root: Path, wanted: Collection[str]) -> dict[str, dict[int, str]]:
-    """Path of each image by camera and number.
-
-    Raises:
-        InputError: if there is none, or not one of the `wanted` cameras.
-    """
-    found: dict[str, dict[int, str]] = {}
-    for path in sorted((root / IMAGES).glob("Cam*/*.avif")):
-        if match := re.fullmatch(r".*\.(\d{6})\.avif", path.name):
-            found.setdefault(path.parent.name, {})[int(match[1])] = str(path.relative_to(root))
-    if absent := sorted(set(wanted) - set(found)):
-        known = listed(sorted(found), 20)
-        raise InputError(f"import_capture.cameras: expected some of {known}, found {listed(absent)}")
-    if not found:
-        raise InputError(f"{root}/{IMAGES}: expected images Cam01/<capture>.000014.avif and so on, found none")
-    return {name: images for name, images in found.items() if not wanted or name in wanted}
-
-
-def image_store(
-    root: Path, names: Collection[str], images: Mapping[str, Mapping[int, str]], frames: Collection[int]
-) -> ImageStore:
-    """The images of the frames; all of one camera share its mask."""
-    rows, sizes, labels = [], {}, None
-    for name in names:
-        mask = f"{MASKS}/{name}.png"
-        has_mask = (root / mask).is_file()
-        own = [(name, n, images[name][n], mask if has_mask else None) for n in frames if n in images[name]]
-        rows += own
-        path = root / next(iter(images[name].values()))
-        height, width = decode_stored(read_bytes(path), path).shape[:2]
-        sizes[name] = (width, height)
-        if has_mask and labels is None:
-            labels = (1,) if decode_mask(read_bytes(root / mask), root / mask).max() == 1 else ()
-    table = pd.DataFrame(rows, columns=["camera", "frame", "path", "mask_path"])
-    table = table.astype({"camera": "str", "frame": "int64", "path": "str", "mask_path": "str"})
-    return ImageStore(table, sizes, "srgb", 0.0, 1, MaskFormat(labels) if labels else PLAIN_MASKS)

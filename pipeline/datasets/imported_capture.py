@@ -36,6 +36,10 @@ class ImageStore:
     masks: MaskFormat = PLAIN_MASKS
 
 
+OWN_MESH = "mesh.ply"
+"""A mesh that was made here or lies elsewhere, in the folder of the capture."""
+
+
 @dataclass(frozen=True)
 class TrackedMeshes:
     """Meshes that a set ships.
@@ -45,12 +49,15 @@ class TrackedMeshes:
         scale_to_m: metres per unit of their vertices.
         rest: the mesh at rest, metres; if the motion is given, in the frame that `world_from_mesh` starts from.
         motion: given, if `world_from_mesh` is how the template moves; fitted, if it only takes vertices to the world.
+        in_set: False if the set has no mesh: then `rest` is written beside the tables, as `OWN_MESH`, which the paths
+            name.
     """
 
     table: pd.DataFrame
     scale_to_m: float
     rest: Mesh
     motion: Literal["given", "fitted"] = "given"
+    in_set: bool = True
 
 
 @dataclass(frozen=True)

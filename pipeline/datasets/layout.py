@@ -19,6 +19,12 @@ def require(root: Path, files: Mapping[str, str], complaints: Complaints) -> Non
             complaints.add(name, "file", expected="one", found="none", hint=origin)
 
 
+def find_shared(root: Path) -> Path:
+    """The folder `shared` of a capture, of the folder that it lies in, or of the one above."""
+    places = [folder / "shared" for folder in (root, root.parent, root.parent.parent)]
+    return next((place for place in places if place.is_dir()), places[0])
+
+
 def json_key(path: Path, key: str) -> Any:
     """The value of a key of a JSON file.
 

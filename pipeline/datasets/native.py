@@ -12,13 +12,13 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import digest_bytes, digest_file, write_json, write_table, written_whole
 from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.paths import SOURCE
-from pipeline.datasets.imported_capture import ImportedCapture
+from pipeline.datasets.imported_capture import OWN_MESH, ImportedCapture
 from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.mesh_files import Mesh
 
 TABLES = ("cameras.csv", "frames.csv", "lights.csv", "patterns.csv", "images.parquet", "meshes.parquet",
-          "cameras.json", "color.json", "template.glb")  # fmt: skip
-"""All that is written beside capture.yaml; a capture without colours has no color.json."""
+          "cameras.json", "color.json", "template.glb", OWN_MESH)  # fmt: skip
+"""All that is written beside capture.yaml; without colours there is no color.json, with a set's meshes no OWN_MESH."""
 
 
 def write_native(out: Path, source: Path, dataset: str, subject: str, found: ImportedCapture) -> None:
@@ -42,11 +42,16 @@ def write_native(out: Path, source: Path, dataset: str, subject: str, found: Imp
     write_table(out / "lights.csv", found.lights)
     write_table(out / "patterns.csv", found.patterns)
     write_table(out / "images.parquet", images)
-    write_table(out / "meshes.parquet", found.meshes.table.assign(path=SOURCE + "/" + found.meshes.table["path"]))
+    meshes = found.meshes.table
+    if found.meshes.in_set:
+        meshes = meshes.assign(path=SOURCE + "/" + meshes["path"])
+    else:
+        write_mesh(out / OWN_MESH, found.meshes.rest)
+    write_table(out / "meshes.parquet", meshes)
     write_cameras(out / "cameras.json", found.cameras)
     if found.colors:
         write_json(out / "color.json", {"cameras": {name: m.tolist() for name, m in found.colors.items()}})
-    write_template(out / "template.glb", found.meshes.rest)
+    write_mesh(out / "template.glb", found.meshes.rest)
     with written_whole(out / "capture.yaml") as temporary:
         temporary.write_text(yaml.safe_dump(described(out, dataset, subject, found), sort_keys=False))
 
@@ -111,10 +116,10 @@ def _digest(out: Path) -> str:
     return digest_bytes("\n".join(f"{digest_file(out / name)} {name}" for name in there).encode())
 
 
-def write_template(path: Path, mesh: Mesh) -> None:
-    """Write vertices, in their order, and triangles as a glTF binary."""
+def write_mesh(path: Path, mesh: Mesh) -> None:
+    """Write vertices, in their order, and triangles as a glTF binary or a .ply."""
     import trimesh  # A third of a second to import; only this function needs it.
 
     plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, validate=False)
     with written_whole(path) as temporary:
-        temporary.write_bytes(plain.export(file_type="glb"))
+        temporary.write_bytes(plain.export(file_type=path.suffix[1:]))

@@ -120,9 +120,10 @@ class JobFiles:
         return [code_digest("pipeline.stages.synthesize_capture"), *self.flags("synthesize_capture")]
 
     def dataset_files(self) -> list[str]:
-        """Files of the public set that the capture is imported from, and the topology."""
-        topology = self.settings.import_capture.topology
-        return [*dataset_files(self.project, self.subject), *filter(None, [topology])]
+        """Files of the public set that the capture is imported from, and those that the settings name."""
+        chosen = self.settings.import_capture
+        named = [chosen.topology, chosen.mesh, chosen.light_patterns]
+        return [*dataset_files(self.project, self.subject), *filter(None, named)]
 
     def each_chunk(self, pattern: str) -> list[str]:
         """Files of the job's chunks; {chunk} in a path below the subject's results is filled in."""

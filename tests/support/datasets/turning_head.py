@@ -171,16 +171,19 @@ def looking_at(place: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.nd
     return R, -R @ place
 
 
-def ring_of_cameras(names: list[str], size: tuple[int, int], distance_m: float = 1.0) -> dict[str, TrueCamera]:
+def ring_of_cameras(
+    names: list[str], size: tuple[int, int], distance_m: float = 1.0, arc: float = 140.0
+) -> dict[str, TrueCamera]:
     """Cameras on an arc in front of the head, with lenses that differ.
 
     Args:
         size: width and height of the sensor, pixels.
+        arc: from the first to the last, degrees.
     """
     width, height = size
     cameras = {}
     for number, name in enumerate(names):
-        around = np.radians(-70 + 140 * number / max(len(names) - 1, 1))
+        around = np.radians(arc * (number / max(len(names) - 1, 1) - 0.5))
         up = 0.25 * (-1) ** number
         place = CENTER_M + distance_m * np.array([np.sin(around), up, np.cos(around)])
         R, t = looking_at(place, CENTER_M)
