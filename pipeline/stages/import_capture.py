@@ -20,6 +20,8 @@ from pipeline.datasets.goliath import read_goliath
 from pipeline.datasets.humanolat import read_humanolat
 from pipeline.datasets.imported_capture import ImportedCapture
 from pipeline.datasets.native import write_native
+from pipeline.datasets.olatverse import read_olatverse
+from pipeline.datasets.openillumination import read_openillumination
 
 log = logging.getLogger("import_capture")
 
@@ -27,6 +29,8 @@ READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
     "goliath": read_goliath,
     "becominglit": read_becominglit,
     "humanolat": read_humanolat,
+    "openillumination": read_openillumination,
+    "olatverse": read_olatverse,
 }
 """Reader of each set of `pipeline.config.project.DATASETS`."""
 
