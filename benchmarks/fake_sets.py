@@ -6,7 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.support.datasets import becominglit_layout, goliath_layout, humanolat_layout
+from tests.support.datasets import (
+    becominglit_layout,
+    goliath_layout,
+    humanolat_layout,
+    olatverse_layout,
+    openillumination_layout,
+)
 from tests.support.datasets.turning_head import TurningHead
 
 
@@ -47,5 +53,13 @@ FAKES = (
     FakeSet(
         "humanolat", lambda: humanolat_layout.true_head(image=(96, 144)), humanolat_layout.write_humanolat,
         len(humanolat_layout.CAMERAS),
+    ),
+    FakeSet(
+        "openillumination", lambda: openillumination_layout.true_object(image=(96, 144)),
+        openillumination_layout.write_openillumination, len(openillumination_layout.CAMERAS),
+    ),
+    FakeSet(
+        "olatverse", lambda: olatverse_layout.true_object(image=(96, 144)), olatverse_layout.write_olatverse,
+        len(olatverse_layout.CAMERAS),
     ),
 )  # fmt: skip
