@@ -23,7 +23,11 @@ class ImportCapture(Settings):
         "ship none; empty: the set's own, else the visual hull of the masks",
     )
     hull_cells: int = Field(
-        64, ge=16, le=256, description="cells along the longest side of a visual hull, for objects without a mesh"
+        48,
+        ge=16,
+        le=256,
+        description="cells along the longest side of a visual hull, for objects without a mesh; fewer, if masks are so "
+        "coarse that a cell would be smaller than two of their pixels",
     )
     light_patterns: str = Field(
         "",

@@ -179,8 +179,6 @@ def say_own_mesh(provenance: Provenance, settings: ImportCapture, chosen: Chosen
     if settings.mesh:
         provenance.given["meshes"] = f"{Path(settings.mesh).name} of import_capture.mesh, the same in all frames"
         return
-    cell = float(np.ptp(chosen.mesh.vertices, axis=0).max()) / settings.hull_cells
-    masks = store.table[store.table.mask_path.notna()].camera.nunique()
-    provenance.computed["meshes"] = (
-        f"import_capture: visual hull of {masks} masks in cells of {cell:.2g} m, for lack of a mesh; it has no hollows"
-    )
+    count = store.table[store.table.mask_path.notna()].camera.nunique()
+    hull = f"visual hull of {count} masks, {len(chosen.mesh.vertices)} vertices"
+    provenance.computed["meshes"] = f"import_capture: {hull}, for lack of a mesh; it has no hollows"

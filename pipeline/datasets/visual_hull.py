@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, UInt8
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.geometry.cameras import Camera
@@ -24,6 +24,14 @@ COARSE_CELLS = 24
 
 MARGIN = 1.1
 """Of the first box: the outlines bound the object across each camera's view, and not along it."""
+
+
+PIXELS_PER_CELL = 2.0
+"""Smaller cells would show the staircase of binary masks."""
+
+SMOOTHING_CELLS, CLIPPED_CELLS = 0.7, 2.1
+"""Blur of the distances, which are clipped at three times that: the edges in which outlines meet are none of the
+object's, and cut its texture into shreds. A sphere of 20 cells shrinks by a fortieth of a cell (its curvature)."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +64,14 @@ def carve(views: Sequence[OutlineView], cells: int) -> Mesh | None:
     if not near.any():
         return None
     found = points[near]
-    points, step = _grid(found.min(0) - step, found.max(0) + step, cells)
+    low, high = found.min(0) - step, found.max(0) + step
+    points, step = _grid(low, high, min(cells, int((high - low).max() / _finest(views, found.mean(0)))))
     inside = _inside(views, distances, points)
     if not (inside > 0).any():
         return None
     # A rim outside of everything closes the surface where an object leaves all images.
-    closed = np.pad(np.clip(inside, -step, step), 1, constant_values=-step)
+    clipped = np.pad(np.clip(inside / step, -CLIPPED_CELLS, CLIPPED_CELLS), 1, constant_values=-CLIPPED_CELLS)
+    closed = gaussian_filter(clipped, SMOOTHING_CELLS, mode="nearest")
     from skimage.measure import marching_cubes  # Half a second to import; few captures need a hull.
 
     vertices, faces, _, _ = marching_cubes(closed, 0.0, spacing=(step, step, step), allow_degenerate=False)
@@ -91,6 +101,12 @@ def _first_box(
         return None
     half = MARGIN * float((np.array(spreads) * depths).max())
     return center - half, center + half
+
+
+def _finest(views: Sequence[OutlineView], center: np.ndarray) -> float:
+    """Side of the smallest cells that masks can tell apart, metres."""
+    pixels = [float(view.camera.project(center)[1]) / view.camera.K[0, 0] for view in views]
+    return PIXELS_PER_CELL * float(np.median(pixels))
 
 
 def _grid(low: np.ndarray, high: np.ndarray, cells: int) -> tuple[Float64[np.ndarray, "x y z 3"], float]:

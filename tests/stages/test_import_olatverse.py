@@ -15,7 +15,7 @@ from pipeline.base.files import read_arrays
 from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.import_capture import run
-from tests.support.datasets.imported import import_set
+from tests.support.datasets.imported import import_set, metrics_of
 from tests.support.datasets.olatverse_layout import (
     BENCHMARK_TEST_CAMERA,
     BLIND_CAMERA,
@@ -97,6 +97,13 @@ def test_axes_units_and_splits_are_said_with_all_numbers(imported):
     numbers, splits = list(images_of_lights()), described["splits"]
     assert splits["test_cameras"] == [BENCHMARK_TEST_CAMERA]
     assert (splits["test_patterns"], splits["validation_patterns"]) == (numbers[1::3], numbers[2::3])
+
+
+def test_metrics_come_of_held_out_cameras_and_lights(shipped, tmp_path):
+    scores = metrics_of(*import_set("olatverse", shipped, tmp_path))
+    scored = scores[scores.images > 0]
+    assert {"validation", "test_cameras", "held_out_lights"} <= set(scored.split)
+    assert np.isfinite(scored.psnr_db).all()
 
 
 def test_objects_of_the_training_set_get_a_hull_and_the_published_split(truth, shipped, tmp_path):

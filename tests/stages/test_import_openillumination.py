@@ -19,7 +19,7 @@ from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh_files import decode_mesh
 from pipeline.stages.import_capture import run
-from tests.support.datasets.imported import import_set
+from tests.support.datasets.imported import import_set, metrics_of
 from tests.support.datasets.openillumination_layout import (
     BLIND_CAMERA,
     CAMERAS,
@@ -131,6 +131,13 @@ def test_without_a_mesh_the_hull_of_the_masks_stands_in(truth, shipped, tmp_path
     assert np.abs(hull.vertices.max(0) - true.max(0)).max() < 0.02
     described = yaml.safe_load((tmp_path / "capture.yaml").read_text())
     assert "visual hull of 6 masks" in described["imported"]["computed"]["meshes"]
+
+
+def test_metrics_come_of_a_hull_and_of_images_without_full_light(shipped, tmp_path):
+    scores = metrics_of(*import_set("openillumination", shipped, tmp_path, ImportCapture(hull_cells=16)))
+    scored = scores[scores.images > 0]
+    assert {"validation", "test_cameras"} <= set(scored.split) and "held_out_lights" not in set(scored.split)
+    assert np.isfinite(scored.psnr_db).all()
 
 
 def test_masks_that_do_not_decide_are_refused_with_both_numbers(shipped, tmp_path):

@@ -4,8 +4,25 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pandas as pd
+
+from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.import_capture import ImportCapture
-from pipeline.stages import calibrate_cameras, calibrate_color, calibrate_lights, import_capture, track_mesh
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.stages import (
+    book_patterns,
+    calibrate_cameras,
+    calibrate_color,
+    calibrate_lights,
+    evaluate_avatar,
+    import_capture,
+    pack_shards,
+    plan_effects,
+    track_mesh,
+    train_avatar,
+    unwrap_atlas,
+)
 from pipeline.stages.index_capture import run as index_capture
 
 
@@ -23,3 +40,23 @@ def import_set(
     cameras = results / "calibration/cameras.json"
     track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
     return capture, results
+
+
+def metrics_of(capture: Path, results: Path) -> pd.DataFrame:
+    """metrics.csv of what `import_set` made, by the other stages: those that need neither traces nor mean textures."""
+    given, calibration = {"capture": capture, "index": results / "index"}, results / "calibration"
+    cameras, lights = calibration / "cameras.json", calibration / "lights.parquet"
+    book_patterns.run(**given, lights=lights, cameras=cameras, out=results)
+    unwrap_atlas.run(**given, cameras=cameras, out=results, settings=UnwrapAtlas(size=32))
+    seen = {"atlas": results / "atlas.safetensors", "cameras": cameras, "color": calibration / "color.json",
+            "patterns": results / "patterns.parquet", "lights": lights}  # fmt: skip
+    tracking, booked, effects = (
+        results / name for name in ("tracking/0000.safetensors", "frames.parquet", "effects.json")
+    )
+    plan_effects.run(**given, **seen, tracking=(tracking,), booked=booked, out=effects)
+    pack_shards.run(**given, **seen, tracking=tracking, frames=booked, effects=effects, out=results / "shards")
+    packed = {"subject": "someone", "atlas": seen["atlas"], "shards": results / "shards", "effects": effects}
+    avatar = results / "avatars/full"
+    train_avatar.run(**packed, out=avatar, processes=1, settings=TrainAvatar(steps=2))
+    evaluate_avatar.run(**packed, avatars=(avatar,), out=results, settings=EvaluateAvatar(pictures=False))
+    return pd.read_csv(results / "metrics.csv")
