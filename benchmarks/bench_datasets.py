@@ -51,6 +51,9 @@ the decibels say that the pipeline works, not how good a set is.
 SHOWN_SIDE = 420
 """Height of a picture's panels, pixels."""
 
+SHOWN_FACES = 500
+"""Triangles of a mesh that are drawn, evenly chosen: all edges of a fine one would hide the image."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -133,6 +136,7 @@ def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
     cameras = read_cameras(results / "calibration/cameras.json")
     colors = read_colors(results / "calibration/color.json")
     faces = read_template(capture / described["template"]["mesh"], 1.0).faces
+    faces = faces[:: -(-len(faces) // SHOWN_FACES)]
     tracked = read_arrays(results / "tracking/0000.safetensors")
     vertices = dict(zip(tracked["frames"].tolist(), tracked["vertices"].astype(np.float64), strict=True))
     masked = images[images.mask_path.notna()]
