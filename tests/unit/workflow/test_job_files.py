@@ -42,6 +42,15 @@ def test_unknown_variant_and_chunk_are_refused_by_name(project):
         JobFiles(loaded, "someone", chunk="0003")
 
 
+def test_set_is_imported_anew_when_a_file_that_the_settings_name_changes(project, tmp_path):
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set/all_cam.json").write_text("{}")
+    named = {"mesh": "egg.obj", "light_patterns": "lights.csv"}
+    loaded = project(source="openillumination", path=str(tmp_path / "set"), import_capture=named)
+    expected = [str(tmp_path / "set/all_cam.json"), "egg.obj", "lights.csv"]
+    assert JobFiles(loaded, "someone").dataset_files() == expected
+
+
 def test_chunks_of_a_job_are_its_own_or_all(project):
     loaded = project()
     pattern = "tracking/{chunk}.safetensors"
