@@ -19,8 +19,8 @@ class ImportCapture(Settings):
     )
     mesh: str = Field(
         "",
-        description=".obj or .ply of an object that stands still, in the world of the set's cameras, for sets that "
-        "ship none; empty: the set's own, else the visual hull of the masks",
+        description=".obj or .ply of an object that stands still, in the world and unit of the set's cameras, for sets "
+        "that ship none; empty: the set's own, else the visual hull of the masks",
     )
     hull_cells: int = Field(
         48,

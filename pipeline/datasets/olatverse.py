@@ -116,7 +116,7 @@ def read_object(
     root: Path, store: ImageStore, poses: Mapping[str, WrittenPose], unit: float, frames: list[int],
     settings: ImportCapture,
 ) -> tuple[Chosen, TrackedMeshes]:  # fmt: skip
-    """Cameras and mesh in the axes, and the mesh in the unit, with which they agree with the masks."""
+    """Cameras and mesh in the axes and the unit with which they agree with the masks."""
     own = sorted(path for path in (root / MODEL).glob("*") if path.suffix.lower() in SUFFIXES)
     named, readings = named_mesh(root, settings.mesh, own), {}
     for axes in (BLENDER, OPENCV):

@@ -145,7 +145,7 @@ def chosen_unit(poses: Mapping[str, WrittenPose], places: Mapping[int, np.ndarra
 
 
 def read_split(root: Path, names: Sequence[str], lights: ListedLights) -> Split:
-    """The benchmark's split: that of the object's own files, or the one that the authors publish for all objects."""
+    """The benchmark's split: of the object's own files, else the one published for all."""
     if all((root / name).is_file() for name in SPLITS):
         listed = []
         for name in SPLITS:

@@ -73,7 +73,9 @@ class LitImages:
 
 
 def read_poses(root: Path) -> dict[str, SplitPose]:
-    """Poses by camera; the file of validation cameras repeats those of others, and may be missing.
+    """Poses by camera.
+
+    The file of validation cameras repeats those of others, and may be missing.
 
     Raises:
         InputError: naming all that have no pose or angle, or another one in a later file.
@@ -121,7 +123,9 @@ def find_images(root: Path) -> dict[str, dict[int, str]]:
 
 
 def lit_images(root: Path, numbers: Sequence[int], centers: Float64[np.ndarray, "cameras 3"], table: str) -> LitImages:
-    """The lights of images: of `OLAT` by their number, of `PATTERNS` by a table that the user has to make.
+    """The lights of images.
+
+    Those of `OLAT` by their number, of `PATTERNS` by a table that the user has to make.
 
     Args:
         centers: of the cameras, in the set's world.
@@ -154,7 +158,9 @@ def _single_lights(root: Path, numbers: Sequence[int], centers: np.ndarray) -> L
 
 
 def read_lights(root: Path) -> Float64[np.ndarray, "lights 3"]:
-    """Places of light_pos.npy, which lies in the set's folder, in that of its kind, or in the object's.
+    """Places of light_pos.npy.
+
+    It lies in the set's folder, in that of its kind, or in the object's.
 
     Raises:
         InputError: if it is not there, or has no three finite numbers for each light.

@@ -1,4 +1,4 @@
-"""Units of poses and lights: cameras stand among the lights of a stage, and so are about as far apart."""
+"""Units of poses: cameras stand among the lights of a stage, and are about as far apart."""
 
 from __future__ import annotations
 

@@ -73,7 +73,9 @@ class Chosen:
 
 @dataclass(frozen=True)
 class SmallMask:
-    """A mask at most `MASK_SIDE` pixels high and wide; what is left over at the end of a side is cut off.
+    """A mask at most `MASK_SIDE` pixels high and wide.
+
+    What is left over at the end of a side is cut off.
 
     Attributes:
         mask: 0..255.
@@ -146,7 +148,7 @@ def overlap_of(views: Mapping[str, OutlineView], mesh: Mesh) -> Agreement:
 
 
 def named_mesh(root: Path, named: str, own: Sequence[Path]) -> tuple[Path, Mesh] | None:
-    """The object's mesh and its file: the `named` one, else the set's `own`; None if there is neither.
+    """The object's mesh and its file: the `named` one, else the set's `own`, else None.
 
     Raises:
         InputError: if it cannot be read, has no faces, or the set has several.

@@ -48,7 +48,9 @@ class OutlineView:
 
 
 def carve(views: Sequence[OutlineView], cells: int) -> Mesh | None:
-    """The hull's surface, its triangles counterclockwise seen from outside; None if the masks leave nothing.
+    """The hull's surface, its triangles counterclockwise seen from outside.
+
+    None if the masks leave nothing.
 
     Args:
         cells: along the longest side of the box that the hull fills.

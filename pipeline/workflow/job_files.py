@@ -120,7 +120,7 @@ class JobFiles:
         return [code_digest("pipeline.stages.synthesize_capture"), *self.flags("synthesize_capture")]
 
     def dataset_files(self) -> list[str]:
-        """Files of the public set that the capture is imported from, and those that the settings name."""
+        """Files of the set that the capture is imported from, and those that the settings name."""
         chosen = self.settings.import_capture
         named = [chosen.topology, chosen.mesh, chosen.light_patterns]
         return [*dataset_files(self.project, self.subject), *filter(None, named)]
