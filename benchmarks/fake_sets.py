@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.support.datasets import becominglit_layout, goliath_layout, humanolat_layout
+from tests.support.datasets import becominglit_layout, faceolat_layout, goliath_layout, humanolat_layout
 from tests.support.datasets.turning_head import TurningHead
 
 
@@ -20,6 +20,7 @@ class FakeSet:
         write: writes it in the set's layout below a folder; returns the folder that `path` names.
         cameras: number of those with images.
         true_frame: the truth's frame by the imported capture's.
+        settings: of import_capture, as YAML; may write files that they name into the folder.
     """
 
     dataset: str
@@ -27,6 +28,7 @@ class FakeSet:
     write: Callable[[Path, TurningHead], Path]
     cameras: int
     true_frame: Callable[[int], int] = int
+    settings: Callable[[Path, TurningHead], str] = lambda folder, truth: "{}"
 
 
 def true_becominglit_frame(frame: int) -> int:
@@ -47,5 +49,10 @@ FAKES = (
     FakeSet(
         "humanolat", lambda: humanolat_layout.true_head(image=(96, 144)), humanolat_layout.write_humanolat,
         len(humanolat_layout.CAMERAS),
+    ),
+    FakeSet(
+        "faceolat", lambda: faceolat_layout.true_head(image=(96, 144)), faceolat_layout.write_faceolat,
+        len(faceolat_layout.CAMERAS), lambda frame: frame - 1,
+        faceolat_layout.settings,
     ),
 )  # fmt: skip

@@ -17,6 +17,11 @@ class ImportCapture(Settings):
         description=".obj or .ply with the faces of the tracked meshes, for sets that ship vertices alone; empty: the "
         "set's own template",
     )
+    mesh: str = Field(
+        "",
+        description=".obj or .ply of a subject that stands still, or a folder of them named after the images' numbers "
+        "(000015.ply), in the world of the set's cameras, metres, for sets that ship none; empty: the set's own",
+    )
     least_overlap: float = Field(
         0.5,
         ge=0,

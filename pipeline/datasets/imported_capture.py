@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -30,7 +31,7 @@ class ImageStore:
 
     table: pd.DataFrame
     sizes: Mapping[str, tuple[int, int]]
-    transfer: Literal["linear", "srgb"]
+    transfer: Literal["linear", "srgb", "gamma_2.2"]
     black_level: float | Sequence[float]
     downsample_from_sensor: int
     masks: MaskFormat = PLAIN_MASKS
@@ -38,19 +39,25 @@ class ImageStore:
 
 @dataclass(frozen=True)
 class TrackedMeshes:
-    """Meshes that a set ships.
+    """Meshes that a set ships, or that were made of it.
 
     Attributes:
         table: frame, path (relative to the set's folder), world_from_mesh (12 numbers, t in metres, or None).
         scale_to_m: metres per unit of their vertices.
         rest: the mesh at rest, metres; if the motion is given, in the frame that `world_from_mesh` starts from.
         motion: given, if `world_from_mesh` is how the template moves; fitted, if it only takes vertices to the world.
+        elsewhere: files that are not in the set's folder, by their paths of the table; the capture gets copies.
     """
 
     table: pd.DataFrame
     scale_to_m: float
     rest: Mesh
     motion: Literal["given", "fitted"] = "given"
+    elsewhere: Mapping[str, Path] = field(default_factory=dict)
+
+    def file(self, root: Path, path: str) -> Path:
+        """The file that a path of the table names."""
+        return self.elsewhere.get(path, root / path)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.becominglit import read_becominglit
+from pipeline.datasets.faceolat import read_faceolat
 from pipeline.datasets.goliath import read_goliath
 from pipeline.datasets.humanolat import read_humanolat
 from pipeline.datasets.imported_capture import ImportedCapture
@@ -27,6 +28,7 @@ READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
     "goliath": read_goliath,
     "becominglit": read_becominglit,
     "humanolat": read_humanolat,
+    "faceolat": read_faceolat,
 }
 """Reader of each set of `pipeline.config.project.DATASETS`."""
 

@@ -1,0 +1,37 @@
+"""Public sets of heads, each named in one line of configuration, from their own layouts to tables of metrics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.support.datasets import faceolat_layout
+
+CHEAP = "unwrap_atlas: {size: 32}\ntrain_avatar: {steps: 4}\nevaluate_avatar: {pictures: false}\n"
+
+
+def write_faceolat(folder):
+    truth = faceolat_layout.true_head()
+    return faceolat_layout.write_faceolat(folder, truth), faceolat_layout.settings(folder, truth)
+
+
+SETS = {"faceolat": (write_faceolat, {"test_cameras", "test_patterns"})}
+
+
+@pytest.fixture(scope="module")
+def project(copy_of_project, stage_server, tmp_path_factory):
+    return copy_of_project(tmp_path_factory.mktemp("faces") / "project").with_stages_of(stage_server)
+
+
+@pytest.mark.parametrize("dataset", SETS)
+def test_one_line_of_configuration_leads_to_metrics(project, dataset, tmp_path):
+    write, splits = SETS[dataset]
+    root, settings = write(tmp_path)
+    subject = f"source: {dataset}\npath: {root}\nimport_capture: {settings}\n{CHEAP}"
+    (project.folder / f"config/subjects/{dataset}.yaml").write_text(subject)
+    project.ran(f"results/{dataset}/metrics.csv", "--config", "training_processes=1")
+    table = pd.read_csv(project.folder / f"results/{dataset}/metrics.csv")
+    scored = table[table.images > 0]
+    assert splits <= set(scored.split)
+    assert np.isfinite(scored.psnr_db).all()
