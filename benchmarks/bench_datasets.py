@@ -42,8 +42,8 @@ HEAD = """\
 No public set lies beside this repository. What is measured here are fakes: captures of a synthetic head in the exact
 layout of each set, traps included, written from the set's own loader and datasheet and not from what reads them here.
 Each goes from one line of configuration to `metrics.csv`. Errors are the largest over all cameras, lights and frames;
-"between" are frames without a mesh, where the truth moves evenly. The subject is painted flat and the images are small:
-the decibels say that the pipeline works, not how good a set is.
+"between" are frames without a mesh, where the truth moves evenly. Sets under constant light have no lights to compare.
+The subject is painted flat and the images are small: the decibels say that the pipeline works, not how good a set is.
 """
 
 WITHOUT_MASKS = ("faceolat",)
@@ -98,7 +98,8 @@ def compared(fake: FakeSet, truth: TurningHead, shipped: Path, project: Path) ->
         for name, camera in cameras.items()
         for points in [truth.vertices(fake.true_frame(int(frame))) for frame in tracked["frames"][:3]]
     )
-    light_m = float(np.abs(lights[["x", "y", "z"]].to_numpy() - truth.lights_m).max())
+    places = lights[["x", "y", "z"]].to_numpy()
+    light_m = np.nan if fake.constant_light else float(np.abs(places - truth.lights_m).max())
     table = read_table(results / "tracking/0000.parquet")
     away = [
         np.abs(vertices - truth.vertices(fake.true_frame(int(frame)))).max()
@@ -174,7 +175,8 @@ def page(rows: Sequence[Row], steps: int) -> str:
         name = next(iter(row.truth.cameras))
         width, height = row.truth.image_size(name)
         size = f"{row.fake.cameras} cameras, {len(row.truth.frames)} frames, {width} x {height}"
-        errors = " | ".join(f"{value:.0e}" for value in (row.camera_px, row.light_m, row.given_m, row.between_m))
+        values = (row.camera_px, row.light_m, row.given_m, row.between_m)
+        errors = " | ".join("none" if np.isnan(value) else f"{value:.0e}" for value in values)
         lines.append(
             f"| {row.fake.dataset} | {size} | {row.shipped_mb:.2f} | {row.written_mb:.3f} | {row.stages} | {errors} | "
             f"{row.psnr_db:.1f} ({row.images} images) |\n"

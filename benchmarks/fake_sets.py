@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.support.datasets import becominglit_layout, faceolat_layout, goliath_layout, humanolat_layout
+from tests.support.datasets import ava256_layout, becominglit_layout, faceolat_layout, goliath_layout, humanolat_layout
 from tests.support.datasets.turning_head import TurningHead
 
 
@@ -21,6 +21,7 @@ class FakeSet:
         cameras: number of those with images.
         true_frame: the truth's frame by the imported capture's.
         settings: of import_capture, as YAML; may write files that they name into the folder.
+        constant_light: True if the set does not say where light comes from.
     """
 
     dataset: str
@@ -29,6 +30,7 @@ class FakeSet:
     cameras: int
     true_frame: Callable[[int], int] = int
     settings: Callable[[Path, TurningHead], str] = lambda folder, truth: "{}"
+    constant_light: bool = False
 
 
 def true_becominglit_frame(frame: int) -> int:
@@ -54,5 +56,9 @@ FAKES = (
         "faceolat", lambda: faceolat_layout.true_head(image=(96, 144)), faceolat_layout.write_faceolat,
         len(faceolat_layout.CAMERAS), lambda frame: frame - 1,
         faceolat_layout.settings,
+    ),
+    FakeSet(
+        "ava256", lambda: ava256_layout.true_head(image=(96, 144)), ava256_layout.write_ava256,
+        len(ava256_layout.CAMERAS), settings=ava256_layout.settings, constant_light=True,
     ),
 )  # fmt: skip

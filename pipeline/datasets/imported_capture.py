@@ -101,6 +101,8 @@ class ImportedCapture:
         meshes: tracked elsewhere.
         held_out: the set's own split.
         provenance: said in the capture, and on the report.
+        constant_light: True if the light never changes and the set does not say where it comes from; lights and
+            patterns then stand for it.
     """
 
     kind: Literal["body", "head"]
@@ -114,3 +116,4 @@ class ImportedCapture:
     meshes: TrackedMeshes
     held_out: HeldOut
     provenance: Provenance
+    constant_light: bool = False

@@ -91,6 +91,8 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
     if masks != PLAIN_MASKS:
         labels = {} if masks.labels is None else {"labels": list(masks.labels)}
         content["masks"] = {**labels, "enlarged": masks.enlarged}
+    if found.constant_light:
+        content["constant_light"] = True
     chosen = {}
     if held_out.validation_patterns is not None:
         chosen["validation_patterns"] = [int(frame) for frame in held_out.validation_patterns]

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.support.datasets import faceolat_layout
+from tests.support.datasets import ava256_layout, faceolat_layout
 
 CHEAP = "unwrap_atlas: {size: 32}\ntrain_avatar: {steps: 4}\nevaluate_avatar: {pictures: false}\n"
 
@@ -16,7 +16,14 @@ def write_faceolat(folder):
     return faceolat_layout.write_faceolat(folder, truth), faceolat_layout.settings(folder, truth)
 
 
-SETS = {"faceolat": (write_faceolat, {"test_cameras", "test_patterns"})}
+def write_ava256(folder):
+    truth = ava256_layout.true_head()
+    return ava256_layout.write_ava256(folder, truth), ava256_layout.settings(folder, truth)
+
+
+SETS = {
+    "faceolat": (write_faceolat, {"test_cameras", "test_patterns"}), "ava256": (write_ava256, {"test_segments"}),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
