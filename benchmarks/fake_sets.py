@@ -6,7 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.support.datasets import ava256_layout, becominglit_layout, faceolat_layout, goliath_layout, humanolat_layout
+from tests.support.datasets import (
+    actorshq_layout,
+    ava256_layout,
+    becominglit_layout,
+    faceolat_layout,
+    goliath_layout,
+    humanolat_layout,
+)
 from tests.support.datasets.turning_head import TurningHead
 
 
@@ -60,5 +67,9 @@ FAKES = (
     FakeSet(
         "ava256", lambda: ava256_layout.true_head(image=(96, 144)), ava256_layout.write_ava256,
         len(ava256_layout.CAMERAS), settings=ava256_layout.settings, constant_light=True,
+    ),
+    FakeSet(
+        "actorshq", lambda: actorshq_layout.true_head(image=(108, 144)), actorshq_layout.write_actorshq,
+        len(actorshq_layout.CAMERAS), settings=actorshq_layout.settings, constant_light=True,
     ),
 )  # fmt: skip

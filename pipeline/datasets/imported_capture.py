@@ -69,6 +69,7 @@ class HeldOut:
     segments: Sequence[str] = ()
     patterns: Sequence[int] = ()
     validation_patterns: Sequence[int] | None = None
+    validation_cameras: Sequence[str] | None = None
 
 
 @dataclass(frozen=True)

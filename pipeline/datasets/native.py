@@ -96,6 +96,8 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
     chosen = {}
     if held_out.validation_patterns is not None:
         chosen["validation_patterns"] = [int(frame) for frame in held_out.validation_patterns]
+    if held_out.validation_cameras is not None:
+        chosen["validation_cameras"] = list(held_out.validation_cameras)
     provenance = found.provenance
     return content | {
         "cameras": "cameras.csv", "frames": "frames.csv", "lights": "lights.csv", "patterns": "patterns.csv",

@@ -15,6 +15,7 @@ from pathlib import Path
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.config.import_capture import ImportCapture
+from pipeline.datasets.actorshq import read_actorshq
 from pipeline.datasets.ava256 import read_ava256
 from pipeline.datasets.becominglit import read_becominglit
 from pipeline.datasets.faceolat import read_faceolat
@@ -31,6 +32,7 @@ READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
     "humanolat": read_humanolat,
     "faceolat": read_faceolat,
     "ava256": read_ava256,
+    "actorshq": read_actorshq,
 }
 """Reader of each set of `pipeline.config.project.DATASETS`."""
 

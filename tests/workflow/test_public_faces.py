@@ -1,4 +1,4 @@
-"""Public sets of heads, each named in one line of configuration, from their own layouts to tables of metrics."""
+"""Public sets of people, each named in one line of configuration, from their own layouts to tables of metrics."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.support.datasets import ava256_layout, faceolat_layout
+from tests.support.datasets import actorshq_layout, ava256_layout, faceolat_layout
 
 CHEAP = "unwrap_atlas: {size: 32}\ntrain_avatar: {steps: 4}\nevaluate_avatar: {pictures: false}\n"
 
@@ -21,8 +21,14 @@ def write_ava256(folder):
     return ava256_layout.write_ava256(folder, truth), ava256_layout.settings(folder, truth)
 
 
+def write_actorshq(folder):
+    truth = actorshq_layout.true_head()
+    return actorshq_layout.write_actorshq(folder, truth), actorshq_layout.settings(folder, truth)
+
+
 SETS = {
     "faceolat": (write_faceolat, {"test_cameras", "test_patterns"}), "ava256": (write_ava256, {"test_segments"}),
+    "actorshq": (write_actorshq, {"test_cameras"}),
 }  # fmt: skip
 
 
