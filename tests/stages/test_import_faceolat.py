@@ -87,7 +87,7 @@ def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):
         np.testing.assert_allclose(arrays["vertices"][frame], truth.vertices(frame), atol=1e-6)
     # In between the truth turns about the head's middle, the import about that of its first mesh, with a fitted motion.
     for frame, vertices in zip(FRAMES, arrays["vertices"], strict=True):
-        np.testing.assert_allclose(vertices, truth.vertices(frame), atol=2e-4)
+        np.testing.assert_allclose(vertices, truth.vertices(frame), atol=1e-5)
 
 
 def test_each_image_has_its_light_and_fractions_of_durations_count(imported):
