@@ -43,10 +43,12 @@ HEAD = """\
 No public set lies beside this repository. What is measured here are fakes: captures of a synthetic head in the exact
 layout of each set, traps included, written from the set's own loader and datasheet and not from what reads them here.
 Each goes from one line of configuration to `metrics.csv`. Errors are the largest over all cameras, lights and frames;
-"between" are frames without a mesh, where the truth moves evenly; openillumination has no mesh at all, and its error
-is how far true vertices lie from the visual hull of six masks. The subject is painted flat and the images are small:
-the decibels say that the pipeline works, not how good a set is.
+"between" are frames without a mesh, where the truth moves evenly. Sets under constant light have no lights to compare.
+openillumination has no mesh at all: its error is how far true vertices lie from the visual hull of six masks. The
+subject is painted flat and the images are small: the decibels say that the pipeline works, not how good a set is.
 """
+
+WITHOUT_MASKS = ("faceolat",)
 
 SHOWN_SIDE = 420
 """Height of a picture's panels, pixels."""
@@ -82,6 +84,7 @@ def run_fake(fake: FakeSet, folder: Path, steps: int) -> tuple[Row, Path]:
         subprocess.run(["cp", "-r", name, str(project)], check=True)
     (project / "pipeline").symlink_to(Path("pipeline").resolve())
     settings = f"source: {fake.dataset}\npath: {shipped}\ntrain_avatar: {{steps: {steps}}}\n"
+    settings += f"import_capture: {fake.settings(folder, truth)}\n"
     (project / f"config/subjects/{fake.dataset}.yaml").write_text(settings)
     target = f"results/{fake.dataset}/metrics.csv"
     subprocess.run([sys.executable, "-m", "snakemake", "--cores", "2", "--quiet", "all", "--", target],
@@ -100,7 +103,8 @@ def compared(fake: FakeSet, truth: TurningHead, shipped: Path, project: Path) ->
         for name, camera in cameras.items()
         for points in [truth.vertices(fake.true_frame(int(frame))) for frame in tracked["frames"][:3]]
     )
-    light_m = float(np.abs(lights[["x", "y", "z"]].to_numpy() - truth.lights_m).max())
+    places = lights[["x", "y", "z"]].to_numpy()
+    light_m = np.nan if fake.constant_light else float(np.abs(places - truth.lights_m).max())
     table = read_table(results / "tracking/0000.parquet")
     away = [
         mesh_error(vertices, truth.vertices(fake.true_frame(int(frame))))
@@ -139,7 +143,10 @@ def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
     faces = faces[:: -(-len(faces) // SHOWN_FACES)]
     tracked = read_arrays(results / "tracking/0000.safetensors")
     vertices = dict(zip(tracked["frames"].tolist(), tracked["vertices"].astype(np.float64), strict=True))
-    masked = images[images.mask_path.notna()]
+    # Without masks, fully lit images with a mesh of their own.
+    tracking, frames = read_table(results / "tracking/0000.parquet"), read_table(results / "frames.parquet")
+    seen = set(tracking.frame[tracking.status == "given"]) & set(frames.frame[frames.fully_lit])
+    masked = images[images.mask_path.notna() if images.mask_path.notna().any() else images.frame.isin(seen)]
     names = sorted(masked.camera.unique())
     chosen = [names[i] for i in np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)]
     panels = []
@@ -147,7 +154,7 @@ def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
         rows = masked[masked.camera == name].sort_values("frame")
         row = rows.iloc[number * (len(rows) - 1) // max(len(chosen) - 1, 1)]
         image = corrected(source.read(row.path, row.frame), colors[name].astype(np.float32))
-        mask = source.read_mask(row.mask_path, image.shape)
+        mask = source.read_mask(row.mask_path, image.shape) if pd.notna(row.mask_path) else None
         small = cameras[name].downsampled(float(described["images"]["downsample_from_sensor"]))
         pixels, _ = small.project(vertices[row.frame])
         panels.append(panel(image, mask, pixels[faces], f"{name}, {row.frame}"))
@@ -155,7 +162,7 @@ def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
     cv2.imwrite(str(path), np.hstack(panels)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
 
 
-def panel(image: np.ndarray, mask: np.ndarray, triangles: np.ndarray, title: str) -> np.ndarray:
+def panel(image: np.ndarray, mask: np.ndarray | None, triangles: np.ndarray, title: str) -> np.ndarray:
     """An image enlarged, with the mask's outline in pink and the mesh's edges in yellow."""
     factor = SHOWN_SIDE / image.shape[0]
     size = (round(image.shape[1] * factor), SHOWN_SIDE)
@@ -164,9 +171,10 @@ def panel(image: np.ndarray, mask: np.ndarray, triangles: np.ndarray, title: str
     # From the corner of the first pixel to OpenCV's pixel centres, in sixteenths.
     lines = np.round((triangles * factor - 0.5) * 16).astype(np.int32)
     cv2.polylines(shown, list(lines), isClosed=True, color=(240, 200, 40), lineType=cv2.LINE_AA, shift=4)
-    large = cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
-    outlines, _ = cv2.findContours((large >= 128).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(shown, outlines, -1, (230, 90, 170), 2, cv2.LINE_AA)
+    if mask is not None:
+        large = cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
+        outlines, _ = cv2.findContours((large >= 128).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(shown, outlines, -1, (230, 90, 170), 2, cv2.LINE_AA)
     cv2.putText(shown, title, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
     return shown
 
@@ -180,14 +188,16 @@ def page(rows: Sequence[Row], steps: int) -> str:
         name = next(iter(row.truth.cameras))
         width, height = row.truth.image_size(name)
         size = f"{row.fake.cameras} cameras, {len(row.truth.frames)} frames, {width} x {height}"
-        errors = " | ".join(f"{value:.0e}" for value in (row.camera_px, row.light_m, row.given_m, row.between_m))
+        values = (row.camera_px, row.light_m, row.given_m, row.between_m)
+        errors = " | ".join("none" if np.isnan(value) else f"{value:.0e}" for value in values)
         lines.append(
             f"| {row.fake.dataset} | {size} | {row.shipped_mb:.2f} | {row.written_mb:.3f} | {row.stages} | {errors} | "
             f"{row.psnr_db:.1f} ({row.images} images) |\n"
         )
     lines.append(f"\nAvatars were trained for {steps} steps; everything else is the defaults.\n")
     for row in rows:
-        caption = f"{row.fake.dataset}: the imported mesh (yellow) through the imported cameras, and the mask (pink)"
+        mask = "" if row.fake.dataset in WITHOUT_MASKS else ", and the mask (pink)"
+        caption = f"{row.fake.dataset}: the imported mesh (yellow) through the imported cameras{mask}"
         lines.append(f"\n![{caption}](pictures/{picture_name(row.fake)})\n\n*{caption}.*\n")
     return "".join(lines)
 

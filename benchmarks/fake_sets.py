@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.support.datasets import (
+    actorshq_layout,
+    ava256_layout,
     becominglit_layout,
+    faceolat_layout,
     goliath_layout,
     humanolat_layout,
     olatverse_layout,
@@ -26,6 +29,8 @@ class FakeSet:
         write: writes it in the set's layout below a folder; returns the folder that `path` names.
         cameras: number of those with images.
         true_frame: the truth's frame by the imported capture's.
+        settings: of import_capture, as YAML; may write files that they name into the folder.
+        constant_light: True if the set does not say where light comes from.
     """
 
     dataset: str
@@ -33,6 +38,8 @@ class FakeSet:
     write: Callable[[Path, TurningHead], Path]
     cameras: int
     true_frame: Callable[[int], int] = int
+    settings: Callable[[Path, TurningHead], str] = lambda folder, truth: "{}"
+    constant_light: bool = False
 
 
 def true_becominglit_frame(frame: int) -> int:
@@ -61,5 +68,18 @@ FAKES = (
     FakeSet(
         "olatverse", lambda: olatverse_layout.true_object(image=(96, 144)), olatverse_layout.write_olatverse,
         len(olatverse_layout.CAMERAS),
+    ),
+    FakeSet(
+        "faceolat", lambda: faceolat_layout.true_head(image=(96, 144)), faceolat_layout.write_faceolat,
+        len(faceolat_layout.CAMERAS), lambda frame: frame - 1,
+        faceolat_layout.settings,
+    ),
+    FakeSet(
+        "ava256", lambda: ava256_layout.true_head(image=(96, 144)), ava256_layout.write_ava256,
+        len(ava256_layout.CAMERAS), settings=ava256_layout.settings, constant_light=True,
+    ),
+    FakeSet(
+        "actorshq", lambda: actorshq_layout.true_head(image=(108, 144)), actorshq_layout.write_actorshq,
+        len(actorshq_layout.CAMERAS), settings=actorshq_layout.settings, constant_light=True,
     ),
 )  # fmt: skip

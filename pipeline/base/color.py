@@ -21,6 +21,9 @@ BREAK_SRGB = 0.04045
 SLOPE = 12.92
 """Slope of the curve below the break. On a straight line, value and gradient are finite at zero."""
 
+GAMMA = 2.2
+"""Exponent of images that are a plain power of light, which is not sRGB: that is straight near black."""
+
 
 def corrected(rgb_linear: Colors, matrix: Colors) -> Colors:
     """Colours [..., 3] by a matrix 3 x 3, or by one of 3 x 4 whose last column is added."""
@@ -38,6 +41,18 @@ def linear_from_srgb(rgb_srgb: Colors) -> Colors:
     """Decode sRGB of any shape."""
     power = ((rgb_srgb.clip(BREAK_SRGB, None) + 0.055) / 1.055) ** 2.4
     return _choose(rgb_srgb <= BREAK_SRGB, rgb_srgb / SLOPE, power)
+
+
+def linear_from_gamma(stored: Colors) -> Colors:
+    """Decode values of any shape that are light to the power of 1 / `GAMMA`.
+
+    Below zero the curve is mirrored.
+    """
+    return np.sign(stored) * np.abs(stored) ** GAMMA
+
+
+DECODERS = {"srgb": linear_from_srgb, "gamma_2.2": linear_from_gamma}
+"""How stored values become light, by the name of the transfer function."""
 
 
 def _choose(condition, below, above):

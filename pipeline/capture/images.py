@@ -18,13 +18,13 @@ import numpy as np
 import OpenEXR
 from jaxtyping import Float32, UInt8
 
-from pipeline.base.color import linear_from_srgb, srgb_from_linear
+from pipeline.base.color import DECODERS, srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 
-Transfer = Literal["linear", "srgb"]
+Transfer = Literal["linear", "srgb", "gamma_2.2"]
 
 BlackLevel = float | Sequence[float]
 """Stored value of no light, of all channels or of R, G and B each."""
@@ -116,7 +116,7 @@ def decode_image(
         raise InputError(f"{path}: expected an image of the three channels R, G, B, found {_channels(stored)}")
     scale = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
     image = (stored.astype(np.float32) - np.asarray(black_level, np.float32)) / np.float32(scale)
-    return linear_from_srgb(image) if transfer == "srgb" else image
+    return DECODERS[transfer](image) if transfer in DECODERS else image
 
 
 def read_mask(path: Path) -> UInt8[np.ndarray, "h w"]:

@@ -19,8 +19,9 @@ class ImportCapture(Settings):
     )
     mesh: str = Field(
         "",
-        description=".obj or .ply of an object that stands still, in the world and unit of the set's cameras, for sets "
-        "that ship none; empty: the set's own, else the visual hull of the masks",
+        description=".obj or .ply of a subject that stands still, or a folder of them named after the images' numbers "
+        "(000015.ply) for one that moves, in the world of the set's cameras, metres or the set's unit, for sets that "
+        "ship none; empty: the set's own, else, of objects, the visual hull of the masks",
     )
     hull_cells: int = Field(
         48,

@@ -45,7 +45,9 @@ from pipeline.config.write_report import WriteReport
 NAME_PATTERN = "[A-Za-z0-9_][A-Za-z0-9_-]*"
 """What subjects and variants may be called: they become folder names, wildcards and words of command lines."""
 
-DATASETS = ("goliath", "becominglit", "humanolat", "openillumination", "olatverse")
+DATASETS = (
+    "goliath", "becominglit", "humanolat", "openillumination", "olatverse", "faceolat", "ava256", "actorshq",
+)  # fmt: skip
 """Public sets that import_capture reads."""
 
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]

@@ -73,7 +73,7 @@ ARGUMENTS = {
     "evaluate_avatar": "subject atlas shards frames=frame_shards effects avatars=avatar out=scores",
     "relight_avatar": "atlas avatar tracking textures index estimated_gaze=gaze cameras environment lights=light_list "
     "shards=captured out=relit",
-    "export_viewer": "subject atlas avatar shards frames=frame_shards lights patterns out=viewer",
+    "export_viewer": "subject atlas avatar shards frames=frame_shards index lights patterns out=viewer",
     "export_avatar": "capture atlas avatar shards frames=frame_shards index cameras lights patterns tracking "
     "out=export",
     "export_capture": "subject layout capture index cameras color lights=lights_of_layout patterns=patterns_of_layout "

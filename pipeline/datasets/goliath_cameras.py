@@ -25,7 +25,9 @@ a half or more."""
 MODELS = {"projectionModel": "Pinhole", "distortionModel": "RadialAndTangential"}
 
 
-def read_goliath_cameras(path: Path, sizes: Mapping[str, tuple[int, int]], complaints: Complaints) -> dict[str, Camera]:
+def read_goliath_cameras(
+    path: Path, sizes: Mapping[str, tuple[int, int]], complaints: Complaints, downsample: int = DOWNSAMPLE
+) -> dict[str, Camera]:
     """Cameras of camera_calibration.json at sensor resolution, those that have images.
 
     K.T has its principal point from the centre of the first pixel, so half a pixel is added; T.T is camera-from-world,
@@ -33,6 +35,7 @@ def read_goliath_cameras(path: Path, sizes: Mapping[str, tuple[int, int]], compl
 
     Args:
         sizes: width and height of each camera's images.
+        downsample: sensor pixels along a side of an image's pixel.
     """
     entries = {str(entry.get("cameraId")): entry for entry in json_key(path, "KRT")}
     cameras = {}
@@ -41,8 +44,9 @@ def read_goliath_cameras(path: Path, sizes: Mapping[str, tuple[int, int]], compl
             complaints.add(path.name, f"camera {name}", expected="an entry, as it has images", found="none")
             continue
         before = len(complaints.messages)
-        size = (width * DOWNSAMPLE, height * DOWNSAMPLE)
-        camera = _camera(path.name, name, entries[name], size, complaints)
+        size = (width * downsample, height * downsample)
+        hint = f"images are taken for {downsample} times smaller than the sensor, as the set ships them"
+        camera = _camera(path.name, name, entries[name], size, hint, complaints)
         if camera is not None and len(complaints.messages) == before:
             cameras[name] = camera
     return cameras
@@ -54,7 +58,7 @@ def calibrated_names(path: Path) -> list[str]:
 
 
 def _camera(
-    file: str, name: str, entry: dict[str, Any], size: tuple[int, int], complaints: Complaints
+    file: str, name: str, entry: dict[str, Any], size: tuple[int, int], resolution: str, complaints: Complaints
 ) -> Camera | None:
     key = f"camera {name}"
     for word, model in MODELS.items():
@@ -78,8 +82,7 @@ def _camera(
     off = np.abs(K[:2, 2] / size - 0.5).max()
     if off > MIDDLE:
         expected = f"a principal point near the middle of the sensor's {size[0]} x {size[1]} pixels"
-        hint = f"images are taken for {DOWNSAMPLE} times smaller than the sensor, as the set ships them"
-        complaints.add(file, f"{key}: K", expected=expected, found=f"{K[0, 2]:g}, {K[1, 2]:g}", hint=hint)
+        complaints.add(file, f"{key}: K", expected=expected, found=f"{K[0, 2]:g}, {K[1, 2]:g}", hint=resolution)
     K = K.copy()
     K[:2, 2] += PIXEL_CENTER
     dist = np.pad(arrays["distortion"], (0, 5 - len(arrays["distortion"])))

@@ -23,12 +23,19 @@ TEMPLATES = ("kinematic_tracking/template_mesh.obj", "kinematic_tracking/templat
 MEAN = "kinematic_tracking/registration_vertices_mean.npy"
 
 
-def find_meshes(root: Path, frames: Collection[int]) -> pd.DataFrame:
-    """frame, path and world_from_mesh (metres) of the frames that have vertices and a head pose."""
+FOLDER = "registration_vertices/"
+
+
+def find_meshes(root: Path, frames: Collection[int], folder: str = FOLDER) -> pd.DataFrame:
+    """frame, path and world_from_mesh (metres) of the frames that have vertices and a head pose.
+
+    Args:
+        folder: that the archive has its members in.
+    """
     vertices, poses = root / "kinematic_tracking/registration_vertices.zip", root / "head_pose/head_pose.zip"
     rows, bare = [], []
     for frame in frames:
-        name = f"registration_vertices/{frame:06d}.ply"
+        name = f"{folder}{frame:06d}.ply"
         if name not in members(vertices):
             continue
         if f"{frame:06d}.txt" not in members(poses):

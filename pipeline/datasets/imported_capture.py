@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -30,7 +31,7 @@ class ImageStore:
 
     table: pd.DataFrame
     sizes: Mapping[str, tuple[int, int]]
-    transfer: Literal["linear", "srgb"]
+    transfer: Literal["linear", "srgb", "gamma_2.2"]
     black_level: float | Sequence[float]
     downsample_from_sensor: int
     masks: MaskFormat = PLAIN_MASKS
@@ -42,13 +43,14 @@ OWN_MESH = "mesh.ply"
 
 @dataclass(frozen=True)
 class TrackedMeshes:
-    """Meshes that a set ships.
+    """Meshes that a set ships, or that were made of it.
 
     Attributes:
         table: frame, path (relative to the set's folder), world_from_mesh (12 numbers, t in metres, or None).
         scale_to_m: metres per unit of their vertices.
         rest: the mesh at rest, metres; if the motion is given, in the frame that `world_from_mesh` starts from.
         motion: given, if `world_from_mesh` is how the template moves; fitted, if it only takes vertices to the world.
+        elsewhere: files that are not in the set's folder, by their paths of the table; the capture gets copies.
         in_set: False if the set has no mesh: then `rest` is written beside the tables, as `OWN_MESH`, which the paths
             name.
     """
@@ -57,7 +59,12 @@ class TrackedMeshes:
     scale_to_m: float
     rest: Mesh
     motion: Literal["given", "fitted"] = "given"
+    elsewhere: Mapping[str, Path] = field(default_factory=dict)
     in_set: bool = True
+
+    def file(self, root: Path, path: str) -> Path:
+        """The file that a path of the table names."""
+        return self.elsewhere.get(path, root / path)
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,7 @@ class HeldOut:
     segments: Sequence[str] = ()
     patterns: Sequence[int] = ()
     validation_patterns: Sequence[int] | None = None
+    validation_cameras: Sequence[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +109,8 @@ class ImportedCapture:
         meshes: tracked elsewhere.
         held_out: the set's own split.
         provenance: said in the capture, and on the report.
+        constant_light: True if the light never changes and the set does not say where it comes from; lights and
+            patterns then stand for it.
     """
 
     kind: Literal["body", "head"]
@@ -114,3 +124,4 @@ class ImportedCapture:
     meshes: TrackedMeshes
     held_out: HeldOut
     provenance: Provenance
+    constant_light: bool = False

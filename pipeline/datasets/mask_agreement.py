@@ -128,7 +128,7 @@ def masked_views(root: Path, store: ImageStore, meshes: TrackedMeshes) -> list[M
 def posed_vertices(root: Path, meshes: TrackedMeshes, frame: int) -> Float64[np.ndarray, "vertices 3"]:
     """Vertices of a frame's mesh in the world, metres."""
     row = meshes.table.set_index("frame").loc[frame]
-    path = root / row.path
+    path = meshes.file(root, row.path)
     vertices = meshes.scale_to_m * decode_mesh(read_bytes(path), path).vertices
     if row.world_from_mesh is None:
         return vertices

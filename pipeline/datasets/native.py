@@ -10,9 +10,10 @@ import yaml
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_bytes, digest_file, write_json, write_table, written_whole
+from pipeline.capture.archives import read_bytes
 from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.paths import SOURCE
-from pipeline.datasets.imported_capture import OWN_MESH, ImportedCapture
+from pipeline.datasets.imported_capture import OWN_MESH, ImportedCapture, TrackedMeshes
 from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.mesh_files import Mesh
 
@@ -42,18 +43,26 @@ def write_native(out: Path, source: Path, dataset: str, subject: str, found: Imp
     write_table(out / "lights.csv", found.lights)
     write_table(out / "patterns.csv", found.patterns)
     write_table(out / "images.parquet", images)
-    meshes = found.meshes.table
-    if found.meshes.in_set:
-        meshes = meshes.assign(path=SOURCE + "/" + meshes["path"])
-    else:
-        write_mesh(out / OWN_MESH, found.meshes.rest)
-    write_table(out / "meshes.parquet", meshes)
+    write_table(out / "meshes.parquet", mesh_table(out, found.meshes))
     write_cameras(out / "cameras.json", found.cameras)
     if found.colors:
         write_json(out / "color.json", {"cameras": {name: m.tolist() for name, m in found.colors.items()}})
     write_mesh(out / "template.glb", found.meshes.rest)
     with written_whole(out / "capture.yaml") as temporary:
         temporary.write_text(yaml.safe_dump(described(out, dataset, subject, found), sort_keys=False))
+
+
+def mesh_table(out: Path, meshes: TrackedMeshes) -> pd.DataFrame:
+    """The table of meshes, its paths relative to the capture; copies those from elsewhere there."""
+    if not meshes.in_set:
+        write_mesh(out / OWN_MESH, meshes.rest)
+        return meshes.table
+    places = {path: f"{SOURCE}/{path}" for path in meshes.table["path"]}
+    for path, file in meshes.elsewhere.items():
+        places[path] = f"meshes/{path}"
+        with written_whole(out / places[path]) as temporary:
+            temporary.write_bytes(read_bytes(file))
+    return meshes.table.assign(path=meshes.table["path"].map(places))
 
 
 def link_source(out: Path, source: Path) -> None:
@@ -85,9 +94,13 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
     if masks != PLAIN_MASKS:
         labels = {} if masks.labels is None else {"labels": list(masks.labels)}
         content["masks"] = {**labels, "enlarged": masks.enlarged}
+    if found.constant_light:
+        content["constant_light"] = True
     chosen = {}
     if held_out.validation_patterns is not None:
         chosen["validation_patterns"] = [int(frame) for frame in held_out.validation_patterns]
+    if held_out.validation_cameras is not None:
+        chosen["validation_cameras"] = list(held_out.validation_cameras)
     provenance = found.provenance
     return content | {
         "cameras": "cameras.csv", "frames": "frames.csv", "lights": "lights.csv", "patterns": "patterns.csv",
@@ -105,14 +118,14 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
             **chosen,
         },
         "imported": {
-            "dataset": dataset, "digest": _digest(out), "given": provenance.given, "computed": provenance.computed,
-            "left_out": provenance.left_out,
+            "dataset": dataset, "digest": _digest(out, found.meshes), "given": provenance.given,
+            "computed": provenance.computed, "left_out": provenance.left_out,
         },
     }  # fmt: skip
 
 
-def _digest(out: Path) -> str:
-    there = [name for name in TABLES if (out / name).is_file()]
+def _digest(out: Path, meshes: TrackedMeshes) -> str:
+    there = [name for name in (*TABLES, *(f"meshes/{path}" for path in meshes.elsewhere)) if (out / name).is_file()]
     return digest_bytes("\n".join(f"{digest_file(out / name)} {name}" for name in there).encode())
 
 

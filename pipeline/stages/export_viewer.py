@@ -21,6 +21,7 @@ from pipeline.base.splits import VALIDATION
 from pipeline.base.spread import spread
 from pipeline.capture.shards import read_frame_shards, read_image_shards
 from pipeline.config.export_viewer import ExportViewer
+from pipeline.lighting.changing_light import require_changing_light
 from pipeline.lighting.named_lights import read_named_lights
 from pipeline.viewer.captured import captured_pictures, choose_cameras
 from pipeline.viewer.head_poses import head_sliders
@@ -48,6 +49,7 @@ def run(
     out: Path,
     subject: str,
     frames: Path | None = None,
+    index: Path | None = None,
     settings: ExportViewer = ExportViewer(),
 ) -> None:
     """Write the page.
@@ -61,8 +63,10 @@ def run(
         out: HTML file to write.
         subject: name of the subject, for the title.
         frames: folder of frame shards, if they are not those in SHARDS/frames.
+        index: folder of index_capture; a capture under constant light is refused.
         settings: see the flags below.
     """
+    require_changing_light(index)
     loaded = load_avatar(avatar, atlas)
     spec = loaded.avatar.spec
     require_analytic(spec, f"{avatar}/config.json")

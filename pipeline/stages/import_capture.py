@@ -15,7 +15,10 @@ from pathlib import Path
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.config.import_capture import ImportCapture
+from pipeline.datasets.actorshq import read_actorshq
+from pipeline.datasets.ava256 import read_ava256
 from pipeline.datasets.becominglit import read_becominglit
+from pipeline.datasets.faceolat import read_faceolat
 from pipeline.datasets.goliath import read_goliath
 from pipeline.datasets.humanolat import read_humanolat
 from pipeline.datasets.imported_capture import ImportedCapture
@@ -31,6 +34,9 @@ READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
     "humanolat": read_humanolat,
     "openillumination": read_openillumination,
     "olatverse": read_olatverse,
+    "faceolat": read_faceolat,
+    "ava256": read_ava256,
+    "actorshq": read_actorshq,
 }
 """Reader of each set of `pipeline.config.project.DATASETS`."""
 

@@ -38,6 +38,7 @@ from pipeline.config.relight_avatar import RelightAvatar
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.camera_paths import orbit, through_cameras, through_keyframes
 from pipeline.geometry.cameras import Camera, read_cameras
+from pipeline.lighting.changing_light import require_changing_light
 from pipeline.lighting.environment import read_environment
 from pipeline.lighting.light_lists import read_light_list
 from pipeline.rendering.splat_ply import write_splats
@@ -72,6 +73,7 @@ def run(
         tracking: chunks of track_mesh, in order.
         textures: of the same chunks, by bake_textures, for heads; without, those of an average frame are taken.
         index: folder of index_capture, for --segment and for the gaze that was captured; without, eyes look as tracked.
+            A capture under constant light is refused.
         estimated_gaze: gaze.parquet of estimate_gaze, where the capture declares none.
         environment: panorama that lights the avatar.
         lights: point lights instead: columns light, x, y, z [m], r, g, b and, if they move, picture.
@@ -82,6 +84,7 @@ def run(
     """
     if (environment is None) == (lights is None):
         raise InputError("expected either --environment or --lights, found both or neither; name one light")
+    require_changing_light(index)
     relighter = Relighter(load_avatar(avatar, atlas), TraceIrradiance(samples=settings.shadow_samples))
     poses = read_poses(relighter, tracking, textures, index, settings, estimated_gaze)
     sequence = DrivingSequence(relighter, poses, settings)

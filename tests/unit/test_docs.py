@@ -39,6 +39,9 @@ MADE_OR_GIVEN = {
     "scene/gaussian_model.py", "becominglit/data/bl_dataset.py", "configs/default.yaml", "DATASHEET.md",
     "ca_code/utils/dataloader.py", "code/utils/metadata_readers.py", "intri.yml", "extri.yml",
     "scene/dataset_readers.py", "ltsg/utils/util_funcs.py",
+    "color-calibration/exr2avif.py", "relighting/render_reference_envmap_relit.py", "calibration/README.md",
+    "data/ava_dataset.py", "actorshq/dataset/camera_data.py", "actorshq/dataset/volumetric_dataset.py",
+    "actorshq/evaluation/presets.py",
 }  # fmt: skip
 """Names that are no file of the repository: a user's, an example's, another project's, or a page of the site."""
 

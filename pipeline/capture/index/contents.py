@@ -49,6 +49,8 @@ def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: I
         labelled = {"regions": template.regions, "regions_digest": digest_file(root / template.regions)}
     if template.eyes and not manifest.gaze:
         given["gaze"] = False
+    if manifest.constant_light:
+        given["constant_light"] = True
     if manifest.imported is not None:
         given["imported"] = manifest.imported.model_dump(exclude={"digest"})
     return {

@@ -176,8 +176,8 @@ def _check_stage_frame(
 
 
 def _check_transfer(images: Images | None, complaints: Complaints) -> None:
-    if images is not None and images.transfer == "srgb" and (images.path or "").lower().endswith(".exr"):
+    if images is not None and images.transfer != "linear" and (images.path or "").lower().endswith(".exr"):
         complaints.add(
             MANIFEST, "images.transfer", expected="linear: OpenEXR files hold linear light by definition",
-            found="srgb", hint="say linear, or convert the images to .png",
+            found=images.transfer, hint="say linear, or convert the images to .png",
         )  # fmt: skip

@@ -178,6 +178,11 @@ class Capture(Section):
         description="csv: frame, light, intensity (or intensity_r, intensity_g, intensity_b if lights are coloured); "
         "one row per lit light, unlisted = off"
     )
+    constant_light: bool = Field(
+        False,
+        description="true: the light never changes, and where it comes from is not known; lights and patterns then "
+        "stand for it, all lit in every frame. Such a capture is tracked and gets avatars; these are not relit",
+    )
     keypoints_2d: ParquetPath | None = Field(None, description="parquet: frame, camera, keypoint, x, y, confidence")
     keypoints_order: Literal[*CHOICES] | None = Field(
         None,

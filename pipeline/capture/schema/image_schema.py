@@ -36,7 +36,9 @@ class Images(Section):
         description="pattern with {camera} and {frame:06d}; .exr (R, G, B) or .png (8, 16 bit)",
         validate_default=True,
     )
-    transfer: Literal["linear", "srgb"] = Field(description="how stored values relate to light")
+    transfer: Literal["linear", "srgb", "gamma_2.2"] = Field(
+        description="how stored values relate to light; gamma_2.2: a plain power, which is not sRGB"
+    )
     black_level: BlackLevel = Field(
         description="stored value (counts, but for .exr) of no light, of all channels or a list of R, G and B; "
         "subtracted before anything else"

@@ -50,6 +50,13 @@ def test_png_of_8_bit_is_srgb_in_rgb_order(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_image(tmp_path / "a.png", "srgb", 0.0), [[[1, 0.5029, 0]]], atol=5e-5)
 
 
+def test_png_that_is_a_plain_power_is_no_srgb(tmp_path: Path) -> None:
+    """Half the light is stored as 0.5^(1 / 2.2), 186 of 255; near black the curve is not straight."""
+    Image.fromarray(np.array([[[255, 186, 10]]], np.uint8)).save(tmp_path / "a.png")
+    decoded = read_image(tmp_path / "a.png", "gamma_2.2", 0.0)
+    np.testing.assert_allclose(decoded, [[[1, 0.4995, (10 / 255) ** 2.2]]], atol=5e-5)
+
+
 def test_png_of_16_bit_is_counts(tmp_path: Path) -> None:
     """The black level is in counts: (c - 512) / 65535, before any decoding."""
     counts = np.array([[[600, 512, 65535], [500, 40000, 0]]], np.uint16)

@@ -1,0 +1,98 @@
+"""An ActorsHQ sequence in the set's layout, imported and compared with what it was made from."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_arrays
+from pipeline.config.import_capture import ImportCapture
+from pipeline.geometry.cameras import read_cameras
+from pipeline.stages.import_capture import run
+from tests.support.datasets.actorshq_layout import (
+    CAMERAS,
+    FRAMES,
+    LYING,
+    TEST_CAMERA,
+    UNUSED_CAMERA,
+    VALIDATION_CAMERA,
+    true_head,
+    write_actorshq,
+    write_meshes,
+)
+from tests.support.datasets.imported import import_set
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return true_head()
+
+
+@pytest.fixture(scope="module")
+def shipped(truth, tmp_path_factory):
+    return write_actorshq(tmp_path_factory.mktemp("set"), truth)
+
+
+@pytest.fixture(scope="module")
+def settings(truth, tmp_path_factory):
+    return ImportCapture(mesh=str(write_meshes(tmp_path_factory.mktemp("meshes"), truth)))
+
+
+@pytest.fixture(scope="module")
+def imported(shipped, settings, tmp_path_factory):
+    """Folders of the native capture, and of the results of the stages that follow."""
+    return import_set("actorshq", shipped, tmp_path_factory.mktemp("imported"), settings)
+
+
+def test_cameras_and_meshes_are_the_true_ones_in_a_world_whose_y_is_up(truth, imported):
+    cameras = read_cameras(imported[1] / "calibration/cameras.json")
+    assert sorted(cameras) == CAMERAS
+    for name, camera in cameras.items():
+        pixels, _ = camera.project(truth.vertices(FRAMES[0]))
+        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(FRAMES[0])) + 0.5, atol=1e-6)
+    assert cameras[LYING].width > cameras[LYING].height
+    arrays = read_arrays(imported[1] / "tracking/0000.safetensors")
+    assert arrays["frames"].tolist() == list(FRAMES)
+    for frame, vertices in zip(FRAMES, arrays["vertices"], strict=True):
+        given = frame in truth.keyed
+        # In between, the motion is one that was fitted to the meshes.
+        np.testing.assert_allclose(vertices, truth.vertices(frame), atol=1e-6 if given else 1e-5)
+
+
+def test_the_authors_cameras_and_constant_light_are_said(imported):
+    described = yaml.safe_load((imported[0] / "capture.yaml").read_text())
+    assert described["splits"]["test_cameras"] == [TEST_CAMERA]
+    assert described["splits"]["validation_cameras"] == [VALIDATION_CAMERA]
+    left_out = described["imported"]["left_out"]
+    assert left_out["cameras in no part of the authors' split"] == f"1: {UNUSED_CAMERA}"
+    assert "of the projected meshes lies in the masks" in described["imported"]["given"]["meshes"]
+    assert json.loads((imported[1] / "index/capture.json").read_text())["constant_light"] is True
+    table = pd.read_parquet(imported[1] / "tracking/0000.parquet")
+    assert (table.silhouette_iou > 0.8).all()
+
+
+def test_what_is_not_there_or_of_no_use_is_said(shipped, settings, tmp_path):
+    def refusal(root, chosen=settings):
+        with pytest.raises(InputError) as caught:
+            run(dataset="actorshq", source=root, subject="x", out=tmp_path / "out", settings=chosen)
+        return str(caught.value)
+
+    assert "3 problems" in refusal(shipped.parent)
+    assert "meshes.abc has other vertices in each frame" in refusal(shipped, ImportCapture())
+    one = f"{settings.mesh}/Frame{FRAMES[0]:06d}.obj"
+    assert "expected a folder of meshes" in refusal(shipped, ImportCapture(mesh=one))
+    root = shutil.copytree(shipped, tmp_path / "set")
+    lines = (root / "calibration.csv").read_text().splitlines()
+    columns = lines[0].split(",")
+    for line, expected in (("w", "the shape of its images"), ("rx", "in the masks")):
+        rows = [row.split(",") for row in lines[1:]]
+        for row in rows:
+            row[columns.index(line)] = "100" if line == "w" else str(-float(row[columns.index(line)]))
+        (root / "calibration.csv").write_text("\n".join([lines[0], *(",".join(row) for row in rows)]))
+        assert expected in refusal(root)
