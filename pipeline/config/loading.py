@@ -6,7 +6,7 @@ All that is wrong is said at once.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -183,13 +183,20 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
             _complain(error, SECTIONS[stage], own, complaints, prefix=f"{'.'.join(inside)}.")
             continue
         if stage == "train_avatar" and (found := _fault_of_geometry(settings, variant)):
-            where = next((name for name, given in own if isinstance(given, Mapping) and "geometry_from" in given), "")
-            key, expected = (
-                ".".join((*inside, "geometry_from")),
-                "another variant, which does not come back to this one",
-            )
-            complaints.add(where or origins[0][0], key, expected=expected, found=found)
+            where, key = _place_of("geometry_from", [inside, ("train_avatar",)], origins)
+            complaints.add(where, key, expected="another variant, which does not come back to this one", found=found)
     return settings
+
+
+def _place_of(
+    key: str, sections: Sequence[tuple[str, ...]], origins: list[tuple[str, Any]]
+) -> tuple[str, str]:  # fmt: skip
+    """The file that a setting comes from, and its name there, looked for in one section after the other."""
+    for section in sections:
+        for where, content in origins:
+            if isinstance(given := _dig(content, section), Mapping) and key in given:
+                return where, ".".join((*section, key))
+    return origins[0][0], ".".join((*sections[0], key))
 
 
 def _fault_of_geometry(settings: SubjectSettings, variant: str) -> str:

@@ -120,6 +120,8 @@ def test_geometry_comes_from_another_variant_and_never_in_a_circle(tmp_path):
                          "this one, found 'ful', of full, pbr")  # fmt: skip
     (line,) = lines(full={"geometry_from": "full"})
     assert "found full -> full" in line
+    whole = complaints(tmp_path, subjects={"two": {"train_avatar": {"geometry_from": "none"}}})
+    assert "two.yaml: train_avatar.geometry_from: expected another variant" in whole[1]
     both = lines(a={"geometry_from": "b"}, b={"geometry_from": "a"})
     assert ["found a -> b -> a" in both[0], "found b -> a -> b" in both[1]] == [True, True]
     (line,) = lines(a={"geometry_from": "b"}, b={"steps": 0})
