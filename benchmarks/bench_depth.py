@@ -26,7 +26,7 @@ from pipeline.avatar.training.checkpoint import LoadedAvatar, camera_view, load_
 from pipeline.base.files import read_arrays
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import read_frame_shards, read_image_shards
-from pipeline.config.train_avatar import DepthSource
+from pipeline.config.trained_model import DepthSource
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.depth_maps import draw_depth
 from pipeline.lighting.lobes import unit

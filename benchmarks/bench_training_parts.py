@@ -29,7 +29,8 @@ from benchmarks.training_ranges import REST, Part, marked, seconds_of_parts
 from pipeline.avatar.frames.frame_stream import FrameStream
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.base.files import read_json, write_json
-from pipeline.config.train_avatar import ANALYTIC, TrainAvatar
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.trained_model import ANALYTIC
 from pipeline.stages import train_avatar
 
 WARM_STEPS = 10

@@ -28,7 +28,8 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.capture.images import write_png
 from pipeline.capture.records import FrameRecord
-from pipeline.config.train_avatar import Geometry, TrainAvatar
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.trained_model import Geometry
 from pipeline.geometry.atlas import sampled_atlas, unwrap_faces
 from pipeline.geometry.camera_paths import look_at
 from pipeline.geometry.mesh import weld_vertices

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import get_args
 
 from pipeline.base.files import read_json, read_table
-from pipeline.config.train_avatar import DepthSource
+from pipeline.config.trained_model import DepthSource
 from pipeline.dials.dial import CostedStage, Dial, Subject
 from pipeline.dials.trained import AFTER_TRACING, MADE, STEPS, one_chunk, picture_milliseconds, psnr_lost
 from pipeline.geometry.texels import read_atlas

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.config.train_avatar import Fresnel
+from pipeline.config.trained_model import Fresnel
 from pipeline.lighting.lobes import Lobe, angle_between, angular_gaussian, mirror_direction, unit
 from pipeline.lighting.microfacet import DIELECTRIC_F0, gather_reflections
 from pipeline.lighting.point_lights import PointLights

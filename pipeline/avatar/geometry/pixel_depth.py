@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from pipeline.config.train_avatar import DepthSource
+from pipeline.config.trained_model import DepthSource
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.depth_maps import draw_depth
 from pipeline.rendering.splat_conventions import MIN_ALPHA, Splatted
@@ -49,7 +49,7 @@ def depth_of_pixels(
 
 
 def points_of_pixels(
-    row: Int[Tensor, "pixels"], column: Int[Tensor, "pixels"], depth: Float[Tensor, "pixels"], camera: CameraView
+    row: Int[Tensor, " pixels"], column: Int[Tensor, " pixels"], depth: Float[Tensor, " pixels"], camera: CameraView
 ) -> Float[Tensor, "pixels 3"]:
     """World points, metres, at the given depths along the axis of the camera."""
     K = camera.K

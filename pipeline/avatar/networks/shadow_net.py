@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, interpolate, leaky_relu
 
-from pipeline.config.train_avatar import ShadowInput
+from pipeline.config.trained_model import ShadowInput
 from pipeline.geometry.texels import Atlas
 
 SHARE_FLOOR, SHARE_CEILING = 0.02, 0.98

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from pipeline.config.train_avatar import (
+from pipeline.config.trained_model import (
     ANALYTIC,
     Anchors,
     CodeStart,

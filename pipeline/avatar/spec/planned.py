@@ -10,7 +10,8 @@ from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json
 from pipeline.config.effects import EFFECTS
-from pipeline.config.train_avatar import Kind, TrainAvatar
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.trained_model import Kind
 
 
 def read_plan(path: Path) -> set[str]:

@@ -30,7 +30,7 @@ from torch import Tensor, nn
 
 from pipeline.avatar.training.optimizer import learned_parameters
 from pipeline.base.errors import InputError
-from pipeline.config.train_avatar import Device
+from pipeline.config.trained_model import Device
 
 Item = TypeVar("Item")
 

@@ -11,7 +11,8 @@ from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.networks.expression_vae import standard_divergence
 from pipeline.base.color import srgb_from_linear
-from pipeline.config.train_avatar import LossMean, LossSpace, TrainAvatar
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.training_losses import LossMean, LossSpace
 from pipeline.metrics.images import SSIM_SIGMA, SSIM_WINDOW
 
 STABLE_MEAN, STABLE_VARIANCE = 0.01**2, 0.03**2

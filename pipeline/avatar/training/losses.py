@@ -16,7 +16,8 @@ from pipeline.avatar.training.head_losses import structural_dissimilarity
 from pipeline.avatar.training.shape_losses import shape_terms
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.errors import InputError
-from pipeline.config.train_avatar import Edges, LossMean, LossSpace, TrainAvatar
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.training_losses import Edges, LossMean, LossSpace
 from pipeline.geometry.texels import HAIR
 from pipeline.lighting.lobes import unit
 from pipeline.metrics.images import LPIPS_SMALLEST_SIDE

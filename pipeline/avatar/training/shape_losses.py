@@ -11,7 +11,8 @@ from torch import Tensor
 from pipeline.avatar.appearance.penalties import outside, outside_as_printed
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.model import Avatar
-from pipeline.config.train_avatar import Bound, TrainAvatar
+from pipeline.config.train_avatar import TrainAvatar
+from pipeline.config.training_losses import Bound
 
 SCALE_BOUNDS_M = (1e-4, 1e-2)
 """Bounds of Gaussian scales (RFGCA Appendix B)."""
