@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import overload
 
 import numpy as np
 import pandas as pd
@@ -57,7 +56,7 @@ CAMERAS_AS_CALIBRATED = CameraOffsets((), np.zeros((0, 6)))
 """No camera stands elsewhere than its calibration says."""
 
 
-class MovedImages(Sequence[ImageRecord]):
+class MovedImages:
     """Images of shards, each seen by its camera where that is known to stand by now.
 
     Args:
@@ -79,11 +78,5 @@ class MovedImages(Sequence[ImageRecord]):
     def __len__(self) -> int:
         return len(self.images)
 
-    @overload
-    def __getitem__(self, index: int) -> ImageRecord: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[ImageRecord]: ...
-    def __getitem__(self, index: int | slice) -> ImageRecord | list[ImageRecord]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
+    def __getitem__(self, index: int) -> ImageRecord:
         return self._offsets.moved(self.images[index])
