@@ -28,7 +28,7 @@ from tests.support.datasets.ava256_layout import (
     write_ava256,
     write_topology,
 )
-from tests.support.datasets.imported import import_set
+from tests.support.datasets.imported import assert_true_cameras, import_set
 
 FIRST = SEGMENTS["EXP_neutral_peak"][0]
 
@@ -55,11 +55,8 @@ def imported(shipped, topology, tmp_path_factory):
 
 
 def test_cameras_and_meshes_are_the_true_ones(truth, imported):
-    cameras = read_cameras(imported[1] / "calibration/cameras.json")
-    assert sorted(cameras) == CAMERAS
-    for name, camera in cameras.items():
-        pixels, _ = camera.project(truth.vertices(FIRST))
-        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(FIRST)) + 0.5, atol=1e-6)
+    assert_true_cameras(imported[1], truth, CAMERAS, FIRST)
+    for name, camera in read_cameras(imported[1] / "calibration/cameras.json").items():
         assert (camera.width, camera.height) == (truth.cameras[name].width, truth.cameras[name].height)
     arrays = read_arrays(imported[1] / "tracking/0000.safetensors")
     assert arrays["frames"].tolist() == list(truth.frames)

@@ -14,7 +14,6 @@ from pipeline.base.color import corrected
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
 from pipeline.capture.images import ImageSource
-from pipeline.geometry.cameras import read_cameras
 from pipeline.stages import book_patterns
 from pipeline.stages.import_capture import run
 from tests.support.datasets.becominglit_layout import (
@@ -27,7 +26,7 @@ from tests.support.datasets.becominglit_layout import (
     true_head,
     write_becominglit,
 )
-from tests.support.datasets.imported import import_set
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set
 
 FRAMES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 6, 100000: 9, 100001: 10, 100002: 11, 100003: 12}
 """Imported -> true: the sequences are EXP-2 and FREE, whose last frame lies behind its last mesh."""
@@ -53,16 +52,11 @@ def imported(shipped, tmp_path_factory):
 
 
 def test_cameras_project_as_the_true_ones(truth, imported):
-    cameras = read_cameras(imported[1] / "calibration/cameras.json")
-    assert sorted(cameras) == sorted(CAMERAS)
-    for name, camera in cameras.items():
-        pixels, _ = camera.project(truth.vertices(4))
-        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(4)) + 0.5, atol=1e-6)
+    assert_true_cameras(imported[1], truth, CAMERAS, 4)
 
 
 def test_lights_and_patterns_are_the_true_ones(truth, imported):
-    lights = pd.read_parquet(imported[1] / "calibration/lights.parquet").sort_values("light")
-    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=1e-6)
+    assert_true_lights(imported[1], truth)
     patterns = pd.read_parquet(imported[1] / "patterns.parquet")
     assert sorted(patterns.frame.unique()) == sorted(FRAMES)
     for frame, rows in patterns.groupby("frame"):

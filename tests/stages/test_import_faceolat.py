@@ -15,7 +15,6 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
 from pipeline.capture.images import ImageSource
 from pipeline.config.import_capture import ImportCapture
-from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.import_capture import run
 from tests.support.datasets.faceolat_layout import (
     BLIND_CAMERA,
@@ -35,7 +34,7 @@ from tests.support.datasets.faceolat_layout import (
     write_faceolat,
     write_meshes,
 )
-from tests.support.datasets.imported import import_set
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set
 
 
 @pytest.fixture(scope="module")
@@ -72,13 +71,9 @@ def refusal(root, out, chosen):
 
 def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):
     _, results = imported
-    cameras = read_cameras(results / "calibration/cameras.json")
-    assert sorted(cameras) == CAMERAS and BLIND_CAMERA in truth.cameras
-    for name, camera in cameras.items():
-        pixels, _ = camera.project(truth.vertices(4))
-        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(4)) + 0.5, atol=1e-6)
-    lights = pd.read_parquet(results / "calibration/lights.parquet").sort_values("light")
-    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=1e-6)
+    assert BLIND_CAMERA in truth.cameras
+    assert_true_cameras(results, truth, CAMERAS, 4)
+    assert_true_lights(results, truth)
     arrays = read_arrays(results / "tracking/0000.safetensors")
     assert arrays["frames"].tolist() == [frame + 1 for frame in FRAMES]
     status = pd.read_parquet(results / "tracking/0000.parquet").status.tolist()

@@ -14,7 +14,6 @@ import yaml
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
 from pipeline.datasets.humanolat import image_of
-from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.import_capture import run
 from tests.support.datasets.humanolat_layout import (
     CAMERAS,
@@ -27,7 +26,7 @@ from tests.support.datasets.humanolat_layout import (
     true_head,
     write_humanolat,
 )
-from tests.support.datasets.imported import import_set
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set
 
 DIRECTIONS = ("camera-from-world", "world-from-camera")
 
@@ -57,13 +56,8 @@ def imported(request, truth, shipped, tmp_path_factory):
 
 def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):
     _, results, _ = imported
-    cameras = read_cameras(results / "calibration/cameras.json")
-    assert sorted(cameras) == CAMERAS
-    for name, camera in cameras.items():
-        pixels, _ = camera.project(truth.vertices(FULL))
-        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(FULL)) + 0.5, atol=1e-6)
-    lights = pd.read_parquet(results / "calibration/lights.parquet").sort_values("light")
-    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=1e-6)
+    assert_true_cameras(results, truth, CAMERAS, FULL)
+    assert_true_lights(results, truth)
     arrays = read_arrays(results / "tracking/0000.safetensors")
     assert arrays["frames"].tolist() == sorted(truth.frames)
     for vertices in arrays["vertices"]:

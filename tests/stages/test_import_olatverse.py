@@ -15,7 +15,7 @@ from pipeline.base.files import read_arrays
 from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.import_capture import run
-from tests.support.datasets.imported import import_set, metrics_of
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, metrics_of
 from tests.support.datasets.olatverse_layout import (
     BENCHMARK_TEST_CAMERA,
     BLIND_CAMERA,
@@ -63,13 +63,8 @@ def imported(request, truth, shipped, tmp_path_factory):
 
 def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):
     _, results, _ = imported
-    cameras = read_cameras(results / "calibration/cameras.json")
-    assert sorted(cameras) == CAMERAS
-    for name, camera in cameras.items():
-        pixels, _ = camera.project(truth.vertices(FULL))
-        np.testing.assert_allclose(pixels, truth.cameras[name].project(truth.vertices(FULL)) + 0.5, atol=1e-6)
-    lights = pd.read_parquet(results / "calibration/lights.parquet").sort_values("light")
-    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=1e-6)
+    assert_true_cameras(results, truth, CAMERAS, FULL)
+    assert_true_lights(results, truth)
     arrays = read_arrays(results / "tracking/0000.safetensors")
     assert arrays["frames"].tolist() == sorted(truth.frames)
     for vertices in arrays["vertices"]:

@@ -19,7 +19,7 @@ from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh_files import decode_mesh
 from pipeline.stages.import_capture import run
-from tests.support.datasets.imported import import_set, metrics_of
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, metrics_of
 from tests.support.datasets.openillumination_layout import (
     BLIND_CAMERA,
     CAMERAS,
@@ -77,14 +77,9 @@ def imported(request, truth, shipped, tmp_path_factory):
 
 def test_cameras_lights_and_named_mesh_are_the_true_ones(truth, imported):
     _, results, _ = imported
-    cameras = read_cameras(results / "calibration/cameras.json")
-    assert sorted(cameras) == CAMERAS
+    assert_true_cameras(results, truth, CAMERAS, 0)
     vertices = truth.vertices(0)
-    for name, camera in cameras.items():
-        pixels, _ = camera.project(vertices)
-        np.testing.assert_allclose(pixels, truth.cameras[name].project(vertices) + 0.5, atol=1e-6)
-    lights = pd.read_parquet(results / "calibration/lights.parquet").sort_values("light")
-    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=1e-6)
+    assert_true_lights(results, truth)
     arrays = read_arrays(results / "tracking/0000.safetensors")
     assert arrays["frames"].tolist() == list(range(LIGHTS))
     np.testing.assert_allclose(arrays["vertices"], np.tile(vertices, (LIGHTS, 1, 1)), atol=1e-6)

@@ -15,9 +15,9 @@ from itertools import combinations
 
 import pytest
 
-from tests.support.workflow.slurm_cluster import SlurmCluster, lacking
+from tests.support.workflow.slurm_cluster import SlurmCluster
 
-pytestmark = [pytest.mark.slurm, pytest.mark.timeout(7200)]
+pytestmark = [pytest.mark.slurm, pytest.mark.usefixtures("slurm"), pytest.mark.timeout(7200)]
 
 TARGET = "results/tiny/metrics.csv"
 PROFILE = ("--profile", "workflow/profiles/slurm", "--max-threads", "2", "--resources", "mem_mb=8000", "runtime=60")
@@ -31,15 +31,6 @@ CHUNKED = ("track_mesh", "trace_irradiance", "pack_shards")
 
 SHARED, IMAGES = ("inspect_images", "score_images"), "chunk_images: 12\n"
 """Rules that share the images of two and one chunks, of ten each; on one machine one job handles all."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def possible(request):
-    """Skips what was not asked for, and what cannot run here."""
-    if "slurm" not in request.config.getoption("markexpr"):
-        pytest.skip("takes minutes: make slurm-test")
-    if (reason := lacking()) is not None:
-        pytest.skip(reason)
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,9 @@ import pytest
 from pipeline.config.flags import flags
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
-from tests.support.workflow.slurm_cluster import SlurmCluster, lacking
+from tests.support.workflow.slurm_cluster import SlurmCluster
 
-pytestmark = [pytest.mark.slurm, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.slurm, pytest.mark.usefixtures("slurm"), pytest.mark.timeout(1800)]
 
 SETTINGS = TrainAvatar(
     shading="transfer", deferred="on",
@@ -33,15 +33,6 @@ DEADLINE_S = 300
 """Ten times what a training takes: for machines that do much else."""
 
 ON_TWO = "--nodes=2 --ntasks=2 --ntasks-per-node=1 --cpus-per-task=1"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def possible(request):
-    """Skips what was not asked for, and what cannot run here."""
-    if "slurm" not in request.config.getoption("markexpr"):
-        pytest.skip("takes minutes: make slurm-test")
-    if (reason := lacking()) is not None:
-        pytest.skip(reason)
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ import time
 import psutil
 import pytest
 
-from tests.support.workflow.slurm_cluster import SlurmCluster, lacking
+from tests.support.workflow.slurm_cluster import SlurmCluster
 
-pytestmark = [pytest.mark.slurm, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.slurm, pytest.mark.usefixtures("slurm"), pytest.mark.timeout(1800)]
 
 TARGET = "captures/tiny/capture.yaml"
 PROFILE = ("--profile", "workflow/profiles/slurm", "--max-threads", "2", "--resources", "mem_mb=8000", "runtime=60")
@@ -45,15 +45,6 @@ Path("started").touch()
 time.sleep(600)
 """
 """A stage that, as training does, writes where it is on the first signal, and goes on from there afterwards."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def possible(request):
-    """Skips what was not asked for, and what cannot run here."""
-    if "slurm" not in request.config.getoption("markexpr"):
-        pytest.skip("takes minutes: make slurm-test")
-    if (reason := lacking()) is not None:
-        pytest.skip(reason)
 
 
 @pytest.fixture(scope="module")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.import_capture import ImportCapture
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.unwrap_atlas import UnwrapAtlas
+from pipeline.geometry.cameras import read_cameras
 from pipeline.stages import (
     book_patterns,
     calibrate_cameras,
@@ -24,6 +27,7 @@ from pipeline.stages import (
     unwrap_atlas,
 )
 from pipeline.stages.index_capture import run as index_capture
+from tests.support.datasets.turning_head import TurningHead
 
 
 def import_set(
@@ -60,3 +64,26 @@ def metrics_of(capture: Path, results: Path) -> pd.DataFrame:
     train_avatar.run(**packed, out=avatar, processes=1, settings=TrainAvatar(steps=2))
     evaluate_avatar.run(**packed, avatars=(avatar,), out=results, settings=EvaluateAvatar(pictures=False))
     return pd.read_csv(results / "metrics.csv")
+
+
+TRUE_PX, TRUE_M = 1e-6, 1e-6
+"""Errors of cameras, and of lights and given meshes, that are rounding: files have seven digits of float32, or more."""
+
+
+def assert_true_cameras(results: Path, truth: TurningHead, names: Sequence[str], frame: int) -> None:
+    """Cameras are those of these names; the true vertices of a frame are where the true cameras have them.
+
+    Those count from the first pixel's centre, as most sets do.
+    """
+    cameras, vertices = read_cameras(results / "calibration/cameras.json"), truth.vertices(frame)
+    assert sorted(cameras) == sorted(names)
+    for name, camera in cameras.items():
+        np.testing.assert_allclose(
+            camera.project(vertices)[0], truth.cameras[name].project(vertices) + 0.5, atol=TRUE_PX
+        )
+
+
+def assert_true_lights(results: Path, truth: TurningHead) -> None:
+    """All lights are where the true ones are, in the order of their names."""
+    lights = pd.read_parquet(results / "calibration/lights.parquet").sort_values("light")
+    np.testing.assert_allclose(lights[["x", "y", "z"]], truth.lights_m, atol=TRUE_M)
