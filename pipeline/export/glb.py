@@ -57,7 +57,7 @@ class GlbFile:
         self.document.accessors.append(accessor)
         return len(self.document.accessors) - 1
 
-    def add_vertices(self, array: Float[np.ndarray, "n *components"], bounded: bool = False) -> int:
+    def add_vertices(self, array: Float[np.ndarray, " n *components"], bounded: bool = False) -> int:
         """Append one attribute of vertices."""
         return self.add(array.astype("<f4"), pygltflib.ARRAY_BUFFER, bounded)
 

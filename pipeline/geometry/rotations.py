@@ -152,6 +152,6 @@ def left_jacobian(vector: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray
     return np.eye(3) + first * cross + second * (cross @ cross)
 
 
-def _components(quaternion: Tensor | np.ndarray) -> tuple:
+def _components(quaternion: Array) -> tuple:
     """w, x, y, z. For tensors by one unbind, whose gradient is one stack; indexing would make four full zeros."""
     return quaternion.unbind(-1) if is_tensor(quaternion) else tuple(np.moveaxis(quaternion, -1, 0))

@@ -15,7 +15,7 @@ def sample_bilinear(
     stack: Float32[np.ndarray, "frames height width *channels"],
     frame: Int64[np.ndarray, " points"],
     pixels: Float64[np.ndarray, "points 2"],
-) -> tuple[Float64[np.ndarray, "points *channels"], Float64[np.ndarray, "points *channels 2"]]:
+) -> tuple[Float64[np.ndarray, " points *channels"], Float64[np.ndarray, " points *channels 2"]]:
     """Bilinear value and gradient at pixels of the images stack[frame].
 
     Outside, those of the nearest edge.

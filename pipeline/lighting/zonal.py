@@ -26,7 +26,7 @@ NORMALISATION = np.array([(2 * degree + 1) / (4 * math.pi) for degree in range(D
 """(2 l + 1) / (4 pi), from the addition theorem."""
 
 
-def clamped_cosine_coefficients() -> Float[np.ndarray, "degrees"]:
+def clamped_cosine_coefficients() -> Float[np.ndarray, " degrees"]:
     """Zonal coefficients of max(0, cos) / pi, the Lambertian lobe. 2 pi integral_0^1 t P_l(t) dt / pi (Funk-Hecke)."""
     nodes, weights = np.polynomial.legendre.leggauss(DEGREES + 1)  # exact for polynomials to degree 2 * 10 - 1
     t, weight = (nodes + 1) / 2, weights / 2

@@ -48,7 +48,7 @@ class Unwrapped:
         uv: texture coordinates, glTF convention (v points down).
     """
 
-    source: Int64[np.ndarray, "u"]
+    source: Int64[np.ndarray, " u"]
     faces: Int64[np.ndarray, "f 3"]
     uv: Float64[np.ndarray, "u 2"]
 
@@ -60,7 +60,7 @@ def unwrap(vertices: Float64[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"]
 
 
 def albedo_at(
-    points: Float64[np.ndarray, "n 3"], owner: Int64[np.ndarray, "n"], skeleton: Skeleton, subject: str
+    points: Float64[np.ndarray, "n 3"], owner: Int64[np.ndarray, " n"], skeleton: Skeleton, subject: str
 ) -> Float32[np.ndarray, "n 3"]:
     """Linear albedo at rest positions (metres), given the joint that mostly moves each point."""
     x, y, z = points.T
@@ -95,7 +95,7 @@ def albedo_at(
 
 def mottle(
     points: Float64[np.ndarray, "n 3"], subject: str, shortest_m: float, deviation: float
-) -> Float64[np.ndarray, "n"]:
+) -> Float64[np.ndarray, " n"]:
     """Fine brightness variation about 1, a sum of seeded plane waves.
 
     Their wavelengths are `shortest_m` to 7.5 times that; the sum has the standard deviation `deviation`.
@@ -141,7 +141,7 @@ SLIVER_TEXELS = 1e-12
 
 def rasterize(
     unwrapped: Unwrapped, size: int
-) -> tuple[Int64[np.ndarray, "k 2"], Int64[np.ndarray, "k"], Float64[np.ndarray, "k 3"]]:
+) -> tuple[Int64[np.ndarray, "k 2"], Int64[np.ndarray, " k"], Float64[np.ndarray, "k 3"]]:
     """Texels (row, column) inside triangles, their triangles, and barycentric coordinates."""
     corners = unwrapped.uv[unwrapped.faces] * size
     blocks = np.array_split(np.arange(len(corners)), max(1, len(corners) // FACES_TOGETHER))

@@ -24,7 +24,7 @@ CONFIDENCE_SPREAD = 0.06
 def detect_keypoints(
     camera: Camera,
     keypoints: Float64[np.ndarray, "keypoints 3"],
-    hidden: Bool[np.ndarray, "keypoints"],
+    hidden: Bool[np.ndarray, " keypoints"],
     names: tuple[str, ...],
     noise_px: float,
     outlier_share: float,

@@ -33,7 +33,7 @@ class Ellipsoid:
     center: tuple[float, float, float]
     radii: tuple[float, float, float]
 
-    def distance(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n"]:
+    def distance(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
         """Signed distance, metres, to first order near the surface.
 
         It is the implicit function over its gradient's length.
@@ -98,7 +98,7 @@ def _distances(points: np.ndarray, solids: Sequence[Ellipsoid | RoundCone]) -> n
     )
 
 
-def head_field(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n"]:
+def head_field(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
     """Distance-like field of the head without its eyeballs, negative inside."""
     whole = smooth_minimum(_distances(points, SOLIDS), FILLET_M)
     outside_carved = _distances(points, CARVED)

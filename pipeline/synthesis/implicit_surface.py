@@ -42,12 +42,12 @@ def distance_to_solids(points: Float64[np.ndarray, "n 3"], solids: Sequence[Roun
     return np.stack(distances, axis=1)
 
 
-def smooth_union(points: Float64[np.ndarray, "n 3"], solids: Sequence[RoundCone]) -> Float64[np.ndarray, "n"]:
+def smooth_union(points: Float64[np.ndarray, "n 3"], solids: Sequence[RoundCone]) -> Float64[np.ndarray, " n"]:
     """Distance-like field of the union, fillets of width `BLEND_M`."""
     return smooth_minimum(distance_to_solids(points, solids), BLEND_M)
 
 
-def smooth_minimum(distances: Float64[np.ndarray, "n s"], blend_m: float) -> Float64[np.ndarray, "n"]:
+def smooth_minimum(distances: Float64[np.ndarray, "n s"], blend_m: float) -> Float64[np.ndarray, " n"]:
     """Field of a union, -b log sum exp(-d / b) over the solids' distances d, with b = `blend_m`.
 
     Fillets between two solids are about as wide as `blend_m`.

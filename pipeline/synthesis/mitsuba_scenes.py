@@ -99,7 +99,7 @@ def render(scene: Any, view: LensView, samples: int, seed: int) -> Float32[np.nd
 
 
 def render_each_light(
-    scene: Any, view: LensView, positions: Float64[np.ndarray, "n 3"], intensities: Float64[np.ndarray, "n"],
+    scene: Any, view: LensView, positions: Float64[np.ndarray, "n 3"], intensities: Float64[np.ndarray, " n"],
     samples: int, seed: int,
 ) -> Float32[np.ndarray, "crop_height crop_width 4"]:  # fmt: skip
     """The sum of pictures by one light each, about `samples` paths per fine pixel and light.
@@ -171,7 +171,7 @@ def mesh_scene(meshes: Sequence[Any]) -> Any:
 def lit_scene(
     meshes: Sequence[Any],
     light_positions: Float64[np.ndarray, "n 3"],
-    intensities: Float64[np.ndarray, "n"],
+    intensities: Float64[np.ndarray, " n"],
     max_depth: int,
     integrator: Literal["path", "volpath"] = "path",
 ) -> Any:

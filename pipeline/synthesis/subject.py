@@ -111,7 +111,7 @@ class Subject(Protocol):
         ...
 
 
-def template_source(subject: Subject, uvs: bool) -> Int64[np.ndarray, "u"]:
+def template_source(subject: Subject, uvs: bool) -> Int64[np.ndarray, " u"]:
     """For each vertex of the template file, the vertex of the uncut mesh it is a copy of."""
     return subject.unwrapped.source if uvs else np.arange(len(subject.vertices))
 

@@ -33,7 +33,7 @@ def render_views(
     scene: Any,
     views: Sequence[WavefrontView],
     positions: Float64[np.ndarray, "n 3"],
-    intensities: Float64[np.ndarray, "n"],
+    intensities: Float64[np.ndarray, " n"],
     samples: int,
     max_depth: int,
 ) -> list[Float32[np.ndarray, "crop_height crop_width 4"]]:

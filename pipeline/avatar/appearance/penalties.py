@@ -46,7 +46,7 @@ def outside_as_printed(value: Tensor, low: float, high: float) -> Float[Tensor, 
     return (below + torch.relu(value - high).square()).mean()
 
 
-def total_variation(values: Float[Tensor, "texels *channels"], pairs: Int[Tensor, "2 pairs"]) -> Float[Tensor, ""]:
+def total_variation(values: Float[Tensor, " texels *channels"], pairs: Int[Tensor, "2 pairs"]) -> Float[Tensor, ""]:
     """Sum of the absolute differences of pairs of texels, per texel.
 
     Total variation (Rudin et al. 1992): an edge costs as much as a slope of the same height, noise costs more.

@@ -31,7 +31,7 @@ from pipeline.avatar.frames.prepared import Decoded, LidOcclusion, PosedEyes, Pr
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import PosedTexels
 from pipeline.avatar.texels.texel_parameters import EXPRESSED, TexelParameters
-from pipeline.config.train_avatar import Bound
+from pipeline.config.training_losses import Bound
 from pipeline.eyes.eye_fit import FittedEye
 from pipeline.geometry.rotations import multiply_quaternions, quaternion_from_matrix
 from pipeline.geometry.texels import Atlas
@@ -158,11 +158,11 @@ class Eyes(EyeSpheres):
         without = {name: self.without(getattr(samples, name)) for name in ("visibility", "normals")}
         return added, replace(samples, **without)
 
-    def without(self, values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
+    def without(self, values: Float[Tensor, " texels *_"]) -> Float[Tensor, " texels *_"]:
         """Values of the texels with those of eyes zero."""
         return values.index_fill(0, self.chosen, 0.0)
 
-    def under_lids(self, eyes: PosedEyes, values: Float[Tensor, "texels *_"]) -> Float[Tensor, "texels *_"]:
+    def under_lids(self, eyes: PosedEyes, values: Float[Tensor, " texels *_"]) -> Float[Tensor, " texels *_"]:
         """Light of the texels that passes the lids.
 
         All of it, where what came to them had passed already, or where shadows are simulated.

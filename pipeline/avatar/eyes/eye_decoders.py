@@ -95,7 +95,7 @@ class EyeDecoders(nn.Module):
             maps.append(torch.cat([looks, repeated, mask]))
         return torch.stack(maps)
 
-    def decode(self, features: Float[Tensor, "eyes 23 4 4"]) -> dict[str, Float[Tensor, "n *_"]]:
+    def decode(self, features: Float[Tensor, "eyes 23 4 4"]) -> dict[str, Float[Tensor, " n *_"]]:
         """D_ei: additions to parameters of the eye texels."""
         parts = [decoder(own) for decoder, own in zip(self.fixed, features, strict=True)]
         return self.additions.split(self.gathered(parts))

@@ -40,7 +40,7 @@ class GivenPose(nn.Module):
         self.pose = PoseDecoder(atlas, self.code.size, spec.decoder_channels, parameters, {"offset": spacing_m})
         self.requires_grad_(False)
 
-    def forward(self, vertices: Float32[np.ndarray, "vertices 3"]) -> dict[str, Float[Tensor, "texels *_"]]:
+    def forward(self, vertices: Float32[np.ndarray, "vertices 3"]) -> dict[str, Float[Tensor, " texels *_"]]:
         """Additions to the geometry of texels in a posed template."""
         return self.pose(self.code(vertices))
 

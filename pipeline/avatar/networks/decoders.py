@@ -139,7 +139,7 @@ class Additions:
         self.shapes = {name: tensor.shape[1:] for name, tensor in parameters.items()}
         self.widths = [math.prod(shape) for shape in self.shapes.values()]
 
-    def split(self, values: Float[Tensor, "texels outputs"]) -> dict[str, Float[Tensor, "texels *_"]]:
+    def split(self, values: Float[Tensor, "texels outputs"]) -> dict[str, Float[Tensor, " texels *_"]]:
         """Additions to each parameter."""
         added = {
             name: self.units.get(name, 1.0) * part.reshape(-1, *shape)
@@ -170,7 +170,7 @@ class PoseDecoder(nn.Module):
 
     def forward(
         self, code: Float[Tensor, " code"], beside: Float[Tensor, "beside 8 8"] | None = None
-    ) -> dict[str, Float[Tensor, "texels *_"]]:
+    ) -> dict[str, Float[Tensor, " texels *_"]]:
         """Additions to each parameter."""
         return self.additions.split(self.decoder(code, beside))
 

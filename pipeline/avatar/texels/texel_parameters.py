@@ -40,9 +40,9 @@ class TexelParameters:
     offset: Float[Tensor, "primitives 3"]
     rotation: Float[Tensor, "primitives 4"]
     log_scale: Float[Tensor, "primitives 3"]
-    opacity: Float[Tensor, "texels *layers"]
-    transfer_color: Float[Tensor, "texels *color"] | None = None
-    transfer_mono: Float[Tensor, "texels *mono"] | None = None
+    opacity: Float[Tensor, " texels *layers"]
+    transfer_color: Float[Tensor, " texels *color"] | None = None
+    transfer_mono: Float[Tensor, " texels *mono"] | None = None
     normal_offset: Float[Tensor, "texels 3"] | None = None
     log_roughness: Float[Tensor, " texels"] | None = None
 

@@ -31,7 +31,7 @@ class TexelStore(nn.Module):
         self.register_buffer("adjoining", torch.as_tensor(adjoining), persistent=False)
         self.register_buffer("pairs", torch.as_tensor(texels_side_by_side(adjoining)), persistent=False)
 
-    def add(self, name: str, start: Float[Tensor, "texels *_"]) -> None:
+    def add(self, name: str, start: Float[Tensor, " texels *_"]) -> None:
         """Add a parameter that starts at `start`."""
         setattr(self, name, nn.Parameter(start))
 

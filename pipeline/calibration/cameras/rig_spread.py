@@ -70,6 +70,6 @@ def _without(
     return [replace(c, R=c.R @ back[:3, :3], t=c.R @ back[:3, 3] + c.t) for c in found]
 
 
-def _jackknife(values: Float64[np.ndarray, "groups *rest"]) -> Float64[np.ndarray, "*rest"]:
+def _jackknife(values: Float64[np.ndarray, " groups *rest"]) -> Float64[np.ndarray, "*rest"]:
     """Standard deviation of what is computed from all groups, from its values without each (Tukey 1958)."""
     return np.sqrt((len(values) - 1) * values.var(0))
