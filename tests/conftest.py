@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 from pathlib import Path
 
@@ -23,6 +25,11 @@ settings.load_profile("project")
 # No test talks to another machine, nor does what it starts: docs/security.md.
 guard.install()
 
+# Importing all tests and what they test makes a million objects that stay: nobody looks through them while they come,
+# nor ever again.
+gc.disable()
+atexit.register(gc.freeze)
+
 # Nobody pulls the plug on a test: its thousands of files need not wait for the disk.
 os.fsync = lambda descriptor: None
 
@@ -40,6 +47,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """In a process of pytest-xdist, put the files first that take longest; alone, the quick ones stay in front."""
     if hasattr(config, "workerinput"):
         items[:] = longest_first(items)
+
+
+def pytest_collection_finish() -> None:
+    """Collect what tests leave behind."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
