@@ -22,7 +22,7 @@ SCENE, CAMERAS = "near", 4
 TRACKED = SynthesizeCapture(
     cameras=6, test_cameras=1, lights=8, partial_lights_min=3, partial_lights_max=5, frames=41, frames_b=1,
     test_frames=0, width=64, height=80, spp=1, spp_fully_lit=1, supersampling=1, max_depth=2, vertex_spacing_m=0.06,
-    texture_size=128, board_poses=3, ball_positions=2, ball_cameras=1,
+    texture_size=128, board_poses=12, ball_positions=2, ball_cameras=1,
 )  # fmt: skip
 """A walking figure of which only keypoints and masks are looked at."""
 
