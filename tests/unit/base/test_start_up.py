@@ -11,6 +11,11 @@ import pytest
 
 from pipeline.base.start_up import end_by_interrupts, pause_collection, resume_collection
 
+
+class Node:
+    """An object that the collector looks at."""
+
+
 SCRIPT = """
 import gc, sys
 from pipeline.base.start_up import pause_collection, resume_collection
@@ -39,11 +44,13 @@ def test_what_comes_after_the_imports_is_collected(repo_root):
 @pytest.mark.parametrize("started", ["stage.py", "-c", ""])
 def test_nothing_changes_where_python_was_started_otherwise(monkeypatch, started):
     monkeypatch.setattr(sys, "argv", [started])
+    kept = [Node() for _ in range(1000)]
     before = gc.get_freeze_count()
     pause_collection()
     assert gc.isenabled()
     resume_collection()
-    assert gc.get_freeze_count() == before
+    # What is frozen may die, from one line to the next; freezing would have added what is kept here.
+    assert gc.get_freeze_count() < before + len(kept)
 
 
 @pytest.mark.parametrize(
