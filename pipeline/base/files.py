@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,8 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
             table.to_csv(temporary, index=False)
         else:
             # On this thread alone, for the reason that `read_parquet` has.
-            pq.write_table(pyarrow.Table.from_pandas(table, preserve_index=False, nthreads=1), temporary)
+            whole = pyarrow.Table.from_pandas(table, preserve_index=False, nthreads=1)
+            pq.write_table(whole, temporary, row_group_size=ROWS_AT_A_TIME)
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -67,7 +68,8 @@ def read_table(path: Path) -> pd.DataFrame:
 def read_rows(path: Path, column: str, values: Collection[Any]) -> pd.DataFrame:
     """Read the rows of a parquet table whose column has one of these values.
 
-    Few others are in memory at a time.
+    Few others are in memory at a time, and groups of rows without any are not read at all: of a table that is sorted by
+    the column, hardly more than what is wanted.
 
     Raises:
         InputError: the file is missing, no plain file, or not a parquet table with such a column.
@@ -76,11 +78,41 @@ def read_rows(path: Path, column: str, values: Collection[Any]) -> pd.DataFrame:
     try:
         with pq.ParquetFile(path, pre_buffer=False) as file:
             wanted = pyarrow.array(list(values), file.schema_arrow.field(column).type)
-            batches = file.iter_batches(ROWS_AT_A_TIME, use_threads=False)
+            groups = _groups_with(file, column, values)
+            batches = file.iter_batches(ROWS_AT_A_TIME, row_groups=groups, use_threads=False) if groups else ()
             kept = [rows.filter(pyarrow.compute.is_in(rows[column], wanted)) for rows in batches]
             return pyarrow.Table.from_batches(kept, file.schema_arrow).to_pandas(use_threads=False)
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: expected a parquet table with a column {column}, found: {error}") from error
+
+
+def _groups_with(file: pq.ParquetFile, column: str, values: Collection[Any]) -> list[int]:
+    """Groups of rows in which one of these values may be, by the least and the largest that they say they hold."""
+    place, found = file.schema.names.index(column), []
+    for number in range(file.num_row_groups):
+        known = file.metadata.row_group(number).column(place).statistics
+        if known is None or not known.has_min_max or any(known.min <= value <= known.max for value in values):
+            found.append(number)
+    return found
+
+
+def read_distinct(path: Path, columns: Sequence[str]) -> pd.DataFrame:
+    """Read the different rows that a parquet table has in some columns; few others are in memory at a time.
+
+    Raises:
+        InputError: the file is missing, no plain file, or not a parquet table with such columns.
+    """
+    _require_plain(path)
+    try:
+        with pq.ParquetFile(path, pre_buffer=False) as file:
+            found = file.schema_arrow.empty_table().select(list(columns)).to_pandas()
+            for rows in file.iter_batches(ROWS_AT_A_TIME, columns=list(columns), use_threads=False):
+                found = pd.concat([found, rows.to_pandas(use_threads=False)], ignore_index=True).drop_duplicates()
+            return found.reset_index(drop=True)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{path}: expected a parquet table with columns {', '.join(columns)}, found: {error}"
+        ) from error
 
 
 def read_parquet(path: Path) -> pd.DataFrame:

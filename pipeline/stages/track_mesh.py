@@ -23,7 +23,7 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_json, read_table, write_arrays, write_table
+from pipeline.base.files import read_distinct, read_json, read_rows, read_table, write_arrays, write_table
 from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.capture.images import ImageSource
 from pipeline.config.track_mesh import TrackMesh
@@ -35,7 +35,7 @@ from pipeline.tracking.color_views import read_color_views
 from pipeline.tracking.cues import Rounds, posed_vertices
 from pipeline.tracking.fit_verdicts import complain_of_misfits, fit_verdicts
 from pipeline.tracking.given_meshes import GivenTracking, read_given
-from pipeline.tracking.image_cameras import image_cameras
+from pipeline.tracking.image_cameras import CAMERA_COLUMNS, image_cameras
 from pipeline.tracking.keypoint_targets import read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
 from pipeline.tracking.mesh_tracker import Tracking, TrackingLimits, track
@@ -78,23 +78,27 @@ def run(
     start = max(first - settings.context_frames, 0)
     with_context = frames.iloc[start : last + settings.context_frames]
     template = read_template(capture / content["template"]["mesh"], float(content["template"]["scale_to_m"]))
-    source, images = ImageSource.from_index(capture, content["images"]), read_table(index / "images.parquet")
+    source, table = ImageSource.from_index(capture, content["images"]), index / "images.parquet"
+    downsample, every = float(content["images"]["downsample_from_sensor"]), read_distinct(table, CAMERA_COLUMNS)
+    # Of the tables of all images and keypoints, what the job looks at: not all frames of the capture.
+    frame_numbers = with_context.frame.to_numpy(np.int64)
+    images = read_rows(table, "frame", frame_numbers)
     if "meshes" in content:
         given = read_given(
             capture, read_table(index / "meshes.parquet"), content["meshes"], template, frames,
             slice(first, last),
         )  # fmt: skip
         numbers = frames.frame.to_numpy(np.int64)[first:last]
-        used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), True)
+        used = image_cameras(cameras, every, downsample, True)
         masked = mask_views(source, images, used, numbers, settings.outline_cameras, settings.outline_size_px)
         write_given(out, chunk, numbers, template.faces, given, masked)
         return
     if content["template"].get("keypoints") is None:
         raise InputError("capture.yaml: template.keypoints: expected a csv of keypoints on the template, found none")
     targets = read_keypoint_targets(capture / content["template"]["keypoints"], template)
-    used = image_cameras(cameras, images, float(content["images"]["downsample_from_sensor"]), settings.use_test_cameras)
-    frame_numbers = with_context.frame.to_numpy(np.int64)
-    observations = keypoint_observations(read_table(index / "keypoints_2d.parquet"), used, frame_numbers, targets)
+    used = image_cameras(cameras, every, downsample, settings.use_test_cameras)
+    keypoints = read_rows(index / "keypoints_2d.parquet", "frame", frame_numbers)
+    observations = keypoint_observations(keypoints, used, frame_numbers, targets)
     masked = {}
     if settings.outline_rounds:
         masked = mask_views(source, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)

@@ -10,10 +10,14 @@ from pipeline.base.errors import InputError
 from pipeline.geometry.cameras import Camera, read_cameras
 
 
+CAMERA_COLUMNS = ("camera", "test_camera")
+"""Columns of the table of images that say which cameras there are."""
+
+
 def image_cameras(path: Path, images: pd.DataFrame, downsample: float, use_test_cameras: bool) -> dict[str, Camera]:
     """Calibrated cameras of the index at image resolution, sorted by name.
 
-    Held-out ones are left out unless `use_test_cameras`.
+    Held-out ones are left out unless `use_test_cameras`. Of `images`, `CAMERA_COLUMNS` are looked at.
     Raises:
         InputError: if one is not calibrated, or fewer than two are left.
     """

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
 from pipeline.base import files
@@ -16,6 +17,7 @@ from pipeline.base.files import (
     digest_bytes,
     digest_file,
     read_arrays,
+    read_distinct,
     read_json,
     read_rows,
     read_table,
@@ -83,6 +85,36 @@ def test_rows_that_are_wanted_are_those_of_the_table(tmp_path: Path, monkeypatch
     for lost in ("b.parquet", "a.parquet"):
         with pytest.raises(InputError, match=f"{lost}: expected a parquet table with a column camera, found"):
             read_rows(tmp_path / lost, "camera", ["c0"])
+
+
+def test_groups_of_rows_without_any_wanted_are_not_read(tmp_path: Path, monkeypatch) -> None:
+    """Those of a sorted table may be gone."""
+    monkeypatch.setattr(files, "ROWS_AT_A_TIME", 100)
+    table = pd.DataFrame({"frame": np.repeat(np.arange(50), 20), "x": np.random.default_rng(0).normal(size=1000)})
+    path = tmp_path / "a.parquet"
+    write_table(path, table)
+    content, groups = bytearray(path.read_bytes()), pq.ParquetFile(path).metadata
+    for number in (0, 1, 2, 3, 6, 7, 8, 9):
+        for column in (groups.row_group(number).column(k) for k in range(2)):
+            first = column.dictionary_page_offset or column.data_page_offset
+            content[first : first + column.total_compressed_size] = bytes(column.total_compressed_size)
+    path.write_bytes(content)
+    with pytest.raises(InputError):
+        read_table(path)
+    expected = table[table.frame.between(21, 29)].reset_index(drop=True)
+    pd.testing.assert_frame_equal(read_rows(path, "frame", range(21, 30)), expected)
+
+
+def test_distinct_rows_are_those_of_the_table(tmp_path: Path, monkeypatch) -> None:
+    table = pd.DataFrame({"camera": list("abab" * 3), "flag": [True, False, True, True] * 3, "frame": range(12)})
+    table = table.astype({"camera": "str"})
+    write_table(tmp_path / "a.parquet", table)
+    for rows in (5, 100):
+        monkeypatch.setattr(files, "ROWS_AT_A_TIME", rows)
+        expected = pd.DataFrame({"camera": list("abb"), "flag": [True, False, True]}).astype({"camera": "str"})
+        pd.testing.assert_frame_equal(read_distinct(tmp_path / "a.parquet", ["camera", "flag"]), expected)
+    with pytest.raises(InputError, match="expected a parquet table with columns light, found"):
+        read_distinct(tmp_path / "a.parquet", ["light"])
 
 
 def test_arrays_keep_bits_of_any_layout(tmp_path: Path) -> None:
