@@ -19,13 +19,14 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test slurm slurm-test left hard-cases chaos mutants verdicts audit scaling growth effects time lint docs detect schema curves presets lock viewer FORCE
+.PHONY: help test slurm slurm-test storage-test left hard-cases chaos mutants verdicts audit scaling growth effects time lint docs detect schema curves presets lock viewer FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
 	@echo 'make test                          run all tests'
 	@echo 'make left                          jobs that a run has left, and how long: TARGET=results/SUBJECT/metrics.csv'
 	@echo 'make slurm                         install what hands jobs to Slurm; slurm-test: also test it on a cluster here'
+	@echo 'make storage-test                  test the workflow with files in object storage, of a local S3 server'
 	@echo 'make hard-cases                    print the table of hard cases; also in results/hard_cases.csv'
 	@echo 'make chaos                         attack stages and workflow, into results/chaos; PARTS="captures settings"'
 	@echo 'make mutants                       plant bugs and count those that tests see, into results/mutants; LAYERS="sync"'
@@ -58,6 +59,11 @@ slurm: $(READY)
 slurm-test: slurm
 	$(QUIET) $(BIN)/python -m pytest -q -rs -m slurm -o faulthandler_timeout=0 tests/workflow/test_slurm.py \
 	    tests/workflow/test_slurm_stopping.py tests/workflow/test_slurm_nodes.py
+
+# Four minutes.
+storage-test: $(READY)
+	$(INSTALL) --no-build-isolation --editable '.[storage]'
+	$(QUIET) $(BIN)/python -m pytest -q -rs -m storage tests/workflow/test_object_storage.py
 
 # TARGET is what the run is to make; FLAGS="--cores 16" for more processors.
 left: $(READY)

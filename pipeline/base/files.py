@@ -97,7 +97,9 @@ def _groups_with(file: pq.ParquetFile, column: str, values: Collection[Any]) -> 
 
 
 def read_distinct(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    """Read the different rows that a parquet table has in some columns; few others are in memory at a time.
+    """Read the different rows that a parquet table has in some columns.
+
+    Few others are in memory at a time.
 
     Raises:
         InputError: the file is missing, no plain file, or not a parquet table with such columns.

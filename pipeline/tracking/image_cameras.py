@@ -9,7 +9,6 @@ import pandas as pd
 from pipeline.base.errors import InputError
 from pipeline.geometry.cameras import Camera, read_cameras
 
-
 CAMERA_COLUMNS = ("camera", "test_camera")
 """Columns of the table of images that say which cameras there are."""
 

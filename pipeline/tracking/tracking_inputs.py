@@ -30,8 +30,8 @@ def keypoint_observations(
     """
     if table.empty:
         raise InputError(
-            f"keypoints_2d: expected keypoints, found none in frames {frames.min()} to {frames.max()}; run a 2D detector "
-            "and name its table in capture.yaml"
+            f"keypoints_2d: expected keypoints, found none in frames {frames.min()} to {frames.max()}; run a 2D "
+            "detector and name its table in capture.yaml"
         )
     known = table.keypoint.isin(targets.names)
     if not known.any():

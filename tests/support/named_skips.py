@@ -13,7 +13,7 @@ import pytest
 REASONS = (
     "no Chromium", "no node:", "no viewer/node_modules", "no splat-transform", "no LLVM library", "no strace",
     "strace cannot trace here", "no git repository", "no CUDA device", "no gsplat", "the Python package bpy",
-    "takes minutes: make slurm-test", "no .venv-detect", "no .*(munge|slurm)", "needs captures/",
+    "takes minutes: make (slurm|storage)-test", "no .venv-detect", "no .*(munge|slurm|moto)", "needs captures/",
     "needs .*beside the repository", "a service of Linux",
 )  # fmt: skip
 """How reasons begin that a machine may have: programs, hardware and recordings that no package brings."""

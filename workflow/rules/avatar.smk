@@ -1,6 +1,7 @@
 # A checkpoint, as index_capture is: training runs only if what it reads has changed.
 checkpoint pack_shards:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         index_frames="results/{subject}/index/frames.parquet",
         images="results/{subject}/index/images.parquet",
@@ -15,6 +16,7 @@ checkpoint pack_shards:
         patterns="results/{subject}/patterns.parquet",
         frames="results/{subject}/frames.parquet",
         irradiance=traced_irradiance,
+        stored_maps=stored_maps,
         textures=mean_textures,
     output:
         train="results/{subject}/shards/train/{chunk}.arrow",

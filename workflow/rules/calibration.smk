@@ -1,5 +1,6 @@
 rule calibrate_cameras:
     input:
+        stored=stored_capture,
         calibration="results/{subject}/index/calibration_cameras.json",
         cameras="results/{subject}/index/cameras.parquet",
     output:
@@ -32,6 +33,7 @@ rule calibrate_cameras:
 
 rule calibrate_color:
     input:
+        stored=stored_capture,
         calibration="results/{subject}/index/calibration_color.json",
         cameras="results/{subject}/index/cameras.parquet",
         capture="results/{subject}/index/capture.json",
@@ -65,6 +67,7 @@ rule calibrate_color:
 
 rule calibrate_lights:
     input:
+        stored=stored_capture,
         calibration="results/{subject}/index/calibration_lights.json",
         calibration_cameras="results/{subject}/index/calibration_cameras.json",
         lights="results/{subject}/index/lights.parquet",
@@ -99,6 +102,7 @@ rule calibrate_lights:
 
 rule review_calibration:
     input:
+        stored=stored_capture,
         cameras_index="results/{subject}/index/calibration_cameras.json",
         lights_index="results/{subject}/index/calibration_lights.json",
         color_index="results/{subject}/index/calibration_color.json",

@@ -1,7 +1,7 @@
 rule synthesize_capture:
     output:
         # Written last: present means complete. The other files of the folder belong to it.
-        description=f"{captures}/{{subject}}/capture.yaml",
+        description=captured(f"{captures}/{{subject}}/capture.yaml"),
     log:
         "results/{subject}/logs/synthesize_capture.log",
     benchmark:
@@ -31,7 +31,7 @@ checkpoint import_capture:
         lambda wildcards: job(wildcards).dataset_files(),
     output:
         # Written last: present means complete. Images stay where they are, behind a link.
-        description=f"{captures}/{{subject}}/capture.yaml",
+        description=captured(f"{captures}/{{subject}}/capture.yaml"),
     log:
         "results/{subject}/logs/import_capture.log",
     benchmark:
@@ -62,7 +62,7 @@ checkpoint import_capture:
 # them. What they run has an environment of its own (make detect).
 rule detect_landmarks:
     input:
-        lambda wildcards: job(wildcards).capture_files(),
+        lambda wildcards: capture_files(wildcards.subject),
     output:
         keypoints="results/{subject}/detected/keypoints_2d.parquet",
         counts="results/{subject}/detected/landmarks.csv",
@@ -92,7 +92,7 @@ rule detect_landmarks:
 
 rule segment_subject:
     input:
-        lambda wildcards: job(wildcards).capture_files(),
+        lambda wildcards: capture_files(wildcards.subject),
     output:
         masks="results/{subject}/detected/masks.parquet",
         folder=directory("results/{subject}/detected/masks"),
@@ -201,6 +201,7 @@ use rule index_capture as inspect_images with:
 
 rule book_patterns:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         frames="results/{subject}/index/frames.parquet",
         patterns="results/{subject}/index/patterns.parquet",

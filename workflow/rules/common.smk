@@ -21,6 +21,7 @@ from pipeline.workflow.detected_files import detected_keypoints, detected_masks
 from pipeline.workflow.job_files import RESULTS, JobFiles, compared_scores, read_kind, read_planned
 from pipeline.workflow.job_requests import memory_mb, minutes, request_words, useful_threads
 from pipeline.workflow.job_size import job_size, unknown_size
+from pipeline.workflow.object_storage import local_copies, require_own_captures, start_in
 from pipeline.workflow.rule_words import LIGHT_KINDS, estimate_json, light_file, one_of, subject_pattern
 from pipeline.workflow.shared_images import (
     chunk_words,
@@ -36,6 +37,9 @@ from pipeline.workflow.termination import pass_signals_on
 
 STARTED = time.time()
 
+# Where files of object storage lie on this machine while a job works with them; None where all is in one file system.
+copies = local_copies(workflow)
+
 # Stages run under the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
 # Snakemake tells the linear algebra libraries how many threads a job has; numba has its own word for it. Threads that
@@ -43,7 +47,7 @@ os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.env
 # back is kept for the next array: fetching it from the system anew costs as much as filling it.
 shell.prefix(
     "trap : TERM INT; export NUMBA_NUM_THREADS=$OMP_NUM_THREADS OMP_WAIT_POLICY=passive"
-    " MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824; "
+    " MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=1073741824; " + (start_in(copies) if copies else "")
 )
 
 
@@ -68,6 +72,7 @@ def validated_project():
     """The configuration; what is wrong with it is said without a traceback."""
     try:
         loaded = load_project(config, workflow.config_settings.overwrite_config, Path("config/subjects"))
+        require_own_captures(os.path.normpath(loaded.settings.captures), copies)
         return resolve_budgets(loaded, logger.info)
     except InputError as error:
         raise WorkflowError(str(error))
@@ -85,8 +90,27 @@ def job(wildcards):
 
 @functools.cache
 def capture_files(subject):
-    """Files whose content decides whether the capture is checked anew; looked for once, for all jobs that check it."""
-    return JobFiles(project, subject).capture_files()
+    """Files whose content decides whether the capture is checked anew; looked for once, for all jobs that check it.
+
+    In object storage the capture is one thing, its folder, and is fetched as a whole.
+    """
+    return [JobFiles(project, subject).capture] if copies else JobFiles(project, subject).capture_files()
+
+
+def stored_capture(wildcards):
+    """The capture, for stages that read of it more than they declare; nothing where all is in one file system."""
+    return [job(wildcards).capture] if copies else []
+
+
+def captured(pattern):
+    """What a rule declares that makes a capture: its description, or, in object storage, all of it."""
+    return directory(os.path.dirname(pattern)) if copies else pattern
+
+
+def fetched(file):
+    """The path of a checkpoint's output, which is fetched if it lies in object storage."""
+    with file.open():
+        return file
 
 
 def code_for(stage):
@@ -237,17 +261,23 @@ def tracking_of_layout(pattern):
 
 def planned_effects(wildcards):
     """The effects that plan_effects turned on."""
-    return read_planned(checkpoints.plan_effects.get(subject=wildcards.subject).output.effects)
+    return read_planned(fetched(checkpoints.plan_effects.get(subject=wildcards.subject).output.effects))
 
 
 def capture_kind(wildcards):
     """What a capture is of, body or head."""
-    return read_kind(checkpoints.index_capture.get(subject=wildcards.subject).output.capture)
+    return read_kind(fetched(checkpoints.index_capture.get(subject=wildcards.subject).output.capture))
 
 
 def estimated_gaze(wildcards):
     """The table of gaze from images, where the capture declares none."""
-    return job(wildcards).estimated_gaze(checkpoints.index_capture.get(subject=wildcards.subject).output.capture)
+    indexed = checkpoints.index_capture.get(subject=wildcards.subject).output.capture
+    return job(wildcards).estimated_gaze(fetched(indexed))
+
+
+def stored_maps(wildcards):
+    """Folders of irradiance maps, which their tables stand for where all is in one file system."""
+    return [table.removesuffix(".parquet") for table in traced_irradiance(wildcards)] if copies else []
 
 
 def traced_irradiance(wildcards):

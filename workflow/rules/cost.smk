@@ -6,6 +6,7 @@ from pipeline.config.stage_settings import changed_settings
 # Takes all cores: whatever ran beside it would be measured, too. Nothing needs it; ask for its table by name.
 rule measure_cost:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         index=expand(
             "results/{{subject}}/index/{file}",
@@ -70,6 +71,7 @@ rule measure_cost:
 # Of synthesised captures, whose truth is known. Nothing needs it; ask for its folder by name.
 rule budget_errors:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         frames="results/{subject}/frames.parquet",
         color="results/{subject}/calibration/color.json",
@@ -110,6 +112,7 @@ rule budget_errors:
 # After a run with --config budget_minutes=...; give the same budget again, or what it chose is undone.
 rule check_budget:
     input:
+        stored=stored_capture,
         metrics="results/{subject}/metrics.csv",
         tracking=each_chunk("tracking/{chunk}.safetensors"),
     output:

@@ -1,5 +1,6 @@
 rule track_mesh:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         meshes="results/{subject}/index/meshes.parquet",
         frames="results/{subject}/index/frames.parquet",
@@ -36,6 +37,7 @@ rule track_mesh:
 
 rule review_tracking:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         frames="results/{subject}/index/frames.parquet",
         images="results/{subject}/index/images.parquet",
@@ -73,6 +75,7 @@ rule review_tracking:
 
 rule unwrap_atlas:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         rig="results/{subject}/calibration/rig.json",
     output:
@@ -106,6 +109,7 @@ rule unwrap_atlas:
 # Only for captures that list eyes and no gaze: `estimated_gaze` asks for it.
 rule estimate_gaze:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         eyes="results/{subject}/index/eyes.parquet",
         images="results/{subject}/index/images.parquet",

@@ -1,6 +1,7 @@
 # What only avatars of heads read: a job only if there is one.
 rule bake_textures:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         images="results/{subject}/index/images.parquet",
         atlas="results/{subject}/atlas.safetensors",

@@ -1,6 +1,7 @@
 # A checkpoint: an effect that is off has no job.
 checkpoint plan_effects:
     input:
+        stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         atlas="results/{subject}/atlas.safetensors",
         tracking=each_chunk("tracking/{chunk}.safetensors"),

@@ -91,6 +91,7 @@ rule export_viewer:
 # The same for the files that other programs open.
 rule export_avatar:
     input:
+        stored=stored_capture,
         atlas="results/{subject}/atlas.safetensors",
         avatar=lambda wildcards: job(wildcards).avatars("avatar.safetensors")[0],
         config=lambda wildcards: job(wildcards).avatars("config.json")[0],
@@ -133,6 +134,7 @@ rule export_avatar:
 # The capture itself, calibrated, in the layout of another program: colmap, nerfstudio or goliath.
 rule export_capture:
     input:
+        stored=stored_capture,
         images="results/{subject}/index/images.parquet",
         frames="results/{subject}/index/frames.parquet",
         index="results/{subject}/index/capture.json",

@@ -27,6 +27,16 @@ def test_stages_that_read_the_capture_are_told_where_it_lies(stage):
     assert ("--capture {params.capture:q}" in CALLS[stage]) == takes
 
 
+def test_rules_of_stages_that_read_the_capture_have_it_as_input_where_it_is_fetched():
+    """From object storage, where it is no folder that is there anyway."""
+    rules = [rule for path in RULES for rule in re.split(r"(?m)^(?:use rule|rule|checkpoint) ", path.read_text())]
+    reading = [rule for rule in rules if "capture=capture_folder" in rule]
+    assert len(reading) >= 15
+    for rule in reading:
+        declared = rule.partition("output:")[0]
+        assert "stored=stored_capture" in declared or "capture_files(wildcards.subject)" in declared, rule
+
+
 @pytest.mark.parametrize("stage", CALLS)
 def test_every_stage_asks_for_memory_and_time_by_its_own_size(stage):
     rules = [rule for path in RULES for rule in re.split(r"(?m)^(?:rule|checkpoint) ", path.read_text())]
