@@ -1,12 +1,14 @@
 """Fit what the jobs of each stage take, in seconds and megabytes, to finished runs of captures of several sizes.
 
     python -m benchmarks.bench_job_costs --results results/subjectA results/walker results/WIDE results/LONG
+    python -m benchmarks.bench_job_costs --stages index_capture --measured results/scaling/shared_images.csv
 
 Snakemake's benchmarks say what each job took: CPU seconds, and the largest resident set that was sampled. The terms are
 those that the predicted exponents of `benchmarks.scaling_cases` speak of; coefficients are not negative and have the
 least relative error (`benchmarks.scaling_projection.fit_terms`). Writes config/curves/job_costs.csv, from which
 `pipeline.workflow.job_requests` takes what jobs ask for. A term needs runs that differ in its sizes: subjectA, a head,
-a recorded body, subjectA with images of 480 x 640 pixels, and with 96 frames were fitted.
+a recorded body, subjectA with images of 480 x 640 pixels, and with 96 frames were fitted. Other benchmarks measured
+some jobs at sizes that no run has, as far as the papers'; with `--stages` those are fitted, and all other rows stay.
 """
 
 from __future__ import annotations
@@ -56,7 +58,7 @@ SECONDS = {
 
 MEGABYTES = {
     "synthesize_capture": [ONCE, AT_ONCE],
-    "index_capture": [ONCE, AT_ONCE, IMAGES],
+    "index_capture": [ONCE, AT_ONCE, IMAGES, ("listed",)],
     "calibrate_cameras": [ONCE, AT_ONCE, ("cameras",)],
     "calibrate_color": [ONCE, AT_ONCE, ("cameras",)],
     "calibrate_lights": [ONCE, AT_ONCE, ("cameras", "lights")],
@@ -83,11 +85,9 @@ MEGABYTES = {
 
 KNOWN_MB = {
     "train_avatar": {("kept_texels",): 1e-6 * KEPT_BYTES},
-    "index_capture": {("listed",): 0.0015},
 }
-"""Memory that is not fitted: of frames that training keeps, and of rows of an image and its mask, which
-`benchmarks/bench_shared_images.py` measures. In the runs fitted, subjects with more frames have more texels, too, and
-none has many images."""
+"""Memory that is not fitted, of frames that training keeps: in the runs fitted, subjects with more frames have more
+texels, too."""
 
 THREADS, PROCESSES = 2, 2
 """Of the runs: `snakemake --cores 2`, and the training processes that it leads to on a CPU."""
@@ -99,13 +99,26 @@ DECODE_THREADS = 4
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--results", type=Path, nargs="+", required=True, help="folders results/SUBJECT")
+    parser.add_argument("--results", type=Path, nargs="*", default=[], help="folders results/SUBJECT of finished runs")
+    parser.add_argument("--measured", type=Path, nargs="*", default=[], help="tables of jobs that benchmarks wrote")
+    parser.add_argument("--stages", nargs="*", default=list(SECONDS), help="whose rows are written anew; all")
     parser.add_argument("--out", type=Path, default=TABLE, help="table to write")
     options = parser.parse_args()
-    jobs = pd.DataFrame([row for results in options.results for row in finished_jobs(results)])
-    table = cost_table(jobs)
+    jobs = [row for results in options.results for row in finished_jobs(results)]
+    jobs += [row for path in options.measured for row in pd.read_csv(path).to_dict("records")]
+    table = cost_table(pd.DataFrame([row for row in jobs if row["stage"] in options.stages]))
+    if set(options.stages) != set(SECONDS):
+        table = with_others(table, pd.read_csv(options.out, keep_default_na=False))
     write_table(options.out, table)
     print(table.to_string(index=False))
+
+
+def with_others(table: pd.DataFrame, before: pd.DataFrame) -> pd.DataFrame:
+    """A table of some stages with what an earlier one says of all others, in the order of the stages."""
+    rows = pd.concat([before[~before.stage.isin(table.stage)], table])
+    costs, stages = ["seconds", "mb"], list(SECONDS)
+    order = [(costs.index(row.cost), stages.index(row.stage)) for row in rows.itertuples()]
+    return rows.iloc[sorted(range(len(rows)), key=order.__getitem__)].reset_index(drop=True)
 
 
 def finished_jobs(results: Path) -> list[dict]:

@@ -1,10 +1,11 @@
 """Memory and time of the index against the number of images, by one job and shared by several.
 
-    python -m benchmarks.bench_shared_images --capture captures/tiny --frames 480 4800 --chunk-images 4096
+    python -m benchmarks.bench_shared_images --capture captures/tiny --frames 480 4800 --chunk-images 4096 --paper 8
 
 The frames of a capture are repeated under new numbers, as further names of its images and masks. Each stage is a
-process of its own; memory is its largest resident set. Compares the bytes of the two indices. Writes
-results/scaling/shared_images.csv: a row for each number of frames and kind of job.
+process of its own; memory is its largest resident set. Compares the bytes of the two indices. With `--paper` also some
+frames of a capture of the papers' size are inspected, 512 images of 1332 x 1152 pixels each, which are links to one.
+Writes results/scaling/shared_images.csv: a row for each job, with its sizes, as bench_job_costs takes them.
 """
 
 from __future__ import annotations
@@ -17,11 +18,18 @@ import sys
 import tempfile
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pandas as pd
 import yaml
 
+from benchmarks.paper_capture import PaperSize, write_capture
 from pipeline.base.files import write_table
 from pipeline.capture.paths import fill
+from pipeline.config.index_capture import IndexCapture
+
+THREADS = IndexCapture().decode_threads
+"""Of each job, the default."""
 
 
 def write_longer(capture: Path, folder: Path, count: int) -> int:
@@ -55,7 +63,22 @@ def index(capture: Path, out: Path, *words: object) -> dict[str, float]:
     started.returncode = os.waitstatus_to_exitcode(status)
     if started.returncode:
         raise SystemExit(started.returncode)
-    return {"peak_mb": used.ru_maxrss / 1024, "cpu_s": used.ru_utime + used.ru_stime}
+    return {"mb": used.ru_maxrss / 1024, "seconds": used.ru_utime + used.ru_stime}
+
+
+def inspect_paper(folder: Path, frames: int) -> dict[str, object]:
+    """A job that inspects some frames of a capture of the papers' size: sizes and costs."""
+    size = PaperSize(frames=frames)
+    write_capture(folder / "capture", size, "paper")
+    # Smooth and grainy, as photographs are: its PNG has 1.5 bytes a pixel.
+    noise = np.random.default_rng(0).normal(0, 2, (size.height, size.width, 3))
+    wave = 100 + 60 * np.sin(np.linspace(0, 9, size.width))[:, None] + noise
+    cv2.imwrite(str(folder / "capture/image.png"), np.clip(wave, 0, 255).astype(np.uint8))
+    taken = index(folder / "capture", folder / "inspected", "--chunk", 0, "--chunk-size", frames)
+    return {
+        "subject": "paper", "images": size.cameras * frames, "job": "share 0", "cameras": size.cameras,
+        "frames": frames, "pixels": size.width * size.height, "listed": 0, **taken,
+    }  # fmt: skip
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -70,23 +93,31 @@ def main() -> None:
     parser.add_argument("--frames", type=int, nargs="+", default=[480, 4800], help="numbers of frames")
     parser.add_argument("--chunk-images", type=int, default=4096, help="images of a share, at least")
     parser.add_argument("--out", type=Path, default=Path("results/scaling/shared_images.csv"), help="table to write")
+    parser.add_argument("--paper", type=int, default=0, help="frames of a capture of the papers' size")
     options, rows = parser.parse_args(), []
-    cameras = len(pd.read_csv(options.capture / "cameras.csv"))
+    table = pd.read_csv(options.capture / "cameras.csv")
+    cameras, pixels = len(table), int((table.width * table.height).mean())
     with tempfile.TemporaryDirectory(prefix="bench_shared_images_") as made:
         for count in options.frames:
             folder, own = Path(made, f"{count}"), -(-options.chunk_images // cameras)
             images = write_longer(options.capture, folder / "capture", count)
-            jobs = {"one job": index(folder / "capture", folder / "one")}
+            jobs = {"one job": (count, cameras * count, index(folder / "capture", folder / "one"))}
             for first in range(-(-count // own)):
                 words = ("--chunk", first, "--chunk-size", own)
-                jobs[f"share {first}"] = index(folder / "capture", folder / "inspected", *words)
+                frames = min(own, count - first * own)
+                jobs[f"share {first}"] = frames, 0, index(folder / "capture", folder / "inspected", *words)
             tables = sorted((folder / "inspected").glob("*.parquet"))
-            jobs["joining"] = index(folder / "capture", folder / "joined", "--inspected", *tables)
-            rows += [{"frames": count, "images": images, "job": name, **taken} for name, taken in jobs.items()]
+            joined = index(folder / "capture", folder / "joined", "--inspected", *tables)
+            jobs["joining"] = 0, cameras * count, joined
+            same = {"subject": options.capture.name, "images": images, "cameras": cameras, "pixels": pixels}
+            rows += [{**same, "job": n, "frames": f, "listed": known, **cost} for n, (f, known, cost) in jobs.items()]
             print(pd.DataFrame(rows).to_string(index=False), flush=True)
-            same = contents(folder / "one") == contents(folder / "joined")
-            print(f"{count} frames: {'the same bytes' if same else 'DIFFERENT BYTES'} of the index")
-    write_table(options.out, pd.DataFrame(rows))
+            equal = contents(folder / "one") == contents(folder / "joined")
+            print(f"{count} frames: {'the same bytes' if equal else 'DIFFERENT BYTES'} of the index", flush=True)
+        if options.paper:
+            rows.append(inspect_paper(Path(made, "paper"), options.paper))
+            print(pd.DataFrame(rows[-1:]).to_string(index=False))
+    write_table(options.out, pd.DataFrame(rows).assign(stage="index_capture", threads=THREADS))
 
 
 if __name__ == "__main__":

@@ -235,6 +235,25 @@ def test_moved_captures_rerun_their_check_alone(workflow):
     assert workflow.planned(TARGET, *moved) == {}
 
 
+def test_captures_that_were_moved_behind_a_link_rerun_nothing(workflow, tmp_path):
+    """With other times."""
+    (workflow.folder / "captures").rename(tmp_path / "elsewhere")
+    for path in (tmp_path / "elsewhere").rglob("*"):
+        path.touch()
+    (workflow.folder / "captures").symlink_to(tmp_path / "elsewhere")
+    assert workflow.planned(TARGET) == {}
+
+
+def test_copied_results_capture_and_metadata_rerun_nothing_on_another_machine(workflow, tmp_path):
+    """As rsync without times copies them; the rest is the project's."""
+    there = workflow.copied(tmp_path / "there")
+    for folder in ("results", "captures", ".snakemake"):
+        shutil.rmtree(there.folder / folder)
+    for folder in ("results/subjectA", "captures/subjectA", ".snakemake/metadata"):
+        shutil.copytree(workflow.folder / folder, there.folder / folder, copy_function=shutil.copyfile)
+    assert there.planned(TARGET) == {}
+
+
 def test_effect_that_is_off_has_no_job(workflow):
     workflow.append("config/subjects/subjectA.yaml", "plan_effects: {shadow: off}\n")
     assert workflow.ran(TARGET) == ["plan_effects", "pack_shards", "pack_shards", "train_avatar", "evaluate_avatar"]
