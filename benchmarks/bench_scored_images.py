@@ -1,10 +1,11 @@
 """Memory and time of scoring an avatar against the number of images that are held out.
 
-    python -m benchmarks.bench_scored_images --results results/tiny --images 50 500 5000
+    python -m benchmarks.bench_scored_images --results results/tiny --images 50 500 5000 --enlarged 16
 
 The held-out images of a finished subject, and the frames that they show, are written as often as it takes under new
 numbers, and scored by one job, by shares of at most so many images, and by the job that joins the tables of these. Each
-is a process of its own, on one thread; memory is its largest resident set. Compares the bytes of the scores. Writes
+is a process of its own, on one thread; memory is its largest resident set. Compares the bytes of the scores. With
+`--enlarged` a share of enlarged images is scored as well, whose sides are so many times as long. Writes
 results/scaling/scored_images.csv: a row for each job, with its sizes, as bench_job_costs takes them.
 """
 
@@ -19,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from pipeline.base.files import read_json, read_table, write_table
@@ -43,6 +45,12 @@ class HeldOut:
     frames: list[tuple[int, FrameRecord, list[ImageRecord]]]
     images: int
 
+    def enlarged(self, factor: int) -> HeldOut:
+        """The same views, in images whose sides are so many times as long."""
+        return HeldOut(
+            [(n, frame, [_enlarged(each, factor) for each in own]) for n, frame, own in self.frames], self.images
+        )
+
     @classmethod
     def read(cls, results: Path) -> HeldOut:
         """Of a finished run."""
@@ -50,6 +58,12 @@ class HeldOut:
         rows = images.table.groupby("frame").groups.items()
         frames = [(int(frame), records[int(frame)], [images[row] for row in own]) for frame, own in rows]
         return cls(frames, len(images.table))
+
+
+def _enlarged(image: ImageRecord, factor: int) -> ImageRecord:
+    sides = {name: factor * getattr(image, name) for name in ("x0", "y0", "width", "height")}
+    pixels = [each.repeat(factor, 0).repeat(factor, 1) for each in (image.image, image.mask)]
+    return replace(image, **sides, image=pixels[0], mask=pixels[1], K=np.diag([factor, factor, 1.0]) @ image.K)
 
 
 def write_shards(held_out: HeldOut, folder: Path, count: int, share: int) -> tuple[int, int]:
@@ -104,6 +118,7 @@ def main() -> None:
     parser.add_argument("--images", type=int, nargs="+", default=[50, 500, 5000], help="numbers of images")
     parser.add_argument("--share", type=int, default=500, help="images of a share, at most")
     parser.add_argument("--out", type=Path, default=Path("results/scaling/scored_images.csv"), help="table to write")
+    parser.add_argument("--enlarged", type=int, default=0, help="factor by which the sides of images are longer")
     options, rows = parser.parse_args(), []
     held_out, without = HeldOut.read(options.results), "--no-pictures"
     cameras = read_table(options.results / "index/cameras.parquet")
@@ -129,6 +144,13 @@ def main() -> None:
                 (folder / "one" / name).read_bytes() == (folder / "joined" / name).read_bytes() for name in SCORES
             )
             print(f"{count} images: {'the same bytes' if same else 'DIFFERENT BYTES'} of the scores", flush=True)
+        if options.enlarged:
+            folder = Path(made, "enlarged")
+            frames, _ = write_shards(held_out.enlarged(options.enlarged), folder, held_out.images, held_out.images)
+            taken = score(options.results, folder, folder / "scores/full", "--chunk", 0, without)
+            larger = {"pixels": options.enlarged**2 * sizes["pixels"], "images": held_out.images, "job": "share 0"}
+            rows.append({**sizes, **larger, "frames": frames, **taken})
+            print(pd.DataFrame(rows[-1:]).to_string(index=False))
     write_table(options.out, pd.DataFrame(rows))
 
 
