@@ -69,7 +69,9 @@ def write_capture(folder: Path, size: PaperSize, subject: str) -> None:
     write_links(folder, cameras, frames)
     described = {
         "format": "lightstage-capture/1", "subject": subject, "kind": "body", "units": "m", "up": "+y", "fps": 24,
-        "images": {"path": "images/{camera}/{frame:06d}.png", "transfer": "srgb", "downsample_from_sensor": 4},
+        "images": {
+            "path": "images/{camera}/{frame:06d}.png", "transfer": "srgb", "black_level": 0, "downsample_from_sensor": 4,
+        },
         **{name: f"{name}.csv" for name in ("cameras", "frames", "lights", "patterns")},
     }  # fmt: skip
     (folder / "capture.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
