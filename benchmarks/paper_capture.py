@@ -70,7 +70,8 @@ def write_capture(folder: Path, size: PaperSize, subject: str) -> None:
     described = {
         "format": "lightstage-capture/1", "subject": subject, "kind": "body", "units": "m", "up": "+y", "fps": 24,
         "images": {
-            "path": "images/{camera}/{frame:06d}.png", "transfer": "srgb", "black_level": 0, "downsample_from_sensor": 4,
+            "path": "images/{camera}/{frame:06d}.png", "transfer": "srgb", "black_level": 0,
+            "downsample_from_sensor": 4,
         },
         **{name: f"{name}.csv" for name in ("cameras", "frames", "lights", "patterns")},
     }  # fmt: skip
