@@ -10,21 +10,22 @@ from __future__ import annotations
 import os
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from pipeline.base.errors import InputError
 from pipeline.workflow.job_files import RESULTS
-
-if TYPE_CHECKING:
-    from snakemake.workflow import Workflow
 
 LINKED = (".snakemake", "config")
 """Folders of the project that the local folder has as links: logs and inputs are named by their place in the first,
 relative to the project, and settings by theirs in the second."""
 
 
-def local_copies(workflow: Workflow) -> Path | None:
-    """Folder in which a job's files lie as else in the project's; None without storage."""
+def local_copies(workflow: Any) -> Path | None:
+    """Folder in which a job's files lie as else in the project's; None without storage.
+
+    Args:
+        workflow: Snakemake's.
+    """
     settings = workflow.storage_settings
     if settings.default_storage_provider is None:
         return None

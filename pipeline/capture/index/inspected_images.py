@@ -1,4 +1,4 @@
-"""Images of a chunk of frames, inspected by a job of their own.
+"""Images of a chunk of frames, and a share of the calibration's, inspected by a job.
 
 It writes a table, from which the index is then made.
 Such a job complains about nothing. It looks at what is there and decodes it; whoever makes the index says all that is
@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import astuple
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_table, write_table
 from pipeline.capture.archives import is_there
 from pipeline.capture.index import tables
+from pipeline.capture.index.calibration_sections import find_calibration
 from pipeline.capture.index.frame_images import IMAGE_COLUMNS, expected_images
 from pipeline.capture.index.image_checks import ExpectedImage, Flaw, Inspection, inspections
 from pipeline.capture.index.parquet_tables import read_parquet
@@ -62,7 +64,8 @@ def _inspection(digest: str, black: bool, unreadable: str, flaws: str) -> Inspec
 def inspect_frames(root: Path, out: Path, first: int, count: int, threads: int) -> int:
     """Inspect the images and masks of some frames and write their table; returns their number.
 
-    What is in doubt is left out: a table that cannot be read, a camera that none lists, a file that is missing.
+    Photographs of the calibration are shared by the jobs as the frames are, in their order. What is in doubt is left
+    out: a table that cannot be read, a camera that none lists, a file that is missing.
 
     Args:
         root: folder of the capture.
@@ -90,11 +93,16 @@ def _images(root: Path, first: int, count: int) -> Iterable[ExpectedImage]:
     frames = tables.read_frames_csv(root, manifest.frames, ignored)
     if cameras is None or frames is None:
         return []
+    lights = tables.read_lights_csv(root, manifest.lights, ignored) if manifest.lights else None
+    photographs = find_calibration(root, manifest, cameras, lights, ignored)[1]
+    place = np.arange(len(photographs)) * len(frames) // max(len(photographs), 1)
+    shared = [photographs[n] for n in np.flatnonzero((place >= first) & (place < first + count))]
+    there = [image for image in shared if is_there(root / image.path)]
     numbers = np.sort(frames["frame"].to_numpy())[first : first + count]
     listed = _listed(root, manifest, cameras["camera"].tolist(), numbers.tolist(), ignored)
     for column in ("path", "mask_path"):
         listed[column] = [path if isinstance(path, str) and is_there(root / path) else None for path in listed[column]]
-    return expected_images(listed[listed["path"].notna()], cameras, manifest)
+    return chain(there, expected_images(listed[listed["path"].notna()], cameras, manifest))
 
 
 def _listed(

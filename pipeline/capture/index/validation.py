@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -13,31 +12,23 @@ from pipeline.base.errors import Complaints
 from pipeline.base.progress import progress
 from pipeline.base.verdicts import Verdict
 from pipeline.capture.images import ImageSource
-from pipeline.capture.index import calibration_files, color_files, tables
+from pipeline.capture.index import calibration_files, tables
+from pipeline.capture.index.calibration_sections import Contents, find_calibration
 from pipeline.capture.index.contents import capture_content, relative_exposures
 from pipeline.capture.index.detected_files import NOTHING_DETECTED, DetectedFiles
 from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
 from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
 from pipeline.capture.index.held_out import check_splits, images_table
-from pipeline.capture.index.image_checks import ExpectedImage, Known, gather, inspections, nothing_known
+from pipeline.capture.index.image_checks import Known, gather, inspections, nothing_known
 from pipeline.capture.index.keypoint_tables import read_keypoints_parquet, read_points_csv
 from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.index.template_checks import check_template
 from pipeline.capture.mask_format import PLAIN_MASKS
-from pipeline.capture.schema.camera_schema import PhotographedBoards
-from pipeline.capture.schema.capture_yaml import (
-    Capture,
-    EarlierLights,
-    Images,
-    KnownCameras,
-    KnownLights,
-    MirrorBallLights,
-)
+from pipeline.capture.schema.capture_yaml import Capture, Images
 from pipeline.capture.schema.manifest import MANIFEST, read_manifest
 
-Contents = dict[str, dict[str, Any]]
 Tables = dict[str, pd.DataFrame | None]
 
 
@@ -70,7 +61,7 @@ def index_folder(
     complaints = Complaints(root)
     manifest = read_manifest(root, complaints)
     found = _read_tables(root, manifest, detected, complaints)
-    contents, expected = _find_calibration(root, manifest, found, complaints)
+    contents, expected = find_calibration(root, manifest, found["cameras"], found["lights"], complaints)
     _check_transfer(manifest.images, complaints)
     images = find_frame_images(root, manifest, found["cameras"], found["frames"], complaints)
     images, mask_digests = detected.masked(images)
@@ -133,46 +124,6 @@ def _read_tables(root: Path, manifest: Capture, detected: DetectedFiles, complai
         points = read_points_csv(root, given, keypoints or [], complaints)
         found["keypoints_2d"] = read_keypoints_parquet(root, path, known, complaints, order, points)
     return found
-
-
-def _find_calibration(
-    root: Path, manifest: Capture, found: Tables, complaints: Complaints
-) -> tuple[Contents, list[ExpectedImage]]:
-    contents, expected, section = {}, [], manifest.calibration
-    cameras, lights = found["cameras"], found["lights"]
-    if cameras is not None and section.cameras is not None:
-        contents["calibration_cameras"], more = calibration_files.find_camera_calibration(
-            root, section.cameras, cameras, complaints
-        )
-        expected += more
-    if cameras is not None and lights is not None and section.lights is not None:
-        contents["calibration_lights"], more = calibration_files.find_light_calibration(
-            root, section.lights, cameras, lights, complaints
-        )
-        expected += more
-    if cameras is not None and section.color is not None:
-        contents["calibration_color"], more = color_files.find_color_calibration(
-            root, section.color, cameras, complaints
-        )
-        expected += more
-    if section.cameras is not None and section.lights is not None:
-        _check_stage_frame(section.cameras, section.lights, complaints)
-    return contents, expected
-
-
-def _check_stage_frame(
-    cameras: PhotographedBoards | KnownCameras,
-    lights: MirrorBallLights | KnownLights | EarlierLights,
-    complaints: Complaints,
-) -> None:
-    in_stage = isinstance(cameras, KnownCameras) and cameras.frame == "stage"
-    if not in_stage and isinstance(lights, KnownLights):
-        complaints.add(
-            MANIFEST, "calibration.lights.method",
-            expected="mirror_ball for cameras in a frame of their own", found="known",
-            hint="only measured lights tie that frame to the surveyed ones: add mirror-ball images, or give known "
-            "cameras in the frame of the lights",
-        )  # fmt: skip
 
 
 def _check_transfer(images: Images | None, complaints: Complaints) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -31,8 +32,21 @@ def test_index_has_the_same_bytes_and_reads_no_image_again(tmp_path, monkeypatch
     )
     run(capture=capture, out=tmp_path / "joined", inspected=tables)
     assert contents(tmp_path / "one") == contents(tmp_path / "joined")
-    assert all(image.path.startswith("calibration/") for image in read)
-    assert [len(pd.read_parquet(table)) for table in tables] == [2 * 2 * 2, 2 * 2]
+    assert not read
+    found = [pd.read_parquet(table) for table in tables]
+    assert [sum(not is_photograph(path) for path in table.path) for table in found] == [2 * 2 * 2, 2 * 2]
+    named = re.findall(r'"path": "(calibration/[^"{]+\.(?:png|exr))"', "".join(text_of(tmp_path / "one")))
+    photographs = [set(filter(is_photograph, table.path)) for table in found]
+    assert set.union(*photographs) == set(named) and not set.intersection(*photographs)
+    assert all(photographs) == measured
+
+
+def is_photograph(path: str) -> bool:
+    return path.startswith("calibration/")
+
+
+def text_of(folder: Path) -> list[str]:
+    return [path.read_text() for path in folder.glob("calibration_*.json")]
 
 
 @pytest.mark.parametrize("lost", ["capture.yaml", "frames.csv", "cameras.csv"])
