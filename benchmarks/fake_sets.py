@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from tests.support.datasets import (
     faceolat_layout,
     goliath_layout,
     humanolat_layout,
+    nersemble_layout,
     olatverse_layout,
     openillumination_layout,
 )
@@ -42,10 +43,10 @@ class FakeSet:
     constant_light: bool = False
 
 
-def true_becominglit_frame(frame: int) -> int:
-    """The truth's frame: sequences count from 0, and the kth from 100000 k here."""
-    sequence, number = divmod(frame, 100_000)
-    return sorted(becominglit_layout.SEQUENCES.values(), key=lambda span: span[0])[sequence][number]
+def true_frame_of(sequences: Mapping[str, range]) -> Callable[[int], int]:
+    """The truth's frame by the imported one: sequences count from 0, and the kth from 100000 k here."""
+    spans = sorted(sequences.values(), key=lambda span: span[0])
+    return lambda frame: spans[frame // 100_000][frame % 100_000]
 
 
 FAKES = (
@@ -55,7 +56,7 @@ FAKES = (
     ),
     FakeSet(
         "becominglit", lambda: becominglit_layout.true_head(image=(96, 144)), becominglit_layout.write_becominglit,
-        len(becominglit_layout.CAMERAS), true_becominglit_frame,
+        len(becominglit_layout.CAMERAS), true_frame_of(becominglit_layout.SEQUENCES),
     ),
     FakeSet(
         "humanolat", lambda: humanolat_layout.true_head(image=(96, 144)), humanolat_layout.write_humanolat,
@@ -81,5 +82,10 @@ FAKES = (
     FakeSet(
         "actorshq", lambda: actorshq_layout.true_head(image=(108, 144)), actorshq_layout.write_actorshq,
         len(actorshq_layout.CAMERAS), settings=actorshq_layout.settings, constant_light=True,
+    ),
+    FakeSet(
+        "nersemble", lambda: nersemble_layout.true_head(image=(96, 140)), nersemble_layout.write_nersemble,
+        len(nersemble_layout.CAMERAS), true_frame_of(nersemble_layout.SEQUENCES), nersemble_layout.settings,
+        constant_light=True,
     ),
 )  # fmt: skip

@@ -25,10 +25,44 @@ GAMMA = 2.2
 """Exponent of images that are a plain power of light, which is not sRGB: that is straight near black."""
 
 
+_SECOND = ("rg", "rb", "gb", "rr", "gg", "bb")
+_THIRD = ("rrg", "ggb", "bbr")
+_MIXED = (*_THIRD, "rrb", "ggr", "bbg")
+_CUBES = ("rrr", "ggg", "bbb")
+_FOURTH = ("rrrg", "rrrb", "gggr", "gggb", "bbbr", "bbbg", "rrgb", "rggb", "rgbb", "rrgg", "rrbb", "ggbb", "rrrr",
+           "gggg", "bbbb")  # fmt: skip
+
+POLYNOMIALS: dict[int, tuple[str, ...]] = {
+    3: (), 4: ("",), 5: ("rgb", ""), 7: ("rg", "rb", "gb", ""), 8: ("rg", "rb", "gb", "rgb", ""),
+    10: (*_SECOND, ""), 11: (*_SECOND, "rgb", ""), 14: (*_SECOND, "rgb", *_CUBES, ""),
+    16: (*_SECOND, "rgb", *_THIRD, *_CUBES), 17: (*_SECOND, "rgb", *_THIRD, *_CUBES, ""),
+    19: (*_SECOND, "rgb", *_MIXED, *_CUBES), 20: (*_SECOND, "rgb", *_MIXED, *_CUBES, ""),
+    22: (*_SECOND, "rgb", *_MIXED, *_CUBES, "rrgb", "rggb", "rgbb"),
+    35: (*_SECOND, "rgb", *_MIXED, *_CUBES, *_FOURTH, ""),
+}  # fmt: skip
+"""Columns of a colour matrix after R, G and B, by their number: products of channels, "" being 1. The polynomials
+of Cheung, Westland, Connah and Ripamonti 2004, in the order of Westland and Ripamonti 2004, table 8.2, which programs
+share."""
+
+
 def corrected(rgb_linear: Colors, matrix: Colors) -> Colors:
-    """Colours [..., 3] by a matrix 3 x 3, or by one of 3 x 4 whose last column is added."""
+    """Colours [..., 3] by a matrix 3 x 3, one of 3 x 4 with a column to add, or a polynomial's.
+
+    Args:
+        rgb_linear: colours.
+        matrix: 3 rows; the number of its columns says which products of channels they go with, see `POLYNOMIALS`.
+    """
     turned = rgb_linear @ matrix[:, :3].T
-    return turned + matrix[:, 3] if matrix.shape[1] > 3 else turned
+    for column, product in enumerate(POLYNOMIALS[matrix.shape[1]], 3):
+        weights = matrix[:, column]
+        if not product:
+            turned = turned + weights
+            continue
+        term = rgb_linear[..., "rgb".index(product[0])]
+        for channel in product[1:]:
+            term = term * rgb_linear[..., "rgb".index(channel)]
+        turned = turned + term[..., None] * weights
+    return turned
 
 
 def srgb_from_linear(rgb_linear: Colors) -> Colors:

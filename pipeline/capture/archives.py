@@ -1,6 +1,7 @@
-"""Files of a capture that may lie in zip archives.
+"""Files of a capture that may lie in zip archives, and images that are frames of a video.
 
-`image/cam1.zip/cam1/000000.avif` names a member of one.
+`image/cam1.zip/cam1/000000.avif` names a member of an archive, `images/cam1.mp4/000012` a frame, counted from 0, and
+`alpha/cam1.mp4/000012.red` its first channel, for masks.
 """
 
 from __future__ import annotations
@@ -9,31 +10,59 @@ import zipfile
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
+import cv2
+import numpy as np
+
 from pipeline.base.errors import InputError
+from pipeline.capture.video_frames import VIDEO_SUFFIXES, read_video_frame, video_facts
 
 OPEN_ARCHIVES = 256
 """Archives that a process keeps open: more than any public stage has cameras. The list of an archive's members takes a
 tenth of a second to read, a member a millisecond."""
 
 
+HOLDERS = frozenset({".zip", *VIDEO_SUFFIXES})
+"""Ends of the names of files that hold others."""
+
+RED = ".red"
+"""End of the name of a frame of which the first channel alone is read."""
+
+
 def split_member(path: Path) -> tuple[Path, str] | None:
-    """The archive that a path leads through, and its member; None without one."""
+    """The archive or video that a path leads through, and its member or frame; None without one."""
     for parent in Path(path).parents:
-        if parent.suffix.lower() == ".zip" and parent.is_file():
+        if parent.suffix.lower() in HOLDERS and parent.is_file():
             return parent, PurePosixPath(Path(path).relative_to(parent)).as_posix()
     return None
 
 
 def holder_of(path: Path) -> Path:
-    """The file on the disk that holds what a path names: an archive, or the file itself."""
+    """The file on the disk that holds what a path names: archive, video, or the file itself."""
     found = split_member(path)
     return Path(path) if found is None else found[0]
 
 
 def is_there(path: Path) -> bool:
-    """True for a file, and for a member of an archive."""
+    """True for a file, a member of an archive, and a frame that a video's header counts."""
     found = split_member(path)
-    return Path(path).is_file() if found is None else found[1] in members(found[0])
+    if found is None:
+        return Path(path).is_file()
+    holder, member = found
+    if not is_video(holder):
+        return member in members(holder)
+    number = frame_number(member)
+    return number is not None and number < video_facts(holder).frames
+
+
+def is_video(holder: Path) -> bool:
+    """True for a video, by its name."""
+    return holder.suffix.lower() in VIDEO_SUFFIXES
+
+
+def frame_number(member: str) -> int | None:
+    """Number of a video's frame by what a path has after the video; None if it is none."""
+    number = member.removesuffix(RED)
+    return int(number) if number.isascii() and number.isdecimal() else None
 
 
 def members(archive: Path) -> frozenset[str]:
@@ -46,7 +75,7 @@ def members(archive: Path) -> frozenset[str]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Content of a file or of an archive's member.
+    """Content of a file or an archive's member; of a video's frame, its pixels as a .bmp file.
 
     Raises:
         InputError: if it cannot be read.
@@ -56,6 +85,8 @@ def read_bytes(path: Path) -> bytes:
         if found is None:
             return Path(path).read_bytes()
         archive, member = found
+        if is_video(archive):
+            return _frame_bytes(archive, member)
         # Threads may share an archive: its file has a lock.
         return _opened(archive, archive.stat().st_mtime_ns).read(member)
     except KeyError as error:
@@ -63,6 +94,14 @@ def read_bytes(path: Path) -> bytes:
     except (OSError, zipfile.BadZipFile) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: expected a readable file, found: {reason}") from error
+
+
+def _frame_bytes(video: Path, member: str) -> bytes:
+    number = frame_number(member)
+    if number is None:
+        raise KeyError(member)
+    pixels = read_video_frame(video, number)
+    return cv2.imencode(".bmp", np.ascontiguousarray(pixels[..., 2]) if member.endswith(RED) else pixels)[1].tobytes()
 
 
 @lru_cache(maxsize=OPEN_ARCHIVES)

@@ -58,7 +58,7 @@ def cut_crop(
         image: linear RGB, black level removed; pixels that are not finite become black and lose their mask.
         mask: of the recorded (distorted) image, 0..1; or None, then `silhouette` is the mask.
         camera: as recorded, at the image's resolution.
-        corrected_from_raw: colour correction, 3 x 3 or 3 x 4 (`corrected`); None skips it exactly.
+        corrected_from_raw: colour correction (`corrected`); None skips it exactly.
         undistort: False skips resampling exactly, and takes the image as a pinhole's.
         silhouette: mask of the undistorted image.
         margin_px: background kept around the box of the foreground.

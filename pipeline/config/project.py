@@ -47,6 +47,7 @@ NAME_PATTERN = "[A-Za-z0-9_][A-Za-z0-9_-]*"
 
 DATASETS = (
     "goliath", "becominglit", "humanolat", "openillumination", "olatverse", "faceolat", "ava256", "actorshq",
+    "nersemble",
 )  # fmt: skip
 """Public sets that import_capture reads."""
 

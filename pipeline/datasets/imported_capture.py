@@ -105,7 +105,7 @@ class ImportedCapture:
         images: where they are and how they store light.
         lights: light, x, y, z.
         patterns: frame, light, intensity, one row per lit light.
-        colors: corrected-from-raw matrix of each camera, 3 x 3 or 3 x 4; none at all if colours are as recorded.
+        colors: corrected-from-raw matrix of each camera (`corrected`); none at all if colours are as recorded.
         meshes: tracked elsewhere.
         held_out: the set's own split.
         provenance: said in the capture, and on the report.

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
+from pipeline.base.color import POLYNOMIALS
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json
 from pipeline.effects.appearance_evidence import Evidence
@@ -123,7 +124,7 @@ def largest_displacement_px(camera: Camera) -> float:
 
 
 def read_colors(path: Path) -> dict[str, Float64[np.ndarray, "3 columns"]]:
-    """Corrected-from-raw of each camera that has one, 3 x 3 or 3 x 4 (`corrected`).
+    """Corrected-from-raw of each camera that has one (`corrected`).
 
     Raises:
         InputError: naming all cameras without a matrix of finite numbers.
@@ -132,11 +133,12 @@ def read_colors(path: Path) -> dict[str, Float64[np.ndarray, "3 columns"]]:
     wrong = sorted(
         name
         for name, matrix in matrices.items()
-        if matrix.shape not in ((3, 3), (3, 4)) or not np.isfinite(matrix).all()
+        if matrix.shape not in [(3, columns) for columns in POLYNOMIALS] or not np.isfinite(matrix).all()
     )
     if wrong:
         raise InputError(
-            f"{path}: cameras {wrong}: expected 3x3 or 3x4 finite numbers, found others; run calibrate_color again"
+            f"{path}: cameras {wrong}: expected 3 rows of 3 finite numbers, 4, or a polynomial's, found others; run "
+            "calibrate_color again"
         )
     return matrices
 

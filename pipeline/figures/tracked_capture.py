@@ -40,7 +40,7 @@ class TrackedCapture:
         detected: keypoints as detected, pixels of the (distorted) images; NaN where not.
         images: index/images.parquet by (camera, frame).
         lights: light, x, y, z; patterns: frame, light, intensity_r, ...
-        corrections: corrected-from-raw colour of each camera, 3 x 3 or 3 x 4; cameras without one are as they are.
+        corrections: corrected-from-raw colour of each camera (`corrected`); cameras without one are as they are.
     """
 
     subject: str

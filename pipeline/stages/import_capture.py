@@ -23,6 +23,7 @@ from pipeline.datasets.goliath import read_goliath
 from pipeline.datasets.humanolat import read_humanolat
 from pipeline.datasets.imported_capture import ImportedCapture
 from pipeline.datasets.native import write_native
+from pipeline.datasets.nersemble import read_nersemble
 from pipeline.datasets.olatverse import read_olatverse
 from pipeline.datasets.openillumination import read_openillumination
 
@@ -37,6 +38,7 @@ READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
     "faceolat": read_faceolat,
     "ava256": read_ava256,
     "actorshq": read_actorshq,
+    "nersemble": read_nersemble,
 }
 """Reader of each set of `pipeline.config.project.DATASETS`."""
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.support.datasets import actorshq_layout, ava256_layout, faceolat_layout
+from tests.support.datasets import actorshq_layout, ava256_layout, faceolat_layout, nersemble_layout
 
 CHEAP = "unwrap_atlas: {size: 32}\ntrain_avatar: {steps: 4}\nevaluate_avatar: {pictures: false}\n"
 
@@ -26,9 +26,14 @@ def write_actorshq(folder):
     return actorshq_layout.write_actorshq(folder, truth), actorshq_layout.settings(folder, truth)
 
 
+def write_nersemble(folder):
+    truth = nersemble_layout.true_head()
+    return nersemble_layout.write_nersemble(folder, truth), nersemble_layout.settings(folder, truth)
+
+
 SETS = {
     "faceolat": (write_faceolat, {"test_cameras", "test_patterns"}), "ava256": (write_ava256, {"test_segments"}),
-    "actorshq": (write_actorshq, {"test_cameras"}),
+    "actorshq": (write_actorshq, {"test_cameras"}), "nersemble": (write_nersemble, {"test_cameras", "test_segments"}),
 }  # fmt: skip
 
 

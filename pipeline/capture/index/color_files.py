@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from pipeline.base.color import POLYNOMIALS
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import digest_file, read_json
 from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_rows, complain_unknown, read_csv
@@ -88,7 +89,7 @@ def read_color_matrices(
 ) -> dict[str, list[list[float]]]:
     """Corrected-from-raw matrix of each camera.
 
-    Complains about cameras without 3 x 3 finite numbers that can be inverted, or those and a column.
+    Complains about cameras without 3 x 3 finite numbers that can be inverted, or those and a polynomial's.
     """
     content: Any = {}
     with complaints.collecting():
@@ -104,11 +105,12 @@ def read_color_matrices(
             matrix = np.asarray(matrices.get(camera), np.float64)
         except (TypeError, ValueError):
             matrix = np.zeros(0)
-        sized = matrix.shape in ((3, 3), (3, 4)) and bool(np.isfinite(matrix).all())
+        sized = matrix.shape in [(3, columns) for columns in POLYNOMIALS] and bool(np.isfinite(matrix).all())
         if sized and np.linalg.matrix_rank(matrix[:, :3]) == 3:
             found[camera] = matrix.tolist()
         else:
-            expected = "3 rows of 3 or 4 finite numbers, whose first 3 columns can be inverted"
+            columns = ", ".join(map(str, POLYNOMIALS))
+            expected = f"3 rows of finite numbers, as many as {columns}, whose first 3 columns can be inverted"
             complaints.add(path, f"camera {camera}", expected=expected, found=repr(matrices.get(camera)))
     return found
 

@@ -102,7 +102,7 @@ class KnownColor(Section):
     method: Literal["known"] = Field(description="which method this section is about")
     path: Annotated[str, path_to(".json")] = Field(
         description="json: `cameras`, of each camera the 3 x 3 corrected-from-raw matrix of linear R, G, B; or 3 x 4, "
-        "with a column that is added"
+        "with a column that is added; or 3 x 5 to 3 x 35, the polynomials of Cheung et al. 2004"
     )
 
 

@@ -24,6 +24,8 @@ class Images(Section):
     """The images of the moving subject.
 
     A path that goes through a .zip file, as in `images/{camera}.zip/{frame:06d}.png`, names a member of that archive.
+    In a table, one that goes through a video (.mp4, .mov, .avi, .mkv), as `images/cam1.mp4/000012`, names its frame,
+    counted from 0; with `.red` behind it, its first channel, for masks.
     """
 
     table: ParquetPath | None = Field(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.base.color import linear_from_srgb, srgb_from_linear
+from pipeline.base.color import POLYNOMIALS, corrected, linear_from_srgb, srgb_from_linear
 
 
 def reference(linear: float) -> float:
@@ -50,3 +50,26 @@ def test_gradient_is_finite_at_zero_below_and_right_elsewhere(curve) -> None:
     straight = 12.92 if curve is srgb_from_linear else 1 / 12.92
     torch.testing.assert_close(values.grad[:4], torch.full((4,), straight, dtype=torch.float64))
     assert torch.autograd.gradcheck(curve, values[4:].detach().requires_grad_())
+
+
+COLOUR_SCIENCE = {
+    3: 3.3, 4: 7.3, 5: 8.58, 7: 13.5, 8: 14.99, 10: 23.19, 11: 24.89, 14: 33.937, 16: 24.959, 17: 41.959, 19: 31.449,
+    20: 51.449, 22: 33.542, 35: 92.7766,
+}  # fmt: skip
+"""Number of columns -> 1 term + 2 term + 3 term ... of (0.2, 0.5, 0.7), by `matrix_augmented_Cheung2004` of
+colour-science 0.4.7: each order of the terms gives another sum."""
+
+
+@pytest.mark.parametrize("columns", COLOUR_SCIENCE)
+def test_polynomials_have_the_terms_of_another_program_in_its_order(columns) -> None:
+    weights = np.tile(np.arange(1.0, columns + 1), (3, 1)) * [[1], [2], [-1]]
+    expected = COLOUR_SCIENCE[columns] * np.array([1, 2, -1])
+    rgb = np.array([[[0.2, 0.5, 0.7]]])
+    np.testing.assert_allclose(corrected(rgb, weights), expected[None, None], rtol=1e-12)
+    torch.testing.assert_close(
+        corrected(torch.from_numpy(rgb), torch.from_numpy(weights)).numpy()[0, 0], expected, rtol=1e-12, atol=0
+    )
+
+
+def test_polynomials_are_all_there() -> None:
+    assert set(POLYNOMIALS) == set(COLOUR_SCIENCE)

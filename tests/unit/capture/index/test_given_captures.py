@@ -143,8 +143,8 @@ def test_known_colours_are_matrices_with_or_without_a_column(capture: Path) -> N
     assert index_folder(capture).contents["calibration_color"]["cameras"] == matrices
     give_colors(capture, {"left": np.zeros((3, 3)).tolist()})
     message = read_complaints(capture)
-    assert "color.json: camera left: expected 3 rows of 3 or 4" in message
-    assert "color.json: camera right: expected 3 rows of 3 or 4" in message
+    assert "color.json: camera left: expected 3 rows of finite numbers, as many as 3, 4, 5" in message
+    assert "color.json: camera right: expected 3 rows of finite numbers, as many as 3, 4, 5" in message
 
 
 def give_meshes(capture: Path, vertices: int = 4, pose: object = None, frame: int = 0) -> None:
