@@ -6,23 +6,24 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from functools import lru_cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from pipeline.base.errors import InputError
 from pipeline.capture.video_frames import VIDEO_SUFFIXES, read_video_frame, video_facts
+from pipeline.capture.zip_members import ZipMembers
 
-OPEN_ARCHIVES = 256
-"""Archives that a process keeps open: more than any public stage has cameras. The list of an archive's members takes a
-tenth of a second to read, a member a millisecond."""
+OPEN_ARCHIVES = 512
+"""Archives that a process keeps open: more than any public stage has cameras, with one of images and one of masks each.
+The list of an archive's members takes a tenth of a second to read, a member a millisecond."""
 
-
-HOLDERS = frozenset({".zip", *VIDEO_SUFFIXES})
-"""Ends of the names of files that hold others."""
+HOLDER = re.compile(rf"\.(zip|{'|'.join(suffix[1:] for suffix in VIDEO_SUFFIXES)})/", re.IGNORECASE)
+"""Where the name of a file that holds others may end in a path."""
 
 RED = ".red"
 """End of the name of a frame of which the first channel alone is read."""
@@ -30,9 +31,10 @@ RED = ".red"
 
 def split_member(path: Path) -> tuple[Path, str] | None:
     """The archive or video that a path leads through, and its member or frame; None without one."""
-    for parent in Path(path).parents:
-        if parent.suffix.lower() in HOLDERS and parent.is_file():
-            return parent, PurePosixPath(Path(path).relative_to(parent)).as_posix()
+    text = Path(path).as_posix()
+    for found in HOLDER.finditer(text):
+        if (holder := Path(text[: found.end() - 1])).is_file():
+            return holder, text[found.end() :]
     return None
 
 
@@ -49,7 +51,7 @@ def is_there(path: Path) -> bool:
         return Path(path).is_file()
     holder, member = found
     if not is_video(holder):
-        return member in members(holder)
+        return member in _opened(holder, holder.stat().st_mtime_ns)
     number = frame_number(member)
     return number is not None and number < video_facts(holder).frames
 
@@ -71,7 +73,7 @@ def members(archive: Path) -> frozenset[str]:
     Raises:
         InputError: if it is no zip archive.
     """
-    return _members(archive, archive.stat().st_mtime_ns)
+    return frozenset(_opened(archive, archive.stat().st_mtime_ns).names())
 
 
 def read_bytes(path: Path) -> bytes:
@@ -87,7 +89,6 @@ def read_bytes(path: Path) -> bytes:
         archive, member = found
         if is_video(archive):
             return _frame_bytes(archive, member)
-        # Threads may share an archive: its file has a lock.
         return _opened(archive, archive.stat().st_mtime_ns).read(member)
     except KeyError as error:
         raise InputError(f"{path}: expected a member of {archive.name}, found none of that name") from error
@@ -105,13 +106,8 @@ def _frame_bytes(video: Path, member: str) -> bytes:
 
 
 @lru_cache(maxsize=OPEN_ARCHIVES)
-def _opened(archive: Path, _changed_ns: int) -> zipfile.ZipFile:
+def _opened(archive: Path, _changed_ns: int) -> ZipMembers:
     try:
-        return zipfile.ZipFile(archive)
+        return ZipMembers(archive)
     except zipfile.BadZipFile as error:
         raise InputError(f"{archive}: expected a zip archive, found none: {error}") from error
-
-
-@lru_cache(maxsize=OPEN_ARCHIVES)
-def _members(archive: Path, changed_ns: int) -> frozenset[str]:
-    return frozenset(name for name in _opened(archive, changed_ns).namelist() if not name.endswith("/"))

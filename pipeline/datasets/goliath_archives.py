@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import InputError, listed
@@ -16,6 +17,10 @@ from pipeline.capture.images import decode_stored
 from pipeline.datasets.imported_capture import Provenance
 
 log = logging.getLogger(__name__)
+
+IMAGE = ("image/cam{camera}.zip/cam{camera}/", ".avif")
+MASK = ("segmentation_parts/cam{camera}.zip/cam{camera}/", ".png")
+"""Paths below the set's folder, before and after the six digits of the frame's number."""
 
 
 @dataclass(frozen=True)
@@ -36,20 +41,25 @@ def find_archives(root: Path, wanted: Collection[str]) -> Archives:
     if absent := sorted(set(wanted) - set(names)):
         raise InputError(f"import_capture.cameras: expected some of {listed(names, 20)}, found {listed(absent)}")
     chosen = [name for name in names if not wanted or name in wanted]
-    images = {name: _frames_in(root / f"image/cam{name}.zip", name, "avif") for name in chosen}
+    # Most cameras have the same frames, and share their set: a whole stage of them takes half a gigabyte.
+    shared: dict[frozenset[int], frozenset[int]] = {}
+    images = {name: _frames_in(root / f"image/cam{name}.zip", name, "avif", shared) for name in chosen}
     if not chosen or (empty := [name for name, frames in images.items() if not frames]):
         found = "no archive" if not chosen else f"no such member in that of {listed(empty)}"
         raise InputError(f"{root}/image: expected archives cam*.zip with members cam*/000000.avif, found {found}")
     masks = {}
     for name in chosen:
         archive = root / f"segmentation_parts/cam{name}.zip"
-        masks[name] = _frames_in(archive, name, "png") if archive.is_file() else frozenset()
+        masks[name] = _frames_in(archive, name, "png", shared) if archive.is_file() else frozenset()
     return Archives(images, masks)
 
 
-def _frames_in(archive: Path, camera: str, suffix: str) -> frozenset[int]:
+def _frames_in(
+    archive: Path, camera: str, suffix: str, shared: dict[frozenset[int], frozenset[int]]
+) -> frozenset[int]:  # fmt: skip
     pattern = re.compile(rf"cam{re.escape(camera)}/(\d{{6}})\.{suffix}")
-    return frozenset(int(match[1]) for match in map(pattern.fullmatch, members(archive)) if match)
+    frames = frozenset(int(match[1]) for match in map(pattern.fullmatch, members(archive)) if match)
+    return shared.setdefault(frames, frames)
 
 
 def image_size(root: Path, camera: str, frame: int) -> tuple[int, int]:
@@ -61,25 +71,25 @@ def image_size(root: Path, camera: str, frame: int) -> tuple[int, int]:
 
 def image_path(camera: str, frame: int) -> str:
     """An image, below the set's folder."""
-    return f"image/cam{camera}.zip/cam{camera}/{frame:06d}.avif"
-
-
-def mask_path(camera: str, frame: int) -> str:
-    """Part labels of an image, below the set's folder."""
-    return f"segmentation_parts/cam{camera}.zip/cam{camera}/{frame:06d}.png"
+    return f"{IMAGE[0].format(camera=camera)}{frame:06d}{IMAGE[1]}"
 
 
 def image_table(found: Archives, frames: Collection[int], root: Path, provenance: Provenance) -> pd.DataFrame:
     """camera, frame, path, mask_path of the frames' images; what is lacking is named."""
-    rows, lacking = [], {}
+    numbers, parts, lacking = np.array(sorted(frames), np.int64), [], {}
+    texts = pd.Series([f"{frame:06d}" for frame in numbers.tolist()], dtype="str")
     for camera, there in found.images.items():
-        own = [frame for frame in frames if frame in there]
-        if len(own) < len(frames):
-            lacking[camera] = len(frames) - len(own)
-        masks = found.masks[camera]
-        rows += [(camera, f, image_path(camera, f), mask_path(camera, f) if f in masks else None) for f in own]
+        kept = np.isin(numbers, np.fromiter(there, np.int64, len(there)))
+        if not kept.all():
+            lacking[camera] = int((~kept).sum())
+        masks, own = found.masks[camera], texts[kept]
+        masked = np.isin(numbers[kept], np.fromiter(masks, np.int64, len(masks)))
+        (before, after), (before_mask, after_mask) = IMAGE, MASK
+        paths = before.format(camera=camera) + own + after
+        mask_paths = (before_mask.format(camera=camera) + own + after_mask).where(masked)
+        parts.append(pd.DataFrame({"camera": camera, "frame": numbers[kept], "path": paths, "mask_path": mask_paths}))
     if lacking:
         log.warning("%s: cameras without some of %d images: %s", root, len(frames), lacking)
         provenance.left_out["images that are not there"] = listed([f"{n} of {camera}" for camera, n in lacking.items()])
-    table = pd.DataFrame(rows, columns=["camera", "frame", "path", "mask_path"])
+    table = pd.concat(parts, ignore_index=True)
     return table.astype({"camera": "str", "frame": "int64", "path": "str", "mask_path": "str"})

@@ -115,11 +115,18 @@ def intensities(
         full_duration: that of intensity 1.
         partial_gain: factor on intensities in frames that are not fully lit.
     """
-    rows = [
-        (frame, light_name(light), duration / full_duration * (1.0 if number == FULLY_LIT else partial_gain))
-        for frame in frames
-        for number in [pattern_of[frame]]
-        for light, duration in sorted(patterns[number].items())
-        if duration > 0
-    ]
-    return pd.DataFrame(rows, columns=["frame", "light", "intensity"])
+    numbers = [pattern_of[frame] for frame in frames]
+    lit, found = {}, {}
+    for number in set(numbers):
+        gain = 1.0 if number == FULLY_LIT else partial_gain
+        on = {light: duration for light, duration in sorted(patterns[number].items()) if duration > 0}
+        lit[number] = np.fromiter(on, np.int64, len(on))
+        found[number] = np.array([duration / full_duration * gain for duration in on.values()], np.float64)
+    counts = [len(lit[number]) for number in numbers]
+    lights = np.concatenate([lit[number] for number in numbers]) if numbers else np.zeros(0, np.int64)
+    names = np.array([light_name(light) for light in range(int(lights.max(initial=-1)) + 1)], object)
+    table = {
+        "frame": np.repeat(np.array(frames, np.int64), counts), "light": pd.Series(names[lights], dtype="str"),
+        "intensity": np.concatenate([found[number] for number in numbers]) if numbers else np.zeros(0),
+    }  # fmt: skip
+    return pd.DataFrame(table)

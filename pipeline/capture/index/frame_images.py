@@ -121,11 +121,16 @@ def _is_relative(path: str) -> bool:
 
 
 def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None, manifest: Capture) -> Iterator[ExpectedImage]:
-    """Expectations of the images and masks found, one after the other."""
+    """Expectations of the images and masks found, one after the other.
+
+    A mask that all images of a camera share, one after the other, is expected once.
+    """
     masks, imported = mask_format(manifest), manifest.imported is not None
     sizes = {} if cameras is None else {row.camera: (row.width, row.height) for row in cameras.itertuples()}
+    before = None
     for row in images.itertuples():
         yield ExpectedImage(row.path, "color", row.camera, sizes[row.camera], imported=imported)
-        if isinstance(row.mask_path, str):
+        if isinstance(row.mask_path, str) and (row.camera, row.mask_path) != before:
+            before = row.camera, row.mask_path
             size = sizes[row.camera]
             yield ExpectedImage(row.mask_path, "mask", row.camera, size, masks=masks, imported=imported)

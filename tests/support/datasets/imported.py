@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
+import pytest
 
+from pipeline.capture.index.exchanged_images import FRAMES
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.import_capture import ImportCapture
 from pipeline.config.train_avatar import TrainAvatar
@@ -33,10 +38,27 @@ from tests.support.datasets.turning_head import TurningHead
 def import_set(
     dataset: str, source: Path, folder: Path, settings: ImportCapture = ImportCapture()
 ) -> tuple[Path, Path]:
-    """The folders of the native capture, and of the results of these stages."""
+    """The folders of the native capture, and of the results of these stages.
+
+    On the way it is checked of every set that it is read in place: the index decodes each image and mask once, but for
+    the few frames in which it compares cameras, and the capture gets no pixels.
+    """
     capture, results = folder / "captures/someone", folder / "results"
+    before = sorted((path, path.stat().st_size) for path in source.rglob("*"))
     import_capture.run(dataset=dataset, source=source, subject="someone", out=capture, settings=settings)
-    index_capture(capture=capture, out=results / "index")
+    with counted_decodes() as decoded:
+        index_capture(capture=capture, out=results / "index")
+    images = pd.read_parquet(results / "index/images.parquet")
+    once = len(images) + images.mask_path.nunique()
+    compared = 2 * FRAMES * images.camera.nunique() if images.mask_path.notna().any() else 0
+    assert once <= len(decoded) <= once + compared, "again only those that tell whether cameras were exchanged"
+    assert sorted((path, path.stat().st_size) for path in source.rglob("*")) == before, (
+        "nothing is written into the set"
+    )
+    assert images.path.str.startswith("source/").all() and (capture / "source").is_symlink()
+    own = {path.suffix for path in capture.rglob("*") if path.is_file() and (capture / "source") not in path.parents}
+    assert own <= {".yaml", ".csv", ".parquet", ".json", ".glb", ".ply", ".obj"}, "tables and meshes alone"
+    assert_provenance(json.loads((results / "index/capture.json").read_text())["imported"], dataset)
     given = {"capture": capture, "index": results / "index", "out": results / "calibration"}
     calibrate_cameras.run(**given)
     calibrate_color.run(**given)
@@ -44,6 +66,30 @@ def import_set(
     cameras = results / "calibration/cameras.json"
     track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
     return capture, results
+
+
+@contextlib.contextmanager
+def counted_decodes() -> Iterator[list[int]]:
+    """Sizes of the files that OpenCV decodes meanwhile, one for each."""
+    sizes, decode = [], cv2.imdecode
+
+    def counted(content: np.ndarray, flags: int) -> np.ndarray | None:
+        sizes.append(len(content))
+        return decode(content, flags)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cv2, "imdecode", counted)
+        yield sizes
+
+
+def assert_provenance(imported: dict, dataset: str) -> None:
+    """What the report shows: where each part comes from, by what the set gave or which stage makes it."""
+    assert imported["dataset"] == dataset
+    given, computed = imported["given"], imported["computed"]
+    assert {"images", "cameras", "splits"} <= set(given) | set(computed)
+    for part in ("lights", "mesh", "mask", "texture coordinates"):
+        assert any(part in what for what in (*given, *computed)), part
+    assert all(isinstance(how, str) and how for how in (*given.values(), *computed.values()))
 
 
 def metrics_of(capture: Path, results: Path) -> pd.DataFrame:

@@ -1,0 +1,20 @@
+"""Parts of a page that a benchmark writes, between two marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def write_between(page: Path, name: str, lines: Sequence[str]) -> None:
+    """Put lines between the marks NAME: begin and NAME: end of a page.
+
+    Raises:
+        ValueError: if the page does not have both marks.
+    """
+    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+    text = page.read_text()
+    if text.count(begin) != 1 or text.count(end) != 1:
+        raise ValueError(f"{page}: expected the marks {begin} and {end}, once each")
+    before, rest = text.split(begin)
+    page.write_text(before + begin + "\n" + "\n".join(lines) + "\n" + end + rest.split(end)[1])
