@@ -22,7 +22,7 @@ from pipeline.base.color import DECODERS, srgb_from_linear
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.capture.archives import read_bytes
-from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
+from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat, whole_blocks
 
 Transfer = Literal["linear", "srgb", "gamma_2.2"]
 
@@ -52,6 +52,7 @@ class ImageSource:
         masks: how the masks store which pixels are the subject.
         mask_folder: that the paths of its masks are relative to; None: that of the capture.
         exposures: exposure times gain of frames, relative to that of all others.
+        reduced: stored pixels along a side of an image's pixel, which is their mean.
     """
 
     folder: Path
@@ -60,6 +61,7 @@ class ImageSource:
     masks: MaskFormat = PLAIN_MASKS
     mask_folder: Path | None = None
     exposures: Mapping[int, float] = field(default_factory=dict)
+    reduced: int = 1
 
     @classmethod
     def from_index(cls, folder: Path, facts: Mapping[str, Any]) -> ImageSource:
@@ -67,7 +69,8 @@ class ImageSource:
         masks, elsewhere = MaskFormat.from_index(facts.get("masks")), facts.get("mask_folder")
         exposures = {int(frame): float(factor) for frame, factor in facts.get("exposures", {}).items()}
         return cls(
-            folder, facts["transfer"], facts["black_level"], masks, Path(elsewhere) if elsewhere else None, exposures
+            folder, facts["transfer"], facts["black_level"], masks, Path(elsewhere) if elsewhere else None, exposures,
+            facts.get("reduced", 1),
         )  # fmt: skip
 
     def read(self, path: str, frame: int | None) -> Float32[np.ndarray, "h w 3"]:
@@ -78,6 +81,8 @@ class ImageSource:
             frame: that the image belongs to; None: to none, and it is exposed as most frames are.
         """
         image = read_image(self.folder / path, self.transfer, self.black_level)
+        if self.reduced > 1:
+            image = whole_blocks(image, self.reduced).mean((1, 3), dtype=np.float32)
         factor = 1.0 if frame is None else self.exposures.get(int(frame), 1.0)
         return image if factor == 1.0 else image / np.float32(factor)
 

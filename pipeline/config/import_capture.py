@@ -30,6 +30,13 @@ class ImportCapture(Settings):
         description="cells along the longest side of a visual hull, for objects without a mesh; fewer, if masks are so "
         "coarse that a cell would be smaller than two of their pixels",
     )
+    reduced: int = Field(
+        1,
+        ge=1,
+        le=64,
+        description="r: images and masks are r times smaller than the set has them, each pixel the mean of r x r, in "
+        "linear light; they are reduced as they are read, and nothing is copied [pixels]",
+    )
     light_patterns: str = Field(
         "",
         description="csv of pattern, light, x, y, z, intensity, one row per lit light, metres in the world of the "

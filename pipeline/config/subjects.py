@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import os
 from collections.abc import Iterator
 from itertools import islice
@@ -124,11 +125,34 @@ def _is_inside(path: Path, folder: Path) -> bool:
 
 
 def _count_frames(folder: Path) -> int:
-    table = read_description(folder / "capture.yaml").get("frames")
-    if not isinstance(table, str) or not _is_inside(folder / table, folder):
+    described = folder / "capture.yaml"
+    table = _frames_table(described, _changed(described))
+    if not table or not _is_inside(folder / table, folder):
         return 0
+    return _count_rows(folder / table, _changed(folder / table))
+
+
+def _changed(path: Path) -> tuple[int, int]:
+    """Time of the last change and size, 0 without a file: what is known of an earlier content is asked anew."""
     try:
-        with open(folder / table, newline="", encoding="utf-8-sig") as file:
+        found = path.stat()
+    except OSError:
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
+
+
+@functools.lru_cache(maxsize=256)
+def _frames_table(path: Path, _changed: tuple[int, int]) -> str:
+    """The table of frames by capture.yaml; empty if there is none. Each of thousands of jobs asks."""
+    table = read_description(path).get("frames")
+    return table if isinstance(table, str) else ""
+
+
+@functools.lru_cache(maxsize=256)
+def _count_rows(path: Path, _changed: tuple[int, int]) -> int:
+    """Rows of a csv table but for its first; 0 if it cannot be read."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
             return sum(1 for row in csv.reader(file) if row) - 1
     except (OSError, UnicodeDecodeError, csv.Error):
         return 0

@@ -27,6 +27,7 @@ class ImageStore:
         black_level: stored value of no light, of all channels or of R, G and B.
         downsample_from_sensor: sensor pixels along a side of an image's pixel.
         masks: what the values of masks mean.
+        reduced: stored pixels along a side of an image's pixel; sizes and `downsample_from_sensor` are those after it.
     """
 
     table: pd.DataFrame
@@ -35,6 +36,7 @@ class ImageStore:
     black_level: float | Sequence[float]
     downsample_from_sensor: int
     masks: MaskFormat = PLAIN_MASKS
+    reduced: int = 1
 
 
 OWN_MESH = "mesh.ply"

@@ -89,6 +89,7 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
             "table": "images.parquet", "transfer": images.transfer,
             "black_level": float(level) if isinstance(level, int | float) else [float(value) for value in level],
             "downsample_from_sensor": images.downsample_from_sensor,
+            **({"reduced": images.reduced} if images.reduced > 1 else {}),
         },
     }  # fmt: skip
     if masks != PLAIN_MASKS:

@@ -26,6 +26,7 @@ from pipeline.datasets.native import write_native
 from pipeline.datasets.nersemble import read_nersemble
 from pipeline.datasets.olatverse import read_olatverse
 from pipeline.datasets.openillumination import read_openillumination
+from pipeline.datasets.reduced_capture import reduced
 
 log = logging.getLogger("import_capture")
 
@@ -57,7 +58,7 @@ def run(*, dataset: str, source: Path, subject: str, out: Path, settings: Import
         raise InputError(f"--dataset: expected one of {', '.join(READERS)}, found {dataset!r}")
     if not source.is_dir():
         raise InputError(f"--source: expected the folder of a {dataset} capture, found none: {source}")
-    found = READERS[dataset](source.resolve(), settings)
+    found = reduced(READERS[dataset](source.resolve(), settings), settings.reduced)
     write_native(out, source, dataset, subject, found)
     for word, notes in vars(found.provenance).items():
         for what, how in notes.items():

@@ -14,6 +14,7 @@ from pipeline.base.color import corrected
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
 from pipeline.capture.images import ImageSource
+from pipeline.config.import_capture import ImportCapture
 from pipeline.stages import book_patterns
 from pipeline.stages.import_capture import run
 from tests.support.datasets.becominglit_layout import (
@@ -119,3 +120,20 @@ def test_the_fake_is_as_the_sets_loader_reads_it(truth, shipped):
     pixels = seen[:, :2] / seen[:, 2:] * [shared["fx"], shared["fy"]] + [shared["cx"], shared["cy"]]
     expected = truth.cameras[CAMERAS[2]].project(truth.vertices(SEQUENCES["FREE"][0])) + 0.5
     np.testing.assert_allclose(pixels, expected, atol=1e-4)
+
+
+def test_a_quarter_of_the_size_is_the_mean_of_light(truth, shipped, tmp_path):
+    """The loader's own downscale: K over 4, images averaged; nothing is copied."""
+    capture, results = import_set("becominglit", shipped, tmp_path, ImportCapture(reduced=4))
+    facts = json.loads((results / "index/capture.json").read_text())["images"]
+    source = ImageSource.from_index(capture, facts)
+    row = pd.read_parquet(results / "index/images.parquet").set_index(["camera", "frame"]).loc[CAMERAS[1], 100000]
+    whole = ImageSource.from_index(capture, {**facts, "reduced": 1}).read(row.path, None)
+    small, mask = source.read(row.path, None), source.read_mask(row.mask_path, (18, 12))
+    assert small.shape == (18, 12, 3) and mask.shape == (18, 12)
+    np.testing.assert_allclose(small[5, 3], whole[20:24, 12:16].mean((0, 1)), rtol=1e-5)
+    assert mask[9, 6] == 255 and mask[mask < 255].max() > 0
+    assert facts["downsample_from_sensor"] == 4
+    assert_true_cameras(results, truth, CAMERAS, 4)
+    described = yaml.safe_load((capture / "capture.yaml").read_text())["imported"]["computed"]
+    assert described["resolution"] == "import_capture.reduced: means of 4 x 4 pixels, as read"

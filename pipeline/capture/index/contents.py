@@ -36,8 +36,12 @@ def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: I
     """
     template, images, given = manifest.template, manifest.images, {}
     facts = images.model_dump(include={"transfer", "black_level", "downsample_from_sensor"})
+    if images.reduced > 1:
+        facts["reduced"] = images.reduced
     if source.masks != PLAIN_MASKS:
-        facts["masks"] = asdict(source.masks)
+        facts["masks"] = {
+            name: value for name, value in asdict(source.masks).items() if (name, value) != ("reduced", 1)
+        }
     if source.mask_folder is not None:
         facts["mask_folder"] = str(source.mask_folder)
     if source.exposures:

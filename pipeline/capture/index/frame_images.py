@@ -12,7 +12,7 @@ from pipeline.capture.archives import is_there
 from pipeline.capture.index.csv_tables import DTYPES, Kind, complain_repeats, complain_unknown
 from pipeline.capture.index.image_checks import ExpectedImage
 from pipeline.capture.index.parquet_tables import read_parquet
-from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
+from pipeline.capture.mask_format import MaskFormat
 from pipeline.capture.paths import check_relative, fill
 from pipeline.capture.schema.capture_yaml import Capture
 from pipeline.capture.schema.manifest import MANIFEST
@@ -68,9 +68,10 @@ def _present(
 def mask_format(manifest: Capture) -> MaskFormat:
     """Format of the capture's masks."""
     section = manifest.masks
+    reduced = 1 if manifest.images is None else manifest.images.reduced
     if section is None:
-        return PLAIN_MASKS
-    return MaskFormat(None if section.labels is None else tuple(section.labels), section.enlarged)
+        return MaskFormat(reduced=reduced)
+    return MaskFormat(None if section.labels is None else tuple(section.labels), section.enlarged, reduced)
 
 
 def _check_distinct(pattern: str, cameras: pd.DataFrame, frames: pd.DataFrame, complaints: Complaints) -> None:
@@ -129,7 +130,7 @@ def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None, manifest
     sizes = {} if cameras is None else {row.camera: (row.width, row.height) for row in cameras.itertuples()}
     before = None
     for row in images.itertuples():
-        yield ExpectedImage(row.path, "color", row.camera, sizes[row.camera], imported=imported)
+        yield ExpectedImage(row.path, "color", row.camera, sizes[row.camera], masks=masks, imported=imported)
         if isinstance(row.mask_path, str) and (row.camera, row.mask_path) != before:
             before = row.camera, row.mask_path
             size = sizes[row.camera]

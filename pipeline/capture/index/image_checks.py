@@ -15,7 +15,7 @@ from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.base.files import digest_bytes
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.images import decode_image, decode_mask, decode_stored
-from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
+from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat, reduced_size
 from pipeline.capture.paths import locate
 
 NAMED_UNREADABLE = 5
@@ -36,7 +36,7 @@ class ExpectedImage:
         camera: whose image it is.
         size: (width, height) in pixels, None if any will do.
         table: what says so, for messages.
-        masks: how a mask stores the subject.
+        masks: how a mask stores the subject, and how images are reduced as they are read.
         imported: True for images of an imported capture, which may lie behind its link.
     """
 
@@ -106,7 +106,7 @@ def _flaws(image: ExpectedImage, pixels: np.ndarray) -> Iterable[Flaw]:
 def _fits(image: ExpectedImage, size: tuple[int, int]) -> bool:
     if image.what == "mask":
         return image.masks.factor(size[::-1], image.size[::-1]) is not None
-    return size == image.size
+    return reduced_size(size, image.masks.reduced if image.what == "color" else 1) == image.size
 
 
 Known = Callable[[ExpectedImage], Inspection | None]

@@ -75,7 +75,7 @@ def index_folder(
     masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
     exposures = relative_exposures(found["frames"])
     found["frames"] = found["frames"].drop(columns=list(EXPOSURE_COLUMNS), errors="ignore")
-    source = ImageSource(root, facts.transfer, facts.black_level, masks, detected.mask_folder, exposures)
+    source = ImageSource(root, facts.transfer, facts.black_level, masks, detected.mask_folder, exposures, facts.reduced)
     verdicts = complain_of_exchanged(images, found["cameras"], source, complaints)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}

@@ -46,6 +46,12 @@ class Images(Section):
         "subtracted before anything else"
     )
     downsample_from_sensor: int = Field(ge=1, description="d: an image pixel is d x d sensor pixels")
+    reduced: int = Field(
+        1,
+        ge=1,
+        description="r: as images and masks are read, r x r stored pixels become one, the mean of their light; sizes "
+        "in the table of cameras, and d, are those after it",
+    )
 
     # `info` is pydantic's ValidationInfo: a protocol that run-time type checks cannot test for.
     @field_validator("path")
