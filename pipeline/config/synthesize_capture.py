@@ -25,6 +25,16 @@ class SynthesizeCapture(Settings):
         max_length=3,
         description="share of the light that goes on at each scattering in a translucent material: red, green, blue",
     )
+    painted_share: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="share of the light below the coat that a translucent material's painted surface takes before any "
+        "enters; 0: it shows no paint",
+    )
+    hair_strands: int = Field(
+        0, ge=0, description="strands of hair on a head, below its template's surface; 0: hair is painted on it"
+    )
     framed_height_m: float = Field(
         2.05, gt=0.1, description="height of the scene that fills the image at the stage's centre: subject and room [m]"
     )
@@ -86,7 +96,7 @@ class SynthesizeCapture(Settings):
         "auto",
         description="scalar: one path at a time; llvm: packets of paths in compiled kernels, several times as fast, if "
         "there is an LLVM library of version 16 or newer; auto: llvm where there is, a trial image is right and there "
-        "are enough paths, else scalar. Images agree within noise. A translucent material always takes scalar",
+        "are enough paths, else scalar. Images agree within noise. Translucent material and hair always take scalar",
     )
     shot_gain: float = Field(1e-4, ge=0, description="noise variance per unit of signal [image value]")
     read_noise: float = Field(0.001, ge=0, description="noise deviation in the dark [image value]")

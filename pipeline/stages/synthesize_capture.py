@@ -79,7 +79,9 @@ def run(*, subject: str, out: Path, workers: int = 2, settings: SynthesizeCaptur
 def build_subject(subject: str, settings: SynthesizeCapture) -> Subject:
     """The figure or head that is captured."""
     common = (subject, settings.vertex_spacing_m, settings.texture_size, settings.gloss_alpha)
-    return build_head(*common, settings.cornea_alpha) if settings.figure == "head" else build_figure(*common)
+    if settings.figure == "head":
+        return build_head(*common, settings.cornea_alpha, settings.hair_strands)
+    return build_figure(*common)
 
 
 def _taken(jobs: list[Job], workers: int) -> Iterator[pd.DataFrame | None]:
@@ -113,6 +115,8 @@ def check_settings(subject: str, settings: SynthesizeCapture) -> None:
     rest = len(partial) - settings.test_frames
     demand("test_patterns", settings.test_patterns, max(rest, 0), "what test_frames leaves of them")
     demand("ball_cameras", settings.ball_cameras, settings.cameras, "the number of cameras")
+    if settings.figure == "body":
+        demand("hair_strands", settings.hair_strands, 0, "as only heads have strands of hair")
     if settings.board_marker_m >= settings.board_square_m:
         found = str(settings.board_marker_m)
         complaints.add("settings", "board_marker_m", expected="less than board_square_m", found=found)

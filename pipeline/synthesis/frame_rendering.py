@@ -14,6 +14,7 @@ from jaxtyping import Float32
 
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis import mitsuba_scenes as scenes
+from pipeline.synthesis.hair import hair_curves
 from pipeline.synthesis.lens import LensView
 from pipeline.synthesis.subject import Moment, Subject, vertex_normals
 from pipeline.synthesis.target_photography import SILHOUETTE_SAMPLES
@@ -145,17 +146,19 @@ class LlvmRenderer:
 
 def subject_meshes(subject: LitSubject, translucent: bool) -> list[Any]:
     """Mitsuba meshes of a subject, of the variant that `mitsuba` is."""
-    shown, settings, vertices = subject.shown, subject.settings, subject.moment.vertices
+    shown, settings, moment = subject.shown, subject.settings, subject.moment
+    vertices = moment.vertices if moment.photographed is None else moment.photographed
     cut, normals = shown.unwrapped, vertex_normals(vertices, shown.faces)
     medium = Medium(settings.mean_free_path_m, settings.scattering_albedo)
     meshes = []
     for material in shown.materials:
         geometry = (vertices[cut.source], normals[cut.source], cut.faces[material.faces], cut.uv)
         if translucent and material.solid:
-            meshes.append(translucent_mesh(medium, material.gloss_alpha, *geometry))
+            painted = (settings.painted_share, shown.texture) if settings.painted_share else None
+            meshes.append(translucent_mesh(medium, material.gloss_alpha, *geometry, painted=painted))
         else:
             meshes.append(scenes.coated_mesh(shown.texture, material.gloss_alpha, *geometry))
-    for surface in subject.moment.surfaces:
+    for surface in moment.surfaces:
         geometry = (surface.vertices, surface.normals, surface.faces, surface.uv, surface.ior)
         meshes.append(scenes.coated_mesh(surface.texture, surface.gloss_alpha, *geometry))
-    return meshes
+    return meshes if moment.strands is None else [*meshes, hair_curves(moment.strands)]

@@ -29,10 +29,11 @@ from pipeline.synthesis.eyeball import (
     template_eyeball,
 )
 from pipeline.synthesis.gltf_writer import write_glb
+from pipeline.synthesis.hair import RADIUS_M, grow, skull
 from pipeline.synthesis.head_appearance import eye_albedo, skin_albedo
 from pipeline.synthesis.head_shape import head_mesh
 from pipeline.synthesis.mitsuba_scenes import COAT_IOR
-from pipeline.synthesis.subject import Material, Moment, Surface, template_mesh, template_source
+from pipeline.synthesis.subject import Material, Moment, Strands, Surface, template_mesh, template_source
 
 WET_ALPHA = 0.12
 """GGX width of the gloss on the white of the eyes, which is wet but not even."""
@@ -76,6 +77,8 @@ class Head:
         skin_count: number of vertices before those of the two eyeballs, which follow in equal halves.
         patches: what of an eye is photographed, in the eye's own frame, with its gloss_alpha and ior.
         eye_texture: linear albedo that the patches' uv look up.
+        strands: of hair at rest; None where it is painted.
+        skull: the skin at rest below them.
         keypoint_vertices: of the uncut mesh, in the order of `keypoint_names`.
     """
 
@@ -90,6 +93,8 @@ class Head:
     eyes: Mapping[str, Int64[np.ndarray, " vertices"]]
     patches: tuple[tuple[Patch, float, float], ...]
     eye_texture: Float32[np.ndarray, "texels texels 3"]
+    strands: Float64[np.ndarray, "strands points 3"] | None = None
+    skull: Float64[np.ndarray, "skin 3"] | None = None
     kind: Literal["head"] = "head"
     keypoint_depth_m: float = 0.004
     detected_when_hidden: bool = False
@@ -101,6 +106,14 @@ class Head:
         turned = performance.gaze.apply(eyes.reshape(-1, 3)).reshape(eyes.shape) + EYE_CENTERS_M[:, None]
         in_head = np.concatenate([displaced(self.vertices[: self.skin_count], performance), turned.reshape(-1, 3)])
         world = performance.turn.apply(in_head) + performance.shift_m
+        photographed = strands = None
+        if self.strands is not None:
+            below = np.concatenate(
+                [self.skull - self.vertices[: self.skin_count], np.zeros_like(turned.reshape(-1, 3))]
+            )
+            photographed = performance.turn.apply(in_head + below) + performance.shift_m
+            moved = performance.turn.apply(self.strands.reshape(-1, 3)) + performance.shift_m  # the skull is stiff
+            strands = Strands(moved.reshape(self.strands.shape), RADIUS_M)
         truth = {
             "root_rotation": performance.turn.as_quat(scalar_first=True), "root_translation": performance.shift_m,
             "gaze": performance.gaze.as_quat(scalar_first=True), "keypoints": world[self.keypoint_vertices],
@@ -115,7 +128,8 @@ class Head:
             for name, center in zip(EYE_NAMES, EYE_CENTERS_M, strict=True)
             for patch, alpha, ior in self.patches
         ]  # fmt: skip
-        return Moment(world, truth["keypoints"], truth, dict.fromkeys(EYE_NAMES, look), tuple(surfaces))
+        looks = dict.fromkeys(EYE_NAMES, look)
+        return Moment(world, truth["keypoints"], truth, looks, tuple(surfaces), photographed, strands)
 
     def write_template(self, folder: Path, settings: SynthesizeCapture) -> None:
         """Write template.glb without a skin, and keypoints.csv and eyes.csv, which name vertices."""
@@ -137,9 +151,10 @@ class Head:
 
 
 def build_head(
-    subject: str, vertex_spacing_m: float, texture_size: int, gloss_alpha: float, cornea_alpha: float = 0.05
-) -> Head:
-    """Build the head; equal arguments give an equal head."""
+    subject: str, vertex_spacing_m: float, texture_size: int, gloss_alpha: float, cornea_alpha: float = 0.05,
+    hair_strands: int = 0,
+) -> Head:  # fmt: skip
+    """Build the head, with painted hair or with strands; equal arguments give an equal head."""
     skin, skin_faces = head_mesh(vertex_spacing_m)
     eye, eye_faces = template_eyeball()
     vertices = np.concatenate([skin, *(eye + center for center in EYE_CENTERS_M)])
@@ -160,6 +175,8 @@ def build_head(
         {name: first + np.arange(len(eye)) for name, first in zip(EYE_NAMES, pupils, strict=True)},
         ((cornea_patch(), cornea_alpha, CORNEA_IOR), (sclera_patch(), WET_ALPHA, COAT_IOR)),
         eye_colors.reshape(EYE_TEXTURE_SIZE, EYE_TEXTURE_SIZE, 3),
+        grow(subject, hair_strands, skin, skin_faces) if hair_strands else None,
+        skull(skin, skin_faces) if hair_strands else None,
     )  # fmt: skip
 
 

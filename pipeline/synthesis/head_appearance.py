@@ -54,9 +54,7 @@ def skin_albedo(
     beard = _edge(-0.036 - y, 0.006) * _edge(z - 0.005, 0.012) * _edge(y + 0.115, 0.008)
     blend(STUBBLE, 0.45 * beard)
     blend(FRECKLE, 0.8 * _freckles(points, surface, subject))
-    ears = _edge(side - 0.068, 0.002) * _edge(0.034 - np.abs(y), 0.004)
-    hair_line = y - 0.075 + 0.9 * np.maximum(0.045 - z, 0) - 0.25 * z
-    blend(HAIR, _edge(hair_line, 0.006) * (1 - ears) * _edge(y + 0.075, 0.010))
+    blend(HAIR, hair_share(points))
     along_brow, across_brow = side - 0.029, y - 0.034 + 0.06 * (side - 0.030)
     brow = _edge(0.0045 - np.abs(across_brow), 0.0012) * _edge(0.017 - np.abs(along_brow), 0.003)
     blend(HAIR, brow * _edge(z - 0.04, 0.004))
@@ -66,6 +64,14 @@ def skin_albedo(
     slot = 1.0 - np.hypot(x / 0.022, (y - MOUTH_CENTER_M[1]) / 0.0055)
     blend(MOUTH, _edge(slot, 0.15) * _edge(0.080 - z, 0.002) * _edge(z - 0.05, 0.004))
     return (color * mottle(points, subject, MOTTLE_M, MOTTLE)[:, None]).clip(0.01, 0.9).astype(np.float32)
+
+
+def hair_share(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+    """Share of the skin at rest positions that is covered by hair, brows and beard apart."""
+    x, y, z = points.T
+    ears = _edge(np.abs(x) - 0.068, 0.002) * _edge(0.034 - np.abs(y), 0.004)
+    hair_line = y - 0.075 + 0.9 * np.maximum(0.045 - z, 0) - 0.25 * z
+    return _edge(hair_line, 0.006) * (1 - ears) * _edge(y + 0.075, 0.010)
 
 
 def eye_albedo(directions: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:

@@ -100,7 +100,7 @@ def _photograph_by(job: FrameJob, renderer: FrameRenderer) -> pd.DataFrame:
 
 def shots_of(camera: Camera, moment: Moment, scene: Any, settings: SynthesizeCapture, seed: int) -> list[Shot]:
     """The whole subject in a camera's image, and close-ups of the eyes that it sees."""
-    whole = view_points(camera, moment.vertices, settings.supersampling)
+    whole = view_points(camera, moment.reach, settings.supersampling)
     eyes = _eyes_in_view(moment, scene, camera, settings.supersampling)
     return [Shot(whole, seed), *(Shot(eye, seed, settings.spp_eyes / settings.spp) for eye in eyes)]
 

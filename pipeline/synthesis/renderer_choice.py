@@ -57,7 +57,7 @@ def choose_renderer(settings: SynthesizeCapture) -> tuple[Renderer, str]:
     Raises:
         InputError: if LLVM is asked for and no library is fit.
     """
-    if settings.renderer == "scalar" or settings.material == "translucent":
+    if settings.renderer == "scalar" or settings.material == "translucent" or settings.hair_strands:
         return "scalar", ""
     if settings.renderer == "auto" and light_paths(settings) < WORTH_PATHS:
         return "scalar", ""

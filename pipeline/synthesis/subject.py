@@ -36,6 +36,18 @@ class Surface:
 
 
 @dataclass(frozen=True)
+class Strands:
+    """Hair as curves of one radius; world metres.
+
+    Attributes:
+        points: along each strand, its root first.
+    """
+
+    points: Float64[np.ndarray, "strands points 3"]
+    radius_m: float
+
+
+@dataclass(frozen=True)
 class Moment:
     """The subject at one time, world metres.
 
@@ -45,6 +57,8 @@ class Moment:
         truth: further arrays that say how the subject was posed, by the name under which truth/ stores them.
         gaze: unit direction in which each eye looks, in the frame of the template at rest, by the eye's name.
         surfaces: eyes, whose glints are smaller than a face of the template.
+        photographed: the vertices as pictures show them, where these lie below hair; None: as they are.
+        strands: of hair, if it is not painted.
     """
 
     vertices: Float64[np.ndarray, "v 3"]
@@ -52,6 +66,13 @@ class Moment:
     truth: Mapping[str, np.ndarray]
     gaze: Mapping[str, np.ndarray] = field(default_factory=dict)
     surfaces: tuple[Surface, ...] = ()
+    photographed: Float64[np.ndarray, "v 3"] | None = None
+    strands: Strands | None = None
+
+    @property
+    def reach(self) -> Float64[np.ndarray, "points 3"]:
+        """Points between which all of the subject is seen."""
+        return self.vertices if self.strands is None else np.concatenate([self.vertices, *self.strands.points])
 
 
 @dataclass(frozen=True)

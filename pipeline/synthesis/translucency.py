@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.synthesis.mitsuba_scenes import COAT_IOR, triangle_mesh
+from pipeline.synthesis.mitsuba_scenes import COAT_IOR, bitmap_texture, triangle_mesh
 
 COAT_SHARE = ((COAT_IOR - 1) / (COAT_IOR + 1)) ** 2
 """Share of the light that the coat reflects. 4 %, a dielectric's at normal incidence, here at all angles."""
@@ -53,6 +53,7 @@ def translucent_mesh(
     faces: np.ndarray,
     uv: np.ndarray,
     coat_share: float = COAT_SHARE,
+    painted: tuple[float, np.ndarray] | None = None,
 ) -> Any:
     """The closed surface of a translucent body, filled with `medium`.
 
@@ -62,10 +63,26 @@ def translucent_mesh(
         gloss_alpha: width of the coat's GGX lobe.
         vertices, normals, faces, uv: as for `triangle_mesh`; metres, faces outward.
         coat_share: share of the light that the coat reflects.
+        painted: a layer above the medium: the share of the light below the coat that meets it, and its linear albedo
+            as a texture. The rest goes on into the medium, and out of it, straight on.
     """
     facets = {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": gloss_alpha}
     coat = {
         "type": "blendbsdf", "weight": coat_share,
         "through": {"type": "null"}, "reflected": {"type": "twosided", "facets": facets},
     }  # fmt: skip
+    if painted is not None:
+        share, texture = painted
+        stopped = coat_share + (1 - coat_share) * share
+        coat = {
+            "type": "mask", "opacity": stopped,
+            "shown": {
+                "type": "blendbsdf", "weight": (1 - coat_share) * share / stopped,
+                "reflected": {"type": "twosided", "facets": facets},
+                "painted": {
+                    "type": "twosided",
+                    "paint": {"type": "diffuse", "reflectance": bitmap_texture(texture, "bilinear")},
+                },
+            },
+        }  # fmt: skip
     return triangle_mesh(coat, vertices, faces, uv, normals, interior=medium.as_mitsuba())
