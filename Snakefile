@@ -14,6 +14,7 @@ wildcard_constraints:
     subject="[A-Za-z0-9_][A-Za-z0-9_-]*",
     variant="[A-Za-z0-9_][A-Za-z0-9_-]*",
     chunk=r"\d{4}",
+    share=r"\d{4}",
     light="[A-Za-z0-9_][A-Za-z0-9_-]*",
     layout="colmap|nerfstudio|goliath",
 

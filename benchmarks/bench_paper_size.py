@@ -34,7 +34,14 @@ from pipeline.config.loading import Project, load_project
 from pipeline.workflow.job_files import JobFiles
 from pipeline.workflow.job_requests import CHUNKED, TABLE, read_costs
 from pipeline.workflow.job_size import job_size
-from pipeline.workflow.shared_images import SHARES, inspected_tables, joined_size, score_tables, share_size
+from pipeline.workflow.shared_images import (
+    SHARES,
+    inspected_tables,
+    joined_size,
+    lights_joined_size,
+    score_tables,
+    size_of_share,
+)
 
 ROOT, SUBJECT, PRESET = Path(__file__).resolve().parents[1], "paper", "config/presets/gpu.yaml"
 TARGET = f"results/{SUBJECT}/metrics.csv"
@@ -97,8 +104,9 @@ def costs_of(folder: Path, jobs: dict[str, int]) -> dict[str, StageCost]:
         size, chunk = job_size(files), replace(files, chunk="0000")
         joining = {"index_capture": inspected_tables(files), "evaluate_avatar": score_tables(files)}
         own = dict.fromkeys(jobs, size) | dict.fromkeys(CHUNKED, job_size(chunk))
-        own |= dict.fromkeys(SHARES, share_size(chunk))
+        own |= {rule: size_of_share(rule, chunk) for rule in SHARES}
         own |= {stage: joined_size(files, tables) for stage, tables in joining.items()}
+        own["calibrate_lights"] = lights_joined_size(files)
         return stage_costs(size, own, jobs, read_costs(TABLE), Cluster(1).cores)
 
 

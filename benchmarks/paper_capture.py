@@ -73,6 +73,12 @@ def write_capture(folder: Path, size: PaperSize, subject: str) -> None:
             "path": "images/{camera}/{frame:06d}.png", "transfer": "srgb", "black_level": 0,
             "downsample_from_sensor": 4,
         },
+        "calibration": {
+            "lights": {
+                "method": "mirror_ball", "path": "ball/{position}/{camera}/{light}.png", "radius_m": 0.1,
+                "silhouette": "ball/{position}/{camera}/silhouette.png",
+            },
+        },
         **{name: f"{name}.csv" for name in ("cameras", "frames", "lights", "patterns")},
     }  # fmt: skip
     (folder / "capture.yaml").write_text(yaml.safe_dump(described, sort_keys=False))

@@ -80,15 +80,17 @@ ABSURD = """\
 {rows}
 
 Jobs of `inspect_images`, `trace_irradiance`, `pack_shards` and `score_images` are bounded by their chunk, those of
-`track_mesh` by it and by the cameras that are looked at, and training keeps at most `training_cache_mb` of frames. What
-does grow with the capture is a row for each image, in `index_capture`, and one for each scored image in
-`evaluate_avatar`, which join the tables of the others; and the table of 2D keypoints, which `index_capture` and each
-job of `track_mesh` read whole.
+`measure_lights` by their cameras, those of `track_mesh` by their chunk and the cameras that are looked at, and
+training keeps at most `training_cache_mb` of frames. What does grow with the capture is a row for each image, in
+`index_capture`, one for each spot in `calibrate_lights`, and one for each scored image in `evaluate_avatar`, which join
+the tables of the others; the table of 2D keypoints, which `index_capture` reads whole; and that of lit lights, which
+many stages do.
 """
 
 ABSURDITIES = (
-    ("calibrate_lights", "a mirror ball photographed by every camera under every light",
+    ("measure_lights", "a mirror ball photographed by every camera under every light, half a million images",
      "photograph it with a few cameras"),
+    ("calibrate_lights", "its fit to the spots of so many photographs was never measured", "the same"),
     ("train_avatar", "{train} CPU hours in one job",
      "a GPU, for which the preset is made; fewer steps; or several nodes, `training_nodes`"),
     ("score_images", "{scores} CPU hours for {held} of the images", "fewer held-out images"),

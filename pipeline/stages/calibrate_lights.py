@@ -9,6 +9,9 @@ without scaling: the survey is good to centimetres only, but it says where the s
 poorly keep their surveyed position. With `method: earlier` lights of an earlier calibration are taken, and
 cameras are placed by those that have not moved since. With `method: known` the surveyed positions are taken as they
 are; the cameras, which are then known in the stage's frame, stay where they are.
+
+Of many photographs, those of some cameras are measured by a job of its own each; the lights that are then fitted to
+the tables of these jobs are the same.
 """
 
 from __future__ import annotations
@@ -24,7 +27,13 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
-from pipeline.calibration.lights.ball_photos import find_outlines, find_spots, use_most_balls
+from pipeline.calibration.lights.ball_measurements import (
+    measure_balls,
+    of_cameras,
+    read_measurements,
+    write_measurements,
+)
+from pipeline.calibration.lights.ball_photos import use_most_balls
 from pipeline.calibration.lights.given_lights import take_earlier, take_survey
 from pipeline.calibration.lights.length_units import radius_in_rig, unit_complaint
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS, measure_lights, place_in_stage
@@ -48,7 +57,16 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def run(
-    *, capture: Path, index: Path, rig: Path, out: Path, threads: int = 1, settings: CalibrateLights = CalibrateLights()
+    *,
+    capture: Path,
+    index: Path,
+    rig: Path,
+    out: Path,
+    threads: int = 1,
+    measured: tuple[Path, ...] = (),
+    share: int | None = None,
+    shares: int = 1,
+    settings: CalibrateLights = CalibrateLights(),
 ) -> None:
     """Locate all lights from mirror balls and move the cameras into the stage's frame.
 
@@ -56,12 +74,23 @@ def run(
         capture: folder of the capture.
         index: folder that index_capture wrote.
         rig: rig.json that calibrate_cameras wrote.
-        out: folder to write lights.parquet, cameras.json, residuals_lights.parquet and verdicts_lights.csv to.
+        out: folder to write lights.parquet, cameras.json, residuals_lights.parquet and verdicts_lights.csv to; with
+            `share`, SHARE.parquet.
         threads: images measured at a time.
+        measured: tables that were written with `share`, of all shares: no photograph is read again.
+        share: measure only the photographs of every `shares`-th camera, from this one, and write a table of them.
+        shares: number of shares.
+        settings: see the flags below.
     """
-    cameras = read_cameras(rig)
     calibration = read_json(index / "calibration_lights.json")
     survey = read_table(index / "lights.parquet").sort_values("light", ignore_index=True)
+    if share is not None:
+        own = of_cameras(use_most_balls(calibration, settings.most_balls), share, shares)
+        found = measure_balls(capture, own, survey.light, threads)
+        write_measurements(out / f"{share:04d}.parquet", found)
+        log.info("share %d of %d: %d outlines, %d spots", share, shares, len(found.outlines), len(found.spots))
+        return
+    cameras = read_cameras(rig)
     given = read_json(index / "calibration_cameras.json")
     in_stage = given["method"] == "known" and given.get("frame", "stage") == "stage"
     if calibration["method"] == "known":
@@ -74,7 +103,11 @@ def run(
         write(out, lights, cameras, pd.DataFrame(columns=RESIDUAL_COLUMNS), verdicts)
         return
     calibration = use_most_balls(calibration, settings.most_balls)
-    outlines, refused = find_outlines(capture, calibration)
+    if measured:
+        photographs = read_measurements(measured, calibration)
+    else:
+        photographs = measure_balls(capture, calibration, survey.light, threads)
+    outlines, refused, spots = photographs.outlines, photographs.refused, photographs.spots
     if not outlines:
         found = f"none: {refusals(refused)}"
         raise InputError(f"{capture}: calibration.lights.silhouette: expected a dark ball in some image, found {found}")
@@ -87,7 +120,6 @@ def run(
         p: locate_ball([cameras[c] for c in names], [outlines[p, c] for c in names], radius_m)
         for p, names in seen.items()
     }
-    spots = find_spots(capture, calibration, outlines, survey.light, threads)
     photographed = pd.Series([e["light"] for e in calibration["images"] if (e["position"], e["camera"]) in outlines])
     facts, table = measure_lights(spots, balls, cameras, radius_m, list(survey.light), settings)
     facts.insert(0, "images", facts.index.map(photographed.value_counts()).fillna(0).astype(int))

@@ -9,6 +9,7 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_json, write_table
+from pipeline.calibration.lights import ball_photos
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.geometry.cameras import read_cameras, write_cameras
 from pipeline.stages.calibrate_lights import run
@@ -60,6 +61,21 @@ def test_lights_and_cameras_in_the_stage_frame(folder, tmp_path):
     residuals = read_table(tmp_path / "residuals_lights.parquet")
     assert list(residuals.columns) == ["light", "position", "camera", "x", "y", "residual_x", "residual_y", "weight"]
     assert np.median(np.hypot(residuals.residual_x, residuals.residual_y)) < 0.2
+
+
+def test_shares_of_the_cameras_give_the_same_bytes(folder, tmp_path, monkeypatch):
+    """Also with a share that has no camera; and no photograph is read again."""
+    words = paths(folder, tmp_path / "one")
+    run(**words)
+    shares, count = tmp_path / "shares", len(cameras_in_stage()) + 1
+    for share in range(count):
+        run(**{**words, "out": shares}, share=share, shares=count)
+    monkeypatch.setattr(ball_photos, "read_ball_photo", lambda *_: pytest.fail("read again"))
+    run(**{**words, "out": tmp_path / "joined"}, measured=tuple(sorted(shares.iterdir(), reverse=True)))
+    for name in ("lights.parquet", "cameras.json", "residuals_lights.parquet", "verdicts_lights.csv"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "joined" / name).read_bytes(), name
+    with pytest.raises(InputError, match=r"lights.parquet: expected columns what, position, .* found light"):
+        run(**{**words, "out": tmp_path / "other"}, measured=(tmp_path / "one/lights.parquet",))
 
 
 def test_equal_lights_are_equally_bright(folder, tmp_path):

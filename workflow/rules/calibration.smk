@@ -72,6 +72,7 @@ rule calibrate_lights:
         calibration_cameras="results/{subject}/index/calibration_cameras.json",
         lights="results/{subject}/index/lights.parquet",
         rig="results/{subject}/calibration/rig.json",
+        measured=lambda wildcards: measured_lights(job(wildcards)),
     output:
         lights="results/{subject}/calibration/lights.parquet",
         cameras="results/{subject}/calibration/cameras.json",
@@ -85,19 +86,46 @@ rule calibrate_lights:
         "../../envs/cpu.yaml"
     threads: threads_for("calibrate_lights")
     resources:
-        mem_mb=memory_for("calibrate_lights"),
+        mem_mb=memory_for("calibrate_lights", size_joining_lights),
         runtime=minutes_for("calibrate_lights"),
     params:
         code=code_for("calibrate_lights"),
         capture=capture_folder,
         arguments=arguments_for("calibrate_lights"),
+        measured=lambda wildcards, input: ["--measured", *input.measured] if input.measured else [],
+        share=[],
         settings=settings_for("calibrate_lights"),
     message:
         "{wildcards.subject}: locating lights and aligning the cameras to the stage"
     shell:
         "python -m pipeline.stages.calibrate_lights --capture {params.capture:q} {params.arguments:q} "
-        "--threads {threads} "
+        "{params.measured:q} {params.share:q} --threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
+
+
+# Where photographs are many: those of some cameras, each decoded once.
+use rule calibrate_lights as measure_lights with:
+    input:
+        stored=stored_capture,
+        calibration="results/{subject}/index/calibration_lights.json",
+        lights="results/{subject}/index/lights.parquet",
+    output:
+        table="results/{subject}/measured_lights/{share}.parquet",
+    log:
+        "results/{subject}/logs/measure_lights.{share}.log",
+    benchmark:
+        "results/{subject}/benchmarks/measure_lights.{share}.tsv"
+    resources:
+        mem_mb=memory_for("calibrate_lights", size_of_lights_share),
+        runtime=minutes_for("calibrate_lights", size_of_lights_share),
+    params:
+        arguments=arguments_for(
+            "calibrate_lights", calibration=lambda wildcards: job(wildcards).path("measured_lights")
+        ),
+        measured=[],
+        share=lambda wildcards: ["--share", int(wildcards.share), "--shares", len(measured_lights(job(wildcards)))],
+    message:
+        "{wildcards.subject}: measuring mirror balls, share {wildcards.share}"
 
 
 rule review_calibration:

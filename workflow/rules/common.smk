@@ -27,6 +27,9 @@ from pipeline.workflow.shared_images import (
     chunk_words,
     inspected_tables,
     joined_size,
+    lights_joined_size,
+    lights_share_size,
+    measured_lights,
     score_tables,
     scored_files,
     scoring_flags,
@@ -129,6 +132,16 @@ def size_of(wildcards):
 def size_of_share(wildcards):
     """Sizes of a job that inspects or scores a share of the images."""
     return share_size(job(wildcards))
+
+
+def size_of_lights_share(wildcards):
+    """Sizes of a job that measures photographs of mirror balls of some cameras."""
+    return lights_share_size(job(wildcards))
+
+
+def size_joining_lights(wildcards):
+    """Sizes of the job that fits lights to them."""
+    return lights_joined_size(job(wildcards))
 
 
 def size_joining(tables):

@@ -10,8 +10,10 @@ from pipeline import STAGES
 from pipeline.config.stage_commands import ARGUMENTS, FILES, THREADED, stage_arguments, subject_files
 
 BY_HAND = {
-    "index_capture": {"inspected", "chunk", "chunks", "chunk_size"}, "evaluate_avatar": {"scores", "chunk", "chunks"},
-    "pack_shards": {"only_frames"}, "trace_irradiance": {"environment"}, "relight_avatar": {"keyframes"},
+    "index_capture": {"inspected", "chunk", "chunks", "chunk_size"},
+    "calibrate_lights": {"measured", "share", "shares"},
+    "evaluate_avatar": {"scores", "chunk", "chunks"}, "pack_shards": {"only_frames"},
+    "trace_irradiance": {"environment"}, "relight_avatar": {"keyframes"},
 }  # fmt: skip
 """Flags that no file of the results feeds."""
 OF_THE_MACHINE = {"threads", "workers", "processes", "cache_mb", "scratch"}
