@@ -142,11 +142,12 @@ def measured_size(results: Path, stage: str, chunk: str | None) -> JobSize:
     trained = [read_json(path)["settings"] for path in sorted(results.glob("avatars/*/config.json"))]
     pixels = round(float((cameras.width * cameras.height).mean()))
     images = max(one["cameras_per_step"] * one["frames_per_step"] for one in trained)
+    listed = len(cameras) * frames.frame.nunique() if chunk is None else 0
     return JobSize(
         cameras=len(cameras), lights=len(lights), frames=frames.frame.nunique(), pixels=pixels,
         texels=read_atlas(results / "atlas.safetensors").texel_count, steps=max(one["steps"] for one in trained),
         step_pixels=images * pixels, avatars=len(trained), processes=PROCESSES,
-        threads=DECODE_THREADS if stage == "index_capture" else THREADS,
+        threads=DECODE_THREADS if stage == "index_capture" else THREADS, listed=listed,
     )  # fmt: skip
 
 

@@ -4,8 +4,9 @@
 
 The frames of a capture are repeated under new numbers, as further names of its images and masks. Each stage is a
 process of its own; memory is its largest resident set. Compares the bytes of the two indices. With `--paper` also some
-frames of a capture of the papers' size are inspected, 512 images of 1332 x 1152 pixels each, which are links to one.
-Writes results/scaling/shared_images.csv: a row for each job, with its sizes, as bench_job_costs takes them.
+frames of a capture of the papers' size are inspected: links to one image of 1332 x 1152 pixels, 512 of each frame, and
+to one photograph of 16 times as many. Writes results/scaling/shared_images.csv: a row for each job, with its sizes, as
+bench_job_costs takes them.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ from benchmarks.paper_capture import PaperSize, write_capture
 from pipeline.base.files import write_table
 from pipeline.capture.paths import fill
 from pipeline.config.index_capture import IndexCapture
+
+PHOTOGRAPHING = 8
+"""Cameras of which a capture of the papers' size has photographs of a mirror ball here, three of each: enough to find
+all threads at work on one."""
 
 THREADS = IndexCapture().decode_threads
 """Of each job, the default."""
@@ -66,14 +71,24 @@ def index(capture: Path, out: Path, *words: object) -> dict[str, float]:
     return {"mb": used.ru_maxrss / 1024, "seconds": used.ru_utime + used.ru_stime}
 
 
+def write_picture(path: Path, width: int, height: int) -> None:
+    """A picture as smooth and grainy as photographs are."""
+    noise = np.random.default_rng(0).normal(0, 2, (height, width, 3)).astype(np.float32)
+    wave = 100 + 60 * np.sin(np.linspace(0, 9, width, dtype=np.float32))[:, None] + noise
+    cv2.imwrite(str(path), np.clip(wave, 0, 255).astype(np.uint8))
+
+
 def inspect_paper(folder: Path, frames: int) -> dict[str, object]:
     """A job that inspects some frames of a capture of the papers' size: sizes and costs."""
     size = PaperSize(frames=frames)
     write_capture(folder / "capture", size, "paper")
-    # Smooth and grainy, as photographs are: its PNG has 1.5 bytes a pixel.
-    noise = np.random.default_rng(0).normal(0, 2, (size.height, size.width, 3))
-    wave = 100 + 60 * np.sin(np.linspace(0, 9, size.width))[:, None] + noise
-    cv2.imwrite(str(folder / "capture/image.png"), np.clip(wave, 0, 255).astype(np.uint8))
+    write_picture(folder / "capture/image.png", size.width, size.height)
+    write_picture(folder / "capture/photograph.png", 4 * size.width, 4 * size.height)
+    for camera in range(PHOTOGRAPHING):
+        own = folder / f"capture/ball/middle/cam{camera:03d}"
+        own.mkdir(parents=True)
+        for name in ("silhouette", "L0000", "L0001"):
+            os.symlink("../../../photograph.png", own / f"{name}.png")
     taken = index(folder / "capture", folder / "inspected", "--chunk", 0, "--chunk-size", frames)
     return {
         "subject": "paper", "images": size.cameras * frames, "job": "share 0", "cameras": size.cameras,
