@@ -126,8 +126,8 @@ def measure(size: GoliathSize, folder: Path) -> list[str]:
         f"| `inspect_images`, {per_chunk:,.0f} images | {plan.jobs['inspect_images']} | "
         f"{max(run.wall_s for run in runs):.0f} | {max(run.peak_mb for run in runs):,.0f} |",
         "",
-        f"Chunks {', '.join(chunks)} were inspected: each of their images once, none in two of them. Seconds are of a run "
-        "of Snakemake, its plan included, on two shared cores; memory is that of its largest process.",
+        f"Chunks {', '.join(chunks)} were inspected: each of their images once, none in two of them. Seconds are of a "
+        "run of Snakemake, its plan included, on two shared cores; memory is that of its largest process.",
     ]
 
 

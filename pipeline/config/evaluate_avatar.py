@@ -12,11 +12,16 @@ from pipeline.config.settings import Settings
 class EvaluateAvatar(Settings):
     """Scoring of renderings."""
 
-    metrics: tuple[Literal["ms_ssim", "st_lpips"], ...] = Field(
+    metrics: tuple[Literal["ms_ssim", "st_lpips", "psnr_image"], ...] = Field(
         (),
         description="Further image metrics to score, a column each. ms_ssim: multi-scale SSIM (Wang, Simoncelli and "
         "Bovik 2003); images of less than 161 pixels a side leave it empty. st_lpips: shift-tolerant LPIPS (Ghildyal "
-        "and Liu 2022), whose network comes with its package; its numbers do not compare with those of LPIPS",
+        "and Liu 2022), whose network comes with its package; its numbers do not compare with those of LPIPS. "
+        "psnr_image: PSNR over all pixels of the image, `image_pixels`, those beside the subject being right: what "
+        "programs say that mask both images first",
+    )
+    image_pixels: int = Field(
+        0, ge=0, description="Pixels of a whole image, for psnr_image; 0: not known, and psnr_image is left empty"
     )
     lpips_net: Literal["alex", "vgg"] = Field(
         "alex",

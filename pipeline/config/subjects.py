@@ -55,7 +55,12 @@ def chunk_ids(project: Project, subject: str) -> list[str]:
         frames = settings.synthesize_capture.frames
     else:
         frames = _count_frames(Path(project.settings.captures) / subject)
-    return [f"{chunk:04d}" for chunk in range(max(1, -(-frames // settings.chunk_frames)))]
+    return list(_chunk_names(max(1, -(-frames // settings.chunk_frames))))
+
+
+@functools.lru_cache(maxsize=256)
+def _chunk_names(count: int) -> tuple[str, ...]:
+    return tuple(f"{chunk:04d}" for chunk in range(count))
 
 
 def watched_files(project: Project, subject: str) -> list[str]:

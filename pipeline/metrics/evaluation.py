@@ -112,7 +112,7 @@ Render = Callable[[Any, Any], tuple[Any, Any]]
 def evaluate(
     render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any],
     lpips: Callable[[Any, Any], Any] | None = None, metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
-    trace: Callable[[Any], Any] = lambda frame: frame,
+    trace: Callable[[Any], Any] = lambda frame: frame, image_pixels: int = 0,
 ) -> pd.DataFrame:  # fmt: skip
     """Render and score every image that a split holds out: one row each, in their order.
 
@@ -124,6 +124,7 @@ def evaluate(
         lpips, metrics: scores that are taken.
         trace: frame record -> what `render` takes of a frame. It runs on threads of its own for the frames that
             come next, while the one before is rendered.
+        image_pixels: of a whole image, of which shards hold a part; 0: not known.
 
     Raises:
         ValueError: if a rendering has another shape than its image, or is not finite.
@@ -139,7 +140,9 @@ def evaluate(
             flags = {name: getattr(image, name) for name in (*HELD_OUT, "fully_lit")}
             counts = {"foreground_pixels": int(foreground.sum())}
             rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **counts})
-            scores.append(scoring.submit(measure, metrics, ImagePair(rendered, captured, foreground, lpips)))
+            scores.append(
+                scoring.submit(measure, metrics, ImagePair(rendered, captured, foreground, lpips, image_pixels))
+            )
             if len(scores) > SCORED_LATER:
                 scores[-SCORED_LATER].result()
     rows = [row | score.result() for row, score in zip(rows, scores, strict=True)]

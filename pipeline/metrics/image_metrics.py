@@ -19,6 +19,7 @@ from pipeline.metrics.images import (
     SSIM_WINDOW,
     flip,
     foreground_box,
+    masked_psnr_db,
     ms_ssim,
     psnr_db,
     ssim,
@@ -33,17 +34,19 @@ class ImagePair:
         rendered, captured: sRGB in [0, 1] over black.
         foreground: the pixels of the subject.
         lpips: `pipeline.metrics.lpips.Lpips`, if its weights are there.
+        image_pixels: of the whole image that this is a part of; 0: not known.
     """
 
     rendered: Float[np.ndarray, "h w 3"]
     captured: Float[np.ndarray, "h w 3"]
     foreground: Bool[np.ndarray, "h w"]
     lpips: Callable[[Any, Any], Any] | None = None
+    image_pixels: int = 0
 
     def around_subject(self, smallest_side: int) -> ImagePair:
         """The box around the foreground, grown to that many pixels a side where the image allows."""
         box = foreground_box(self.foreground, smallest_side)
-        return ImagePair(self.rendered[box], self.captured[box], self.foreground[box], self.lpips)
+        return ImagePair(self.rendered[box], self.captured[box], self.foreground[box], self.lpips, self.image_pixels)
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,9 @@ IMAGE_METRICS = (
                 note="five scales, empty for smaller images"),
     ImageMetric("st_lpips", "ST-LPIPS", digits=3, higher_is_better=False, smallest_side=LPIPS_SMALLEST_SIDE,
                 score=_st_lpips, by_default=False),
+    ImageMetric("psnr_image", "PSNR of the image", digits=2, higher_is_better=True, smallest_side=1, unit="dB",
+                score=lambda pair: masked_psnr_db(pair.rendered, pair.captured, pair.foreground, pair.image_pixels),
+                note="all pixels of the image, those beside the subject without error", by_default=False),
 )  # fmt: skip
 """All metrics, in the order of their columns; the first one ranks images."""
 

@@ -45,6 +45,20 @@ def psnr_db(
     return float("inf") if mean_square == 0 else -10 * float(np.log10(mean_square))
 
 
+def masked_psnr_db(
+    rendered: Float[np.ndarray, "h w 3"], captured: Float[np.ndarray, "h w 3"], foreground: Bool[np.ndarray, "h w"],
+    image_pixels: int,
+) -> float:  # fmt: skip
+    """PSNR over all pixels of an image of which both sides were masked.
+
+    None beside the subject has an error: it is that of the foreground, and 10 log10 of how many times more pixels the
+    image has. NaN without foreground, or if the image's pixels are not known.
+    """
+    if not image_pixels or not foreground.any():
+        return float("nan")
+    return psnr_db(rendered, captured, foreground) + 10 * float(np.log10(image_pixels / foreground.sum()))
+
+
 def ssim(rendered: Float[np.ndarray, "h w 3"], captured: Float[np.ndarray, "h w 3"]) -> float:
     """Mean structural similarity (Wang et al. 2004).
 

@@ -99,7 +99,7 @@ def run(
     metrics = asked_metrics(settings.metrics)
     if chunk is not None:
         avatar = load_avatar(avatars[0], atlas)
-        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace)
+        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace, settings.image_pixels)
         write_table(out / f"{chunk:04d}.parquet", scored)
         log.info("%s: %d images of %d chunks from %d", avatars[0].name, len(scored), chunks, chunk)
         return
@@ -116,7 +116,7 @@ def run(
         avatar = load_avatar(folder, atlas)
         render = avatar.render
         if scores is None:
-            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace)
+            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace, settings.image_pixels)
         else:
             per_image = joined_scores(scores / folder.name, images.table)
         names = {"subject": subject, "variant": folder.name}

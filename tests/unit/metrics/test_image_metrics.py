@@ -94,7 +94,8 @@ def test_extra_metrics_of_the_setting_are_the_rows_that_are_off_by_default():
 
 def test_rows_have_names_of_their_own():
     assert len({metric.name for metric in IMAGE_METRICS}) == len(IMAGE_METRICS)
-    assert [metric.heading for metric in IMAGE_METRICS] == ["PSNR [dB]", "SSIM", "LPIPS", "FLIP", "MS-SSIM", "ST-LPIPS"]
+    expected = ["PSNR [dB]", "SSIM", "LPIPS", "FLIP", "MS-SSIM", "ST-LPIPS", "PSNR of the image [dB]"]
+    assert [metric.heading for metric in IMAGE_METRICS] == expected
 
 
 @pytest.mark.parametrize(
@@ -136,3 +137,16 @@ def test_metric_that_is_asked_for_has_a_column_and_a_word_in_the_protocol():
     assert metrics_in(table) == asked
     assert "ms_ssim at least 161 px a side; ms_ssim: five scales, empty for smaller images)" in region(asked)
     assert "ms_ssim" not in evaluate(render, images[1:], {0: None})
+
+
+def test_psnr_of_the_image_is_that_of_both_images_masked_and_whole():
+    """As programs have it that multiply the difference by the mask, and take the mean over all pixels."""
+    captured, foreground = scene(6, 40, 50), np.zeros((40, 50), bool)
+    foreground[10:30, 15:40] = True
+    rendered = (0.9 * captured).clip(0, 1)
+    whole = np.zeros((200, 100, 3))
+    whole[80:120, 30:80] = (rendered - captured) * foreground[..., None]
+    (metric,) = [metric for metric in IMAGE_METRICS if metric.name == "psnr_image"]
+    found = metric.measure(ImagePair(rendered, captured, foreground, image_pixels=200 * 100))
+    assert found == pytest.approx(-10 * np.log10((whole**2).mean()), abs=1e-6)
+    assert math.isnan(metric.measure(ImagePair(rendered, captured, foreground)))
