@@ -26,21 +26,23 @@ class FakeSet:
 
     Attributes:
         dataset: the set, as the configuration names it.
-        truth: makes the truth.
+        truth: makes the truth, of images of a width and a height.
         write: writes it in the set's layout below a folder; returns the folder that `path` names.
         cameras: number of those with images.
         true_frame: the truth's frame by the imported capture's.
         settings: of import_capture, as YAML; may write files that they name into the folder.
         constant_light: True if the set does not say where light comes from.
+        image: width and height of its images.
     """
 
     dataset: str
-    truth: Callable[[], TurningHead]
+    truth: Callable[[tuple[int, int]], TurningHead]
     write: Callable[[Path, TurningHead], Path]
     cameras: int
     true_frame: Callable[[int], int] = int
     settings: Callable[[Path, TurningHead], str] = lambda folder, truth: "{}"
     constant_light: bool = False
+    image: tuple[int, int] = (96, 144)
 
 
 def true_frame_of(sequences: Mapping[str, range]) -> Callable[[int], int]:
@@ -51,41 +53,42 @@ def true_frame_of(sequences: Mapping[str, range]) -> Callable[[int], int]:
 
 FAKES = (
     FakeSet(
-        "goliath", lambda: goliath_layout.true_head(image=(96, 144)), goliath_layout.write_goliath,
+        "goliath", goliath_layout.true_head, goliath_layout.write_goliath,
         len(goliath_layout.CAMERAS),
     ),
     FakeSet(
-        "becominglit", lambda: becominglit_layout.true_head(image=(96, 144)), becominglit_layout.write_becominglit,
+        "becominglit", becominglit_layout.true_head, becominglit_layout.write_becominglit,
         len(becominglit_layout.CAMERAS), true_frame_of(becominglit_layout.SEQUENCES),
     ),
     FakeSet(
-        "humanolat", lambda: humanolat_layout.true_head(image=(96, 144)), humanolat_layout.write_humanolat,
+        "humanolat", humanolat_layout.true_head, humanolat_layout.write_humanolat,
         len(humanolat_layout.CAMERAS),
     ),
     FakeSet(
-        "openillumination", lambda: openillumination_layout.true_object(image=(96, 144)),
+        "openillumination", openillumination_layout.true_object,
         openillumination_layout.write_openillumination, len(openillumination_layout.CAMERAS),
     ),
     FakeSet(
-        "olatverse", lambda: olatverse_layout.true_object(image=(96, 144)), olatverse_layout.write_olatverse,
+        "olatverse", olatverse_layout.true_object, olatverse_layout.write_olatverse,
         len(olatverse_layout.CAMERAS),
     ),
     FakeSet(
-        "faceolat", lambda: faceolat_layout.true_head(image=(96, 144)), faceolat_layout.write_faceolat,
+        "faceolat", faceolat_layout.true_head, faceolat_layout.write_faceolat,
         len(faceolat_layout.CAMERAS), lambda frame: frame - 1,
         faceolat_layout.settings,
     ),
     FakeSet(
-        "ava256", lambda: ava256_layout.true_head(image=(96, 144)), ava256_layout.write_ava256,
+        "ava256", ava256_layout.true_head, ava256_layout.write_ava256,
         len(ava256_layout.CAMERAS), settings=ava256_layout.settings, constant_light=True,
     ),
     FakeSet(
-        "actorshq", lambda: actorshq_layout.true_head(image=(108, 144)), actorshq_layout.write_actorshq,
+        "actorshq", actorshq_layout.true_head, actorshq_layout.write_actorshq,
         len(actorshq_layout.CAMERAS), settings=actorshq_layout.settings, constant_light=True,
+        image=(108, 144),
     ),
     FakeSet(
-        "nersemble", lambda: nersemble_layout.true_head(image=(96, 140)), nersemble_layout.write_nersemble,
+        "nersemble", nersemble_layout.true_head, nersemble_layout.write_nersemble,
         len(nersemble_layout.CAMERAS), true_frame_of(nersemble_layout.SEQUENCES), nersemble_layout.settings,
-        constant_light=True,
+        constant_light=True, image=(96, 140),
     ),
 )  # fmt: skip

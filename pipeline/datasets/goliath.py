@@ -18,6 +18,7 @@ from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.capture.mask_format import MaskFormat
 from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.goliath_archives import Archives, find_archives, image_size, image_table
+from pipeline.datasets.goliath_beside import BESIDE, read_beside
 from pipeline.datasets.goliath_cameras import DOWNSAMPLE, METRES_PER_UNIT, calibrated_names, read_goliath_cameras
 from pipeline.datasets.goliath_meshes import find_meshes, read_rest
 from pipeline.datasets.imported_capture import HeldOut, ImageStore, ImportedCapture, Provenance, TrackedMeshes
@@ -101,18 +102,24 @@ def read_goliath(root: Path, settings: ImportCapture) -> ImportedCapture:
     tracked = TrackedMeshes(meshes[meshes.frame.isin(frames.frame)].reset_index(drop=True), METRES_PER_UNIT, rest)
     store = ImageStore(images, sizes, "linear", BLACK_LEVEL, DOWNSAMPLE, MaskFormat(SUBJECT_LABELS, enlarged=True))
     lit = lit_lights(patterns, len(lights), provenance)
-    fps = SHIPPED_FPS * frame_step(frames)
+    beside = read_beside(root, calibrated_names(root / "camera_calibration.json"), len(lights))
+    fps = SHIPPED_FPS * frame_step(frames) if beside is None else beside.fps
     say_given(provenance, origin, prove_meshes(root, store, cameras, tracked, settings.least_overlap))
     say_masks(provenance, images)
     if unseen := sorted(set(calibrated_names(root / "camera_calibration.json")) - set(found.images)):
         provenance.left_out["cameras without images"] = shown(unseen)
     # As the set's loader does: durations are whole numbers.
     whole = [{light: float(int(duration)) for light, duration in pattern.items()} for pattern in patterns]
+    placed = lights[lights.light.isin(lit)].reset_index(drop=True)
+    shown_lights = intensities(frames.frame.tolist(), pattern_of, whole, FULL_DURATION)
+    if beside is not None:
+        placed, shown_lights = beside.named(placed), beside.named(shown_lights)
+        provenance.given["frames per second, test cameras, names of lights"] = f"{BESIDE}, of the export"
+    tested = TEST_CAMERAS if beside is None else beside.test_cameras
     return ImportedCapture(
         "head", fps, cameras, frames[["frame", "segment"]].assign(timestamp_s=frames.frame / fps)[FRAME_COLUMNS],
-        store, lights[lights.light.isin(lit)].reset_index(drop=True),
-        intensities(frames.frame.tolist(), pattern_of, whole, FULL_DURATION),
-        {name: np.diag(WHITE_BALANCE) for name in cameras}, tracked, held_out(frames, list(cameras)), provenance,
+        store, placed, shown_lights, {name: np.diag(WHITE_BALANCE) for name in cameras}, tracked,
+        held_out(frames, list(cameras), tested), provenance,
     )  # fmt: skip
 
 
@@ -158,16 +165,16 @@ def frame_step(frames: pd.DataFrame) -> int:
     return int(steps.mode().iloc[0]) if len(steps) else 1
 
 
-def held_out(frames: pd.DataFrame, cameras: Collection[str]) -> HeldOut:
+def held_out(frames: pd.DataFrame, cameras: Collection[str], test_cameras: Collection[str]) -> HeldOut:
     """The set's split.
 
-    Segments that are for testing as a whole, single frames of others, and the example cameras.
+    Segments that are for testing as a whole, single frames of others, and the cameras that test.
     """
     test = frames.split == "test"
     whole = test.groupby(frames.segment).all()
     segments = whole.index[whole].tolist()
-    tested = [camera for camera in cameras if camera in TEST_CAMERAS]
-    if len(tested) in (0, len(cameras)):
+    tested = [camera for camera in cameras if camera in test_cameras]
+    if len(tested) in (0, len(cameras)) and test_cameras:
         log.warning("none of the cameras, or all, are of the set's example split: no camera is held out")
         tested = []
     return HeldOut(tested, frames.frame[test & ~frames.segment.isin(segments)].tolist(), segments)

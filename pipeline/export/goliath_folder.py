@@ -2,9 +2,10 @@
 
 The set's own loader and this project's reader take it. Images become 8-bit linear AVIF with the set's white balance
 undone and its black level added, at half the resolution that the cameras are given at; masks become part labels half
-as large again; the rest is of `goliath_motion` and `goliath_patterns`. What the layout cannot say is refused or
-logged: lenses other than k1 k2 p1 p2 k3, lights that change colour, frames per second other than 10 per step of the
-frame numbers, test cameras.
+as large again; the rest is of `goliath_motion` and `goliath_patterns`. Frames per second, test cameras and names of
+lights, which the layout has no place for, stand in a file beside it (`pipeline.datasets.goliath_beside`), and in the
+log where other readers will take others. What cannot be said is refused: lenses other than k1 k2 p1 p2 k3, lights that
+change colour.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pipeline.base.errors import InputError, listed
 from pipeline.base.files import write_json
 from pipeline.base.progress import progress
 from pipeline.datasets.goliath import BLACK_LEVEL, SHIPPED_FPS, SUBJECT_LABELS, TEST_CAMERAS, WHITE_BALANCE
+from pipeline.datasets.goliath_beside import GoliathBeside, write_beside
 from pipeline.datasets.goliath_cameras import DOWNSAMPLE, METRES_PER_UNIT, MODELS
 from pipeline.export.archives import write_zip
 from pipeline.export.goliath_motion import write_motion
@@ -73,6 +75,8 @@ def write_goliath_folder(
     write_patterns(root / "lights", lights, patterns, recording.frames.frame.tolist())
     write_motion(root, recording.frames.frame.tolist(), tracked, template)
     _write_lists(root, recording)
+    names = tuple(lights.light.astype(str).sort_values())
+    write_beside(root, GoliathBeside(float(recording.facts["fps"]), tuple(recording.test_cameras), names))
     for camera, rows in progress(list(recording.images.groupby("camera")), "cameras"):
         name = str(camera)
         images = ((f"cam{name}/{row.frame:06d}.avif", _avif(exposure * recording.linear(name, row.path, row.frame)))
@@ -116,11 +120,12 @@ def _write_lists(root: Path, recording: Recording) -> None:
     steps = frames.groupby("segment").frame.diff().dropna()
     fps = SHIPPED_FPS * (int(steps.mode().iloc[0]) if len(steps) else 1)
     if fps != recording.facts["fps"]:
-        log.warning("the layout has no frames per second: readers will take %g, not %g", fps, recording.facts["fps"])
+        log.warning("the layout has no frames per second: other readers will take %g, not %g", fps,
+                    recording.facts["fps"])  # fmt: skip
     example = sorted(set(recording.cameras) & set(TEST_CAMERAS))
     if example != list(recording.test_cameras):
         told = [listed(names) or "none" for names in (example, recording.test_cameras)]
-        log.warning("the layout names no test cameras: readers will take %s, not %s", *told)
+        log.warning("the layout names no test cameras: other readers will take %s, not %s", *told)
 
 
 def _avif(linear: Float32[np.ndarray, "h w 3"]) -> bytes:

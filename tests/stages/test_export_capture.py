@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pycolmap
 import pytest
+import yaml
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, write_json
@@ -20,6 +21,7 @@ from pipeline.config.export_capture import ExportCapture
 from pipeline.effects.scene_evidence import read_colors
 from pipeline.geometry.cameras import read_cameras, write_cameras
 from pipeline.geometry.lenses import FISHEYE
+from pipeline.stages import import_capture
 from pipeline.stages.export_capture import run
 from tests.support.datasets.goliath_layout import WHITE_BALANCE, true_head, write_goliath
 from tests.support.datasets.imported import import_set
@@ -310,8 +312,39 @@ def test_what_goliath_layout_cannot_say_is_in_the_log(imported, tmp_path, caplog
     images = pd.read_parquet(index / "images.parquet")
     images.assign(test_camera=images.camera == "400017").to_parquet(index / "images.parquet")
     run(**inputs(imported) | {"index": index}, layout="goliath", out=tmp_path / "out")
-    assert "readers will take 10, not 24" in caplog.text
-    assert "the layout names no test cameras: readers will take 401645, not 400017" in caplog.text
+    assert "other readers will take 10, not 24" in caplog.text
+    assert "the layout names no test cameras: other readers will take 401645, not 400017" in caplog.text
+
+
+def test_what_goliath_layout_has_no_place_for_comes_back_from_a_file_beside_it(imported, tmp_path):
+    index = copied_index(imported, tmp_path, fps=24.0)
+    images = pd.read_parquet(index / "images.parquet")
+    images.assign(test_camera=images.camera == "400017").to_parquet(index / "images.parquet")
+    given = inputs(imported) | {"index": index}
+    for name in ("lights", "patterns"):
+        table = pd.read_parquet(given[name])
+        given[name] = tmp_path / f"{name}.parquet"
+        # Names whose order is another one than that of the lights' numbers.
+        table.assign(light="lamp " + table.light.str[::-1]).to_parquet(given[name])
+    run(**given, layout="goliath", out=tmp_path / "out")
+    root = tmp_path / "out/someone--Head"
+    import_capture.run(dataset="goliath", source=root, subject="again", out=tmp_path / "again")
+    described = yaml.safe_load((tmp_path / "again/capture.yaml").read_text())
+    assert described["fps"] == 24 and described["splits"]["test_cameras"] == ["400017"]
+    lights = pd.read_csv(tmp_path / "again/lights.csv").set_index("light")
+    known = pd.read_parquet(given["lights"]).set_index("light")
+    np.testing.assert_allclose(lights[["x", "y", "z"]], known.loc[lights.index, ["x", "y", "z"]], atol=1e-12)
+    lit = pd.read_csv(tmp_path / "again/patterns.csv").set_index(["frame", "light"]).intensity.sort_index()
+    true = pd.read_parquet(given["patterns"]).set_index(["frame", "light"]).intensity_r.sort_index()
+    assert lit.index.tolist() == true[true.index.get_level_values(0).isin(described_frames(tmp_path))].index.tolist()
+    np.testing.assert_allclose(lit, true.loc[lit.index], atol=DURATION_STEP)
+    (root / "lightstage.json").write_text('{"fps": 24, "test_cameras": [], "lights": ["one"]}')
+    with pytest.raises(InputError, match="16 names of lights and a positive fps, found 1 and 24; delete it"):
+        import_capture.run(dataset="goliath", source=root, subject="again", out=tmp_path / "again")
+
+
+def described_frames(folder):
+    return pd.read_csv(folder / "again/frames.csv").frame.tolist()
 
 
 def test_frames_without_meshes_are_named(imported, tmp_path):

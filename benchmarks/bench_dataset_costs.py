@@ -1,0 +1,201 @@
+"""What a public set takes in disk, memory and minutes: measured on fakes of three sizes, fitted, extrapolated.
+
+    python -m benchmarks.bench_dataset_costs [--only goliath ...]
+
+Of each set three fakes, whose images have 1, 4 and 16 times as many pixels, go through all stages up to the packed
+images, and through two steps of training and the scores, each fake in a process of its own. Processor time and bytes
+grow with all pixels, memory with those of one image, as chunks are read image by image; straight lines are fitted. The
+interval of an extrapolation is the worst of the three fits, times what an exponent that is off by `EXPONENT_ERROR` makes
+of the distance. Writes the table between marks of docs/datasets.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from benchmarks.bench_datasets import size_mb
+from benchmarks.fake_sets import FAKES, FakeSet
+from benchmarks.marked_page import write_between
+from benchmarks.paper_costs import EXPONENT_ERROR, Range, digits
+
+PAGE = Path("docs/datasets.md")
+
+FACTORS = (0.5, 1.0, 2.0)
+"""Sides of the fakes' images over those of `fake_sets`."""
+
+
+@dataclass(frozen=True)
+class RealSize:
+    """Numbers of one capture of a set: cameras, frames, and pixels of an image."""
+
+    cameras: int
+    frames: int
+    width: int
+    height: int
+    note: str = ""
+
+    @property
+    def image_mp(self) -> float:
+        """Megapixels of an image."""
+        return self.width * self.height / 1e6
+
+    @property
+    def all_mp(self) -> float:
+        """Megapixels of all images."""
+        return self.image_mp * self.cameras * self.frames
+
+
+REAL = {
+    "goliath": RealSize(172, 30_000, 1334, 2048),
+    "becominglit": RealSize(16, 10_000, 550, 802, "reduced to a quarter; frames assumed: two minutes and a half"),
+    "humanolat": RealSize(40, 332, 810, 1440),
+    "openillumination": RealSize(22, 142, 2000, 1500, "OLAT; size of the images assumed"),
+    "olatverse": RealSize(30, 332, 1500, 2844),
+    "faceolat": RealSize(40, 350, 2160, 4096),
+    "ava256": RealSize(80, 5_000, 1334, 2048, "frames assumed"),
+    "actorshq": RealSize(148, 2_000, 1028, 752, "scale 4x; frames assumed"),
+    "nersemble": RealSize(16, 1_100, 1100, 1604, "reduced to a half; one long sequence"),
+}  # fmt: skip
+"""One capture of each set, as DATASHEETs and loaders count it; what they do not say is assumed, and said so."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A fake of one size: megapixels of an image and of all, and what it took."""
+
+    image_mp: float
+    all_mp: float
+    cpu_s: float
+    peak_mb: float
+    disk_mb: float
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line through the measured points, neither part negative, and its worst factor."""
+
+    start: float
+    slope: float
+    worst: float
+    farthest: float
+
+    @classmethod
+    def through(cls, x: Sequence[float], y: Sequence[float]) -> Line:
+        """Least squares of relative errors."""
+        x, y = np.array(x), np.array(y)
+        slope, start = np.polyfit(x, y, 1, w=1 / y)
+        if start < 0:
+            start, slope = 0.0, float((x / y).sum() / ((x / y) ** 2).sum())
+        if slope < 0:
+            start, slope = float(1 / (1 / y).mean()), 0.0
+        ratio = y / (start + slope * x)
+        return cls(float(start), float(slope), float(np.maximum(ratio, 1 / ratio).max()), float(x.max()))
+
+    def at(self, x: float) -> Range:
+        """The value there, with its interval."""
+        middle, off = self.start + self.slope * x, self.worst * max(1.0, x / self.farthest) ** EXPONENT_ERROR
+        return Range(middle / off, middle, middle * off)
+
+
+def run_fake(fake: FakeSet, factor: float) -> None:
+    """Take a fake through the stages, in this process, and print what that took."""
+    from tests.support.datasets.imported import import_set, metrics_of
+
+    from pipeline.config.import_capture import ImportCapture
+
+    width, height = (2 * round(side * factor / 2) for side in fake.image)
+    with tempfile.TemporaryDirectory() as made:
+        folder, truth = Path(made), fake.truth((width, height))
+        shipped = fake.write(folder / "set", truth)
+        chosen = yaml.safe_load(fake.settings(folder, truth))
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        capture, results = import_set(fake.dataset, shipped, folder, ImportCapture(**chosen))
+        metrics_of(capture, results)
+        after = resource.getrusage(resource.RUSAGE_SELF)
+        images = sum(1 for _ in open(results / "metrics.csv")) and len(read_images(results))
+        image_mp = width * height / 1e6
+        cpu_s = after.ru_utime + after.ru_stime - used.ru_utime - used.ru_stime
+        found = Measured(
+            image_mp, image_mp * images, cpu_s, after.ru_maxrss / 1024, size_mb(capture) + size_mb(results)
+        )
+    print(json.dumps(vars(found)))
+
+
+def read_images(results: Path):
+    """The table of the images that were read."""
+    from pipeline.base.files import read_table
+
+    return read_table(results / "index/images.parquet")
+
+
+def measure(fake: FakeSet) -> list[Measured]:
+    """All sizes of a fake, each in a process of its own."""
+    found = []
+    for factor in FACTORS:
+        command = [
+            sys.executable,
+            "-m",
+            "benchmarks.bench_dataset_costs",
+            "--fake",
+            fake.dataset,
+            "--factor",
+            str(factor),
+        ]
+        said = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+        found.append(Measured(**json.loads(said.splitlines()[-1])))
+        print(fake.dataset, found[-1], flush=True)
+    return found
+
+
+def row(fake: FakeSet, found: Sequence[Measured]) -> str:
+    """A row of the table."""
+    real = REAL[fake.dataset]
+    cpu = Line.through([each.all_mp for each in found], [each.cpu_s for each in found]).at(real.all_mp)
+    disk = Line.through([each.all_mp for each in found], [each.disk_mb for each in found]).at(real.all_mp)
+    peak = Line.through([each.image_mp for each in found], [each.peak_mb for each in found]).at(real.image_mp)
+    shown = " / ".join(f"{each.cpu_s:.1f} s, {each.peak_mb:.0f}, {each.disk_mb:.1f} MB" for each in found)
+    size = f"{real.cameras} x {real.frames:,} x {real.width} x {real.height}{f' ({real.note})' if real.note else ''}"
+    ranges = (words(disk, 1000.0), words(peak, 1000.0), words(cpu, 60.0))
+    return f"| {fake.dataset} | {shown} | {size} | {' | '.join(ranges)} |"
+
+
+def words(found: Range, unit: float) -> str:
+    """`middle (low to high)` in a unit."""
+    return f"{digits(found.middle / unit)} ({digits(found.low / unit)} to {digits(found.high / unit)})"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--only", nargs="*", default=[fake.dataset for fake in FAKES], help="sets; no page is written")
+    parser.add_argument("--fake", help=argparse.SUPPRESS)
+    parser.add_argument("--factor", type=float, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    fakes = {fake.dataset: fake for fake in FAKES}
+    if options.fake:
+        return run_fake(fakes[options.fake], options.factor)
+    lines = [
+        "| set | three fakes: processor, memory, disk | a capture: cameras x frames x pixels | disk written, GB | "
+        "memory of a process, GB | minutes of a processor |",
+        "|---|---|---|---|---|---|",
+        *(row(fakes[name], measure(fakes[name])) for name in options.only),
+    ]
+    print("\n".join(lines))
+    if options.only == list(fakes):
+        write_between(PAGE, "costs", lines)
+    return None
+
+
+if __name__ == "__main__":
+    main()
