@@ -14,7 +14,7 @@ from jaxtyping import Float32
 
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.synthesis import mitsuba_scenes as scenes
-from pipeline.synthesis.hair import hair_curves
+from pipeline.synthesis.hair import hair_mesh
 from pipeline.synthesis.lens import LensView
 from pipeline.synthesis.subject import Moment, Subject, vertex_normals
 from pipeline.synthesis.target_photography import SILHOUETTE_SAMPLES
@@ -161,4 +161,4 @@ def subject_meshes(subject: LitSubject, translucent: bool) -> list[Any]:
     for surface in moment.surfaces:
         geometry = (surface.vertices, surface.normals, surface.faces, surface.uv, surface.ior)
         meshes.append(scenes.coated_mesh(surface.texture, surface.gloss_alpha, *geometry))
-    return meshes if moment.strands is None else [*meshes, hair_curves(moment.strands)]
+    return meshes if moment.strands is None else [*meshes, hair_mesh(moment.strands)]

@@ -2,14 +2,11 @@
 
 The template's surface is the outside of the hair, as a coarse mesh that is tracked has it. In pictures the skull lies
 deeper, and strands fill what is between; some stand out. A strand is as thick as a lock of thirty hairs, for images in
-which a hair is a hundredth of a pixel. Mitsuba's fibres let light through: most of what blond hair shows has passed
-several of them.
+which a hair is a hundredth of a pixel.
 """
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.base.seeds import generator_for
 from pipeline.synthesis.head_appearance import hair_share
-from pipeline.synthesis.mitsuba_scenes import mitsuba
+from pipeline.synthesis.mitsuba_scenes import coated_mesh
 from pipeline.synthesis.subject import Strands, vertex_normals
 
 DEPTH_M = 0.008
@@ -41,11 +38,11 @@ WAVE_M, WAVE_STEPS = 0.0015, 3.0
 COMBED = np.array([0.0, -0.35, -1.0])
 """Direction that hair is combed in, before it bends around the skull: back and a little down."""
 
-EUMELANIN, PHEOMELANIN = 0.35, 0.25
-"""Concentrations of the pigments: light brown."""
+COLOR, GLOSS_ALPHA = (0.30, 0.17, 0.08), 0.2
+"""Linear albedo of a strand, light brown, and the width of its gloss."""
 
-LONGITUDINAL, AZIMUTHAL, TILT_DEGREES = 0.35, 0.35, 2.5
-"""Roughness of a fibre along and around it, and the tilt of its scales: those of human hair (Chiang et al. 2016)."""
+SIDES = 4
+"""Of a tube, whose normals are smooth: a strand is half a pixel wide."""
 
 
 def skull(vertices: Float64[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"]) -> Float64[np.ndarray, "v 3"]:
@@ -96,23 +93,28 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
 
 
-def hair_curves(strands: Strands) -> Any:
-    """Mitsuba's curves of the strands, of fibres that light passes."""
-    mi = mitsuba()
-    width = np.full((*strands.points.shape[:2], 1), strands.radius_m)
-    rows = np.concatenate([strands.points, width], 2)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "strands.txt"
-        path.write_text(
-            "\n\n".join("\n".join(" ".join(f"{number:.7g}" for number in row) for row in one) for one in rows)
-        )
-        return mi.load_dict(
-            {
-                "type": "bsplinecurve", "filename": str(path),
-                "bsdf": {
-                    "type": "hair", "eumelanin": EUMELANIN, "pheomelanin": PHEOMELANIN,
-                    "longitudinal_roughness": LONGITUDINAL, "azimuthal_roughness": AZIMUTHAL,
-                    "scale_tilt": TILT_DEGREES,
-                },
-            }
-        )  # fmt: skip
+def tubes(
+    strands: Strands,
+) -> tuple[Float64[np.ndarray, "v 3"], Float64[np.ndarray, "v 3"], Int64[np.ndarray, "f 3"]]:
+    """Open tubes along the strands: vertices, unit normals, faces outward."""
+    points = strands.points
+    count, length = points.shape[:2]
+    along = _unit(np.gradient(points, axis=1).reshape(-1, 3))
+    # No strand goes along the axis that it follows least.
+    least = np.abs(along).reshape(count, length, 3).mean(1).argmin(1)
+    aside = np.repeat(np.eye(3)[least], length, axis=0)
+    across = _unit(np.cross(along, aside))
+    turns = 2 * np.pi * np.arange(SIDES) / SIDES
+    normals = np.cos(turns)[:, None] * across[:, None] + np.sin(turns)[:, None] * np.cross(along, across)[:, None]
+    vertices = points.reshape(-1, 1, 3) + strands.radius_m * normals
+    ring = np.arange(count * length).reshape(count, length)[:, :-1].reshape(-1, 1) * SIDES
+    here, next_ = ring + np.arange(SIDES), ring + np.roll(np.arange(SIDES), -1)
+    faces = [np.stack([here, next_, here + SIDES], -1), np.stack([next_, next_ + SIDES, here + SIDES], -1)]
+    return vertices.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate(faces).reshape(-1, 3)
+
+
+def hair_mesh(strands: Strands) -> Any:
+    """Mitsuba's mesh of the strands."""
+    vertices, normals, faces = tubes(strands)
+    color = np.array(COLOR, np.float32).reshape(1, 1, 3)
+    return coated_mesh(color, GLOSS_ALPHA, vertices, normals, faces, np.zeros((len(vertices), 2)))
