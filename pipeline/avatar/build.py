@@ -24,7 +24,7 @@ from pipeline.avatar.appearance.models import (
 from pipeline.avatar.appearance.normals import GaussianNormals, HeadNormals, MeshNormals, TangentNormals
 from pipeline.avatar.appearance.shadows import LearnedShadow, TracedShadow
 from pipeline.avatar.appearance.unturned_harmonics import UnturnedHarmonics
-from pipeline.avatar.appearance.viewed_harmonics import ViewedHarmonics
+from pipeline.avatar.appearance.viewed_harmonics import TangentHarmonics, ViewedHarmonics
 from pipeline.avatar.appearance.zonal_transfer import ZonalTransfer
 from pipeline.avatar.frames.light_fields import FarField, LightField, NearField
 from pipeline.avatar.geometry.gaussians_on_texels import GaussiansInHead, GaussiansOnTexels
@@ -50,7 +50,7 @@ NORMALS: dict[str, type[NormalModel]] = {
 
 SPECULAR: dict[str, type[SpecularModel]] = {
     "none": SpecularModel, "angular": AngularLobe, "cosine": CosineLobe, "half": HalfVectorLobe,
-    "harmonics": ViewedHarmonics, "ggx": GgxGloss, "linear": LightLinear,
+    "harmonics": ViewedHarmonics, "ggx": GgxGloss, "tangent_harmonics": TangentHarmonics, "linear": LightLinear,
 }  # fmt: skip
 
 SHADOW: dict[str, type[ShadowModel]] = {"none": ShadowModel, "learned": LearnedShadow, "traced": TracedShadow}

@@ -122,6 +122,10 @@ def traced_shadow(avatar: Avatar, frame: PreparedFrame) -> Float[Tensor, " texel
 ROUGHNESS_AT_TOP = 0.5
 """Roughness that pictures show as white, radians."""
 
+VISIBILITY_IN_BLACK = 1e-3
+"""Visibility that pictures show as black. A lobe of skin has a height of a fiftieth, eyes of up to 1: in equal steps
+the skin beside an eye is black."""
+
 SHOWN = ("albedo", "normal", "diffuse", "specular", "roughness", "visibility", "shadow", "indirect")
 """Layers that are pictures, in this order."""
 
@@ -138,9 +142,12 @@ def as_pictures(layers: IntrinsicLayers, camera: CameraView) -> dict[str, Float[
             title = "normal, as the camera sees it"
             covered = (values != 0).any(-1, keepdims=True)
             values = covered * (0.5 + 0.5 * values @ camera.R.cpu().numpy().T * (1, -1, -1))
-        elif name in ("roughness", "visibility", "shadow"):
-            # A lobe of GGX has a height of a twentieth, learned ones of up to 1: its largest is white.
-            top = {"roughness": ROUGHNESS_AT_TOP, "visibility": float(values.max()) or 1.0, "shadow": 1.0}[name]
+        elif name == "visibility":
+            title = f"visibility, {VISIBILITY_IN_BLACK:g} to 1, logarithmic"
+            decades = np.log10(np.maximum(values, VISIBILITY_IN_BLACK) / VISIBILITY_IN_BLACK)
+            values = (decades / -np.log10(VISIBILITY_IN_BLACK)).clip(0, 1).repeat(3, -1)
+        elif name in ("roughness", "shadow"):
+            top = {"roughness": ROUGHNESS_AT_TOP, "shadow": 1.0}[name]
             title = name if name == "shadow" else f"{name}, 0 to {top:.2g}"
             values = (values / top).clip(0, 1).repeat(3, -1)
         else:

@@ -21,6 +21,8 @@ DepthSource = Literal["expected", "normalised", "median", "traced"]
 Fresnel = Literal["schlick", "none"]
 ScreenMaps = Literal["normalised", "accumulated"]
 ShadowInput = Literal["cosine", "irradiance"]
+HarmonicsFrame = Literal["tangent", "head"]
+LastLayers = Literal["normalised", "plain"]
 CodeStart = Literal["components", "random"]
 TexelFrame = Literal["tangent", "head"]
 EyeParameters = Literal["texels", "decoded"]
@@ -113,6 +115,11 @@ class TrainedModel(Settings):
         description="The lobe: a spherical Gaussian of the angle to the mirror direction (RGCA 6), of twice the half "
         "vector's angle to the normal, of the cosine, or, for heads, SH that the view decoder gives (EyeNeRF); auto: "
         "half for heads, angular for bodies, which environment maps can light through prefiltered panoramas then",
+    )
+    harmonics_frame: HarmonicsFrame = Field(
+        "tangent",
+        description="SH of a highlight: in each texel's tangent frame, from a network that is shared by all texels, or "
+        "in the head's frame, from the view decoder's maps (RGCA's baseline)",
     )
     fresnel: Fresnel = Field(
         "schlick",
@@ -210,6 +217,11 @@ class TrainedModel(Settings):
         (16, 8),
         min_length=1,
         description="Channels that each layer of a decoder reads; n layers decode 8 * 2^n texels a side",
+    )
+    last_layers: LastLayers = Field(
+        "normalised",
+        description="Last layers of decoders, which start at zero: weight-normalised as the others (RGCA supplement "
+        "A), so that at first only lengths have a slope, or plain weights",
     )
     shadow_width: int = Field(16, ge=1, description="Hidden channels of the shadow network, where shadow is on")
     shadow_input: ShadowInput = Field(

@@ -59,17 +59,18 @@ def light_harmonics(
 
 @torch.no_grad()
 def gather_harmonics(
-    points: Float[Tensor, "points 3"], turn: Float[Tensor, "3 3"], lights: PointLights
+    points: Float[Tensor, "points 3"], turn: Float[Tensor, "*points 3 3"], lights: PointLights
 ) -> Float[Tensor, "points 81 channels"]:
     """Project lights on harmonics at every point, sum_j I_j / d_j^2 Y_lm(w_j).
 
-    The directions w_j are turned by `turn`.
+    The directions w_j are turned by `turn`, one for all points or one for each.
     """
     out = points.new_zeros(len(points), COEFFICIENTS, lights.intensities.shape[1])
     for position, intensity in zip(lights.positions_m, lights.intensities, strict=True):
         offset = position - points
         distance2 = offset.square().sum(-1, keepdim=True).clamp_min(float(SMALLEST_DISTANCE2_M2))
-        harmonics = spherical_harmonics(unit(offset) @ turn.T) / distance2
+        turned = unit(offset) @ turn.T if turn.ndim == 2 else (turn @ unit(offset)[..., None])[..., 0]
+        harmonics = spherical_harmonics(turned) / distance2
         out += harmonics[..., None] * intensity
     return out
 

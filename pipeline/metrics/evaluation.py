@@ -211,6 +211,11 @@ def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
     return {name: ranked.iloc[place] for name, place in places} if len(ranked) else {}
 
 
+def capped(per_image: pd.DataFrame) -> pd.DataFrame:
+    """The scores with PSNR no larger than what exact matches count."""
+    return per_image.assign(psnr_db=per_image.psnr_db.clip(upper=PSNR_CEILING_DB))
+
+
 def summarize(per_image: pd.DataFrame) -> pd.DataFrame:
     """Average scores: one row per split and lighting.
 
@@ -218,11 +223,11 @@ def summarize(per_image: pd.DataFrame) -> pd.DataFrame:
 
     An empty group keeps its row, with 0 images and NaN scores: an absent number must not look like a forgotten one.
     """
-    capped = per_image.assign(psnr_db=per_image.psnr_db.clip(upper=PSNR_CEILING_DB))
+    bounded = capped(per_image)
     rows = []
     for split, in_split in SPLITS.items():
         for lit, in_lit in LIT.items():
-            group = capped[in_split(capped) & in_lit(capped)]
+            group = bounded[in_split(bounded) & in_lit(bounded)]
             means = {metric.name: group[metric.name].astype(float).mean() for metric in metrics_in(per_image)}
             counts = {"images": len(group), "foreground_pixels": int(group.foreground_pixels.sum())}
             rows.append({"split": split, "lit": lit, **counts, **means})

@@ -33,8 +33,10 @@ from pipeline.metrics.evaluation import (
     COLOR_SPACE,
     LIT,
     SHOWN,
+    SPLITS,
     TABLES,
     Render,
+    capped,
     evaluate,
     region,
     summarize,
@@ -42,6 +44,7 @@ from pipeline.metrics.evaluation import (
 from pipeline.metrics.image_metrics import asked_metrics, metrics_in
 from pipeline.metrics.joined_scores import joined_scores
 from pipeline.metrics.lpips import open_lpips
+from pipeline.metrics.significance import Estimate, mean_over_images
 
 log = logging.getLogger("evaluate_avatar")
 
@@ -124,7 +127,8 @@ def run(
         built = {name: config.get(name, "") for name in ("built", "why")}
         means.append(summarize(per_image).assign(**names, **built, **protocol))
         singles.append(per_image.assign(**names, **network))
-        ablations.append(names | {"parameters": config["parameters"]} | scores_in_a_row(means[-1]))
+        row = scores_in_a_row(means[-1]) | spread_in_a_row(per_image, singles[0])
+        ablations.append(names | {"parameters": config["parameters"]} | row)
         trained = float(read_table(folder / "log.parquet").seconds.iloc[-1])
         rendered = measure_milliseconds(render, images, lit[path])
         times.append(names | {"training_seconds": trained, "render_milliseconds": rendered})
@@ -147,6 +151,28 @@ def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
     return scores | {
         f"{metric}_{split}": rows.loc[split, metric] for split in (VALIDATION, *TABLES) for metric in metrics
     }
+
+
+def spread_in_a_row(per_image: pd.DataFrame, first: pd.DataFrame) -> dict[str, float]:
+    """METRIC_SPLIT_error of validation and of `TABLES`, and what PSNR gains there over the first avatar.
+
+    Errors are those over blocks of frames, of images that have the score; NaN where a split has too few.
+    """
+    found = {}
+    for split in (VALIDATION, *TABLES):
+        own, base = (capped(table[SPLITS[split](table)]) for table in (per_image, first))
+        for metric in metrics_in(per_image):
+            found[f"{metric.name}_{split}_error"] = over_frames(own[metric.name], own.frame).error
+        gain = over_frames(own.psnr_db.reset_index(drop=True) - base.psnr_db.reset_index(drop=True), own.frame)
+        found |= {f"psnr_db_{split}_gain": gain.mean, f"psnr_db_{split}_gain_error": gain.error}
+    return found
+
+
+def over_frames(values: pd.Series, frame: pd.Series) -> Estimate:
+    """Mean of what is known, with its standard error."""
+    numbers = values.to_numpy(np.float64)
+    known = np.isfinite(numbers)
+    return mean_over_images(numbers[known], frame.to_numpy()[known])
 
 
 def measure_milliseconds(render: Render, images: ImageShards, frames: FrameShards) -> float:

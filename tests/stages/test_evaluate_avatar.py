@@ -23,6 +23,7 @@ from pipeline.capture.shards import (
 )
 from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.metrics.evaluation import TEST_FLAGS
 from pipeline.stages import evaluate_avatar
 
 LEVEL = 0.25
@@ -181,6 +182,23 @@ def test_ablations_have_a_row_per_variant_with_scores_and_costs(results):
     assert table.psnr_db_held_out_lights.tolist() == pytest.approx([expected_psnr(0.01), expected_psnr(0.1)], abs=0.01)
     row = metrics[(metrics.variant == "bad") & (metrics.split == "held_out_segments") & (metrics.lit == "all")].iloc[0]
     assert table.ssim_held_out_segments[1] == pytest.approx(row.ssim)
+    lost = expected_psnr(0.1) - expected_psnr(0.01)
+    assert table.psnr_db_held_out_lights_gain.tolist() == pytest.approx([0, lost], abs=0.01)
+
+
+def test_errors_of_ablations_are_those_of_blocks_of_frames():
+    """Four frames of one image each are four blocks: the error is that of a mean of four."""
+    own, first = np.array([20.0, 22.0, np.nan, 27.0, 24.0]), np.array([19.0, 22.0, 30.0, 25.0, 24.0])
+    flags = dict.fromkeys((*TEST_FLAGS, "fully_lit", "validation"), False)
+    rows = pd.DataFrame({"frame": [3, 5, 6, 7, 9], "psnr_db": own, "ssim": 0.5, "flip": 0.1}).assign(**flags)
+    rows.test_frame = True
+    found = evaluate_avatar.spread_in_a_row(rows, rows.assign(psnr_db=first))
+    known = np.isfinite(own)
+    for name, values in (("_error", own[known]), ("_gain_error", (own - first)[known])):
+        expected = values.std(ddof=1) / np.sqrt(len(values))
+        assert found[f"psnr_db_held_out_lights{name}"] == pytest.approx(expected)
+    assert found["psnr_db_held_out_lights_gain"] == pytest.approx((own - first)[known].mean())
+    assert math.isnan(found["psnr_db_validation_error"]) and found["ssim_held_out_lights_error"] == 0
 
 
 def test_each_avatar_is_lit_by_its_own_frames(results):

@@ -1,4 +1,4 @@
-"""Specular harmonics that the view decoder gives each camera (row "EyeNeRF" of RGCA)."""
+"""Specular harmonics that a network gives each camera (row "EyeNeRF" of RGCA)."""
 
 from __future__ import annotations
 
@@ -19,3 +19,17 @@ class ViewedHarmonics(SpecularModel):
     ) -> Float[Tensor, "texels channels"]:
         """Product of the camera's harmonics with the light."""
         return (viewed.specular_harmonics[..., None] * frame.incident.harmonics).sum(1)
+
+
+class TangentHarmonics(SpecularModel):
+    """The same in the frame of each texel's tangents, where a network sees the camera, too."""
+
+    works_under_sky = False
+
+    def texel_light(
+        self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
+    ) -> Float[Tensor, "texels channels"]:
+        """Product of the texels' harmonics with the light."""
+        inputs = frame.incident.inputs
+        harmonics = self.store.networks.texels(frame.decoded.head.code, inputs.posed, center)
+        return (harmonics[..., None] * inputs.tangent_harmonics).sum(1)

@@ -144,6 +144,11 @@ class FrameInputs:
         return gather_harmonics(self.posed.points, self.root_from_world, white_once(self.lights))
 
     @cached_property
+    def tangent_harmonics(self) -> Float[Tensor, "texels 81 channels"]:
+        """The same in each texel's tangent frame on the tracked mesh."""
+        return gather_harmonics(self.posed.points, self.posed.tangent_frames.mT, white_once(self.lights))
+
+    @cached_property
     def world_light(self) -> Float[Tensor, "81 channels"]:
         """The light at the subject's centre in spherical harmonics."""
         return self._harmonics_at_center(torch.eye(3, device=self.device))

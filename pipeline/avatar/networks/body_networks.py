@@ -37,7 +37,8 @@ class GivenPose(nn.Module):
     def __init__(self, atlas: Atlas, spec: AvatarSpec, parameters: Mapping[str, Tensor], spacing_m: float) -> None:
         super().__init__()
         self.code = PoseCode(atlas, spec)
-        self.pose = PoseDecoder(atlas, self.code.size, spec.decoder_channels, parameters, {"offset": spacing_m})
+        sizes, units = (atlas, self.code.size, spec.decoder_channels), {"offset": spacing_m}
+        self.pose = PoseDecoder(*sizes, parameters, units, plain=spec.last_layers == "plain")
         self.requires_grad_(False)
 
     def forward(self, vertices: Float32[np.ndarray, "vertices 3"]) -> dict[str, Float[Tensor, " texels *_"]]:
@@ -50,8 +51,8 @@ class GivenPose(nn.Module):
         state, additions = other.pose.state_dict(), other.pose.additions
         names = np.repeat(list(additions.shapes), additions.widths)
         kept = torch.as_tensor(np.flatnonzero(np.isin(names, list(self.pose.additions.shapes))))
-        last = f"decoder.layers.{len(self.pose.decoder.layers) - 1}.conv.parametrizations.weight.original"
-        # Weights of length and direction apart, each by output channel.
+        last = f"decoder.layers.{len(self.pose.decoder.layers) - 1}.conv."
+        # Weights, or their lengths and directions apart, each by output channel.
         self.pose.load_state_dict({k: v[:, kept] if k.startswith(last) else v for k, v in state.items()})
 
 
@@ -81,7 +82,7 @@ class BodyNetworks(nn.Module):
             self.code = PoseCode(atlas, spec)
             sizes = (atlas, self.code.size, spec.decoder_channels)
             units = {"offset": spacing_m} if "offset" in posed else {}
-            self.pose = PoseDecoder(*sizes, posed, units) if has_pose else None
+            self.pose = PoseDecoder(*sizes, posed, units, plain=spec.last_layers == "plain") if has_pose else None
             self.view = ViewDecoder(*sizes) if spec.view_decoder else None
 
     def decode(self, parameters: TexelParameters, inputs: FrameInputs, **_: object) -> Decoded:

@@ -38,16 +38,19 @@ class Upsampling(nn.Module):
         side: texels per side of its output.
         is_last: no bias of its own, and weights of length zero: its output is zero until it has learned.
         has_bias: if not, it is linear.
+        plain: a last layer is not weight-normalised: at length zero, a direction has no slope.
     """
 
-    def __init__(self, inputs: int, outputs: int, side: int, is_last: bool = False, has_bias: bool = True) -> None:
+    def __init__(
+        self, inputs: int, outputs: int, side: int, is_last: bool = False, has_bias: bool = True, plain: bool = False
+    ) -> None:
         super().__init__()
         conv = nn.ConvTranspose2d(inputs, outputs, 4, stride=2, padding=1, bias=False)
         nn.init.normal_(conv.weight, std=GAIN / math.sqrt(TAPS * inputs))
-        self.conv = weight_norm(conv, dim=1)
+        self.conv = conv if is_last and plain else weight_norm(conv, dim=1)
         self.bias = None if is_last or not has_bias else nn.Parameter(torch.zeros(outputs, side, side))
         if is_last:
-            nn.init.zeros_(self.conv.parametrizations.weight.original0)
+            nn.init.zeros_(conv.weight if plain else self.conv.parametrizations.weight.original0)
 
     def forward(self, features: Float[Tensor, "n inputs h w"]) -> Float[Tensor, "n outputs 2*h 2*w"]:
         """Twice the side."""
@@ -87,17 +90,19 @@ class AtlasDecoder(nn.Module):
         outputs: values per texel.
         starts_at_zero: the last layer is an output, not features.
         beside: channels of maps that come beside the code's.
+        plain: see `Upsampling`.
     """
 
     def __init__(
-        self, atlas: Atlas, code: int, channels: Sequence[int], outputs: int, starts_at_zero: bool, beside: int = 0
-    ) -> None:
+        self, atlas: Atlas, code: int, channels: Sequence[int], outputs: int, starts_at_zero: bool, beside: int = 0,
+        plain: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.start = linear(code, channels[0] * FIRST_SIDE**2)
         self.layers = nn.ModuleList()
         for layer, (inputs, passed) in enumerate(pairwise([channels[0] + beside, *channels[1:], outputs]), 1):
             is_last = starts_at_zero and layer == len(channels)
-            self.layers.append(Upsampling(inputs, passed, FIRST_SIDE * 2**layer, is_last))
+            self.layers.append(Upsampling(inputs, passed, FIRST_SIDE * 2**layer, is_last, plain=plain))
         nearest, weights = bilinear(atlas, FIRST_SIDE * 2 ** len(channels))
         self.register_buffer("nearest", torch.as_tensor(nearest), persistent=False)
         self.register_buffer("weights", torch.as_tensor(weights), persistent=False)
@@ -157,16 +162,18 @@ class PoseDecoder(nn.Module):
         channels: see `AtlasDecoder`.
         parameters, units, bounds: see `Additions`.
         beside: channels of maps that come beside the code's.
+        plain: see `Upsampling`.
     """
 
     def __init__(
         self, atlas: Atlas, code: int, channels: Sequence[int], parameters: Mapping[str, Tensor],
         units: Mapping[str, float], bounds: Mapping[str, float] = MappingProxyType({}), beside: int = 0,
+        plain: bool = False,
     ) -> None:  # fmt: skip
         super().__init__()
         self.additions = Additions(parameters, units, bounds)
         outputs = sum(self.additions.widths)
-        self.decoder = AtlasDecoder(atlas, code, channels, outputs, starts_at_zero=True, beside=beside)
+        self.decoder = AtlasDecoder(atlas, code, channels, outputs, starts_at_zero=True, beside=beside, plain=plain)
 
     def forward(
         self, code: Float[Tensor, " code"], beside: Float[Tensor, "beside 8 8"] | None = None

@@ -30,6 +30,7 @@ from pipeline.avatar.networks.expression_vae import Expression
 from pipeline.avatar.networks.gaze_features import GAZE_CHANNELS, GazeFeatures
 from pipeline.avatar.networks.light_linear import LightLinearDecoder
 from pipeline.avatar.networks.pose_encoder import linear
+from pipeline.avatar.networks.texel_harmonics import TexelHarmonics
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
 from pipeline.avatar.texels.texel_parameters import EXPRESSED, PLACED, TexelParameters
@@ -68,18 +69,22 @@ class HeadNetworks(nn.Module):
         self.expression = Expression(atlas, spec)
         sizes, network = (atlas, spec.code_size, spec.decoder_channels), (spec.code_size, spec.decoder_channels)
         names = [name for name in EXPRESSED if boxes is None or name not in PLACED]
-        self.decoder = PoseDecoder(*sizes, *additions(parameters, names, spacing_m), looks)
+        plain = spec.last_layers == "plain"
+        self.decoder = PoseDecoder(*sizes, *additions(parameters, names, spacing_m), looks, plain)
         self.places = None
         if boxes is not None:
-            self.places = PoseDecoder(boxes, *network, *additions(parameters, PLACED, spacing_m), looks)
+            self.places = PoseDecoder(boxes, *network, *additions(parameters, PLACED, spacing_m), looks, plain)
+        self.texels = None
+        if spec.specular_model == "tangent_harmonics":
+            self.texels = TexelHarmonics(atlas.texel_count, spec.code_size)
         self.outputs = view_outputs(spec)
         if self.outputs:
             self.direction = linear(3, VIEW_FEATURES)
             sees = looks + VIEW_FEATURES
-            self.view = AtlasDecoder(*sizes, sum(self.outputs.values()), starts_at_zero=True, beside=sees)
+            self.view = AtlasDecoder(*sizes, sum(self.outputs.values()), True, beside=sees, plain=plain)
         if spec.shading == "linear":
             self.direction = linear(3, VIEW_FEATURES)
-            self.light = LightLinearDecoder(*sizes, beside=looks + VIEW_FEATURES)
+            self.light = LightLinearDecoder(*sizes, beside=looks + VIEW_FEATURES, plain=plain)
         self.register_buffer("corners", torch.as_tensor(atlas.corners).long(), persistent=False)
         self.register_buffer("shares", torch.as_tensor(atlas.barycentric)[..., None], persistent=False)
         self.register_buffer("rest", torch.as_tensor(atlas.rest_vertices), persistent=False)

@@ -30,10 +30,10 @@ class LightLinearDecoder(nn.Module):
     """A code, a view and a light to a colour per texel.
 
     Args:
-        code, channels, beside: as of `AtlasDecoder`.
+        code, channels, beside, plain: as of `AtlasDecoder`.
     """
 
-    def __init__(self, atlas: Atlas, code: int, channels: Sequence[int], beside: int) -> None:
+    def __init__(self, atlas: Atlas, code: int, channels: Sequence[int], beside: int, plain: bool = False) -> None:
         super().__init__()
         self.start = linear(code, channels[0] * FIRST_SIDE**2)
         self.light = nn.Linear(COEFFICIENTS, (channels[0] + beside) * FIRST_SIDE**2, bias=False)
@@ -44,7 +44,7 @@ class LightLinearDecoder(nn.Module):
             is_last, side = layer == len(channels), FIRST_SIDE * 2**layer
             if not is_last:
                 self.features.append(Upsampling(inputs, passed, side))
-            self.carried.append(Upsampling(inputs, passed, side, is_last=is_last, has_bias=False))
+            self.carried.append(Upsampling(inputs, passed, side, is_last=is_last, has_bias=False, plain=plain))
         nearest, weights = bilinear(atlas, FIRST_SIDE * 2 ** len(channels))
         self.register_buffer("nearest", torch.as_tensor(nearest), persistent=False)
         self.register_buffer("weights", torch.as_tensor(weights), persistent=False)

@@ -13,8 +13,10 @@ from pipeline.config.trained_model import (
     EyeParameters,
     Fresnel,
     Geometry,
+    HarmonicsFrame,
     Highlight,
     Kind,
+    LastLayers,
     Lids,
     ScreenMaps,
     ShadowInput,
@@ -30,7 +32,7 @@ DIFFUSE_WORDS = {
 }  # fmt: skip
 GLOSS_WORDS = {
     "angular": "angular lobe", "half": "half-vector lobe", "cosine": "cosine lobe", "ggx": "GGX",
-    "harmonics": "specular harmonics",
+    "harmonics": "specular harmonics", "tangent_harmonics": "specular harmonics in tangent frames",
 }  # fmt: skip
 INDIRECT_WORDS = {"ambient": "ambient light", "bounce": "one bounce"}
 
@@ -88,6 +90,8 @@ class AvatarSpec:
         decoder_channels: of the map that each layer of a decoder reads; n layers end at 8 * 2^n texels a side.
         given_geometry: where the Gaussians are and how opaque was learned by another avatar and stays: one value per
             "texels", or "decoded" from the pose; "": it is this avatar's own.
+        harmonics_frame: frame of a highlight's harmonics: each texel's "tangent" frame, or the "head"'s.
+        last_layers: of decoders, weight-"normalised" as the others, or "plain"; they start at zero.
     """
 
     specular: bool
@@ -133,6 +137,8 @@ class AvatarSpec:
     box_voxels: int = 8
     ray_step_m: float = 2e-3
     given_geometry: GivenGeometry = ""
+    harmonics_frame: HarmonicsFrame = "tangent"
+    last_layers: LastLayers = "normalised"
 
     @property
     def degrees(self) -> int:
@@ -181,6 +187,8 @@ class AvatarSpec:
             return "linear"
         if not self.specular or (self.highlight == "harmonics" and self.shading == "transfer"):
             return "none"
+        if self.highlight == "harmonics" and self.harmonics_frame == "tangent" and not self.analytic:
+            return "tangent_harmonics"
         return "ggx" if self.analytic else self.highlight
 
     @property

@@ -65,7 +65,8 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "weight_transfer": transfer and spec.shading != "combined",
         "weight_leftover": spec.shading == "combined",
         "weight_gloss": spec.specular_model == "ggx",
-        "highlight": spec.lobe or spec.viewed_harmonics,
+        "highlight": spec.lobe or spec.viewed_harmonics or spec.specular_model == "tangent_harmonics",
+        "harmonics_frame": spec.viewed_harmonics,
         "deferred": spec.lobe,
         "fresnel": spec.lobe,
         "screen_maps": spec.pixel_depth is not None or spec.shadow_net,
@@ -79,7 +80,7 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "face_code": spec.pose_decoder and not spec.face,
         "weight_normal_orient": spec.pixel_depth is not None,
     }
-    readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels"), spec.decoded)
+    readers |= dict.fromkeys(("pose_points", "code_size", "decoder_channels", "last_layers"), spec.decoded)
     readers |= dict.fromkeys(("box_voxels", "ray_step_m", "weight_volume"), spec.volumes)
     readers |= dict.fromkeys(("dilation_px2", "compensate_opacity", "cull_backs"), not spec.volumes)
     readers |= dict.fromkeys(("shadow_input", "shadow_levels"), spec.shadow_net)

@@ -15,7 +15,7 @@ from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json
 
-SIZES = ("code_size", "decoder_channels", "pose_points", "face", "face_code", "articulation")
+SIZES = ("code_size", "decoder_channels", "pose_points", "face", "face_code", "articulation", "last_layers")
 """What has to be alike for networks of one avatar to be another's."""
 
 

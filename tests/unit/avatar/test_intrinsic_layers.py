@@ -120,11 +120,13 @@ def test_pictures_of_layers():
     pictures = as_pictures(layers, CAMERA)
     assert list(pictures) == [
         "albedo", "normal, as the camera sees it", "diffuse", "specular", f"roughness, 0 to {ROUGHNESS_AT_TOP:g}",
-        f"visibility, 0 to {layers.visibility.max():.2g}", "shadow",
+        "visibility, 0.001 to 1, logarithmic", "shadow",
     ]  # fmt: skip
     for picture in pictures.values():
         assert picture.shape == (20, 20, 3) and picture.min() >= 0 and picture.max() <= 1
-    assert pictures[f"visibility, 0 to {layers.visibility.max():.2g}"].max() == 1
+    # Three decades from black to white.
+    found, expected = pictures["visibility, 0.001 to 1, logarithmic"], 1 + layers.visibility.clamp(1e-3, 1).log10() / 3
+    np.testing.assert_allclose(found, expected.numpy().repeat(3, -1), atol=1e-6)
     drawn = labelled_panels(pictures, "someone")
     assert drawn.dtype == np.uint8 and drawn.shape == (22 + 2 * (22 + 60), 4 * (60 + 6) - 6, 3)
     toward = pictures["normal, as the camera sees it"][15, 5]
