@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 ANCHOR = 0.25
 """Share of full scale up to which counts are taken for linear: wells and amplifiers bend near their ends."""
@@ -102,7 +102,8 @@ def measure_linearity(
     if not middles:
         return None
     # A single bin beside two others is noise: a sensor that bends stays bent.
-    at, departure = np.array(middles), median_filter(np.array(departures), 3, mode="nearest")
+    at = np.array(middles)
+    departure = np.median(sliding_window_view(np.pad(departures, 1, mode="edge"), 3), axis=1)
     found, brightest = (1 + departure) * (at - black_level) + black_level, min(float(at[-1]), full)
     limit = _first_beyond(found, departure, tolerance)
     return Linearity(full, limit, brightest, black, at, departure)
