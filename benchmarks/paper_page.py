@@ -65,11 +65,11 @@ Nodes beyond the number of chunks help no stage: what is left is the row of jobs
 """
 
 CHECKED = """\
-The simulation was held against two runs on Slurm by `python -m benchmarks.bench_schedule`: `tiny` in three chunks on two
-nodes of two cores, a cluster on one host that did much else. The first, of 19 jobs, took 448 s, and gave the seconds
-between a job and the next: with 29 the simulation takes as long. The second, of 23 jobs, with shares of images and a
-training that was cancelled, took 428 s. Simulated with these 29 s it takes 441 s, with the times that its commands took
-there, and 387 s with those that the table of costs expects; without them, 93 s."""
+The simulation was held against two runs on Slurm by `python -m benchmarks.bench_schedule`: `tiny` in three chunks on
+two nodes of two cores, a cluster on one host that did much else. The first, of 19 jobs, took 448 s, and gave the
+seconds between a job and the next: with 29 the simulation takes as long. The second, of 23 jobs, with shares of images
+and a training that was cancelled, took 428 s. Simulated with these 29 s it takes 441 s, with the times that its
+commands took there, and 387 s with those that the table of costs expects; without them, 93 s."""
 """The simulation against runs on Slurm, as `benchmarks/bench_schedule.py` measured it."""
 
 ABSURD = """\
