@@ -75,7 +75,7 @@ MEGABYTES = {
     "train_avatar": [
         ONCE, ("processes",), ("processes", "texels"), ("processes", "step_pixels"),
     ],
-    "evaluate_avatar": [ONCE, ("texels",), ("pixels",), ("frames", "texels")],
+    "evaluate_avatar": [ONCE, ("texels",), ("pixels",), ("frames", "texels"), ("listed",)],
     "relight_avatar": [ONCE, ("texels",), ("pixels",), ("frames",)],
     "export_viewer": [ONCE, ("texels",), ("frames",), ("frames", "texels")],
     "export_avatar": [ONCE, ("texels",), ("frames",)],
@@ -108,7 +108,7 @@ def main() -> None:
     jobs += [row for path in options.measured for row in pd.read_csv(path).to_dict("records")]
     table = cost_table(pd.DataFrame([row for row in jobs if row["stage"] in options.stages]))
     if set(options.stages) != set(SECONDS):
-        table = with_others(table, pd.read_csv(options.out, keep_default_na=False))
+        table = with_others(table, pd.read_csv(options.out, dtype=str, keep_default_na=False))
     write_table(options.out, table)
     print(table.to_string(index=False))
 

@@ -138,7 +138,9 @@ def main() -> None:
                 jobs[f"share {chunk}"] = own, score(options.results, folder, folder / "scores/full", *words)
             joined = score(options.results, folder, folder / "joined", "--scores", folder / "scores", without)
             jobs["joining"] = 0, joined
-            rows += [{**sizes, "images": count, "job": n, "frames": own, **taken} for n, (own, taken) in jobs.items()]
+            for name, (own, taken) in jobs.items():
+                listed = 0 if name.startswith("share") else len(cameras) * frames
+                rows.append({**sizes, "images": count, "job": name, "frames": own, "listed": listed, **taken})
             print(pd.DataFrame(rows)[["images", "job", "mb", "seconds"]].to_string(index=False), flush=True)
             same = all(
                 (folder / "one" / name).read_bytes() == (folder / "joined" / name).read_bytes() for name in SCORES
@@ -148,7 +150,12 @@ def main() -> None:
             folder = Path(made, "enlarged")
             frames, _ = write_shards(held_out.enlarged(options.enlarged), folder, held_out.images, held_out.images)
             taken = score(options.results, folder, folder / "scores/full", "--chunk", 0, without)
-            larger = {"pixels": options.enlarged**2 * sizes["pixels"], "images": held_out.images, "job": "share 0"}
+            larger = {
+                "pixels": options.enlarged**2 * sizes["pixels"],
+                "images": held_out.images,
+                "job": "share 0",
+                "listed": 0,
+            }
             rows.append({**sizes, **larger, "frames": frames, **taken})
             print(pd.DataFrame(rows[-1:]).to_string(index=False))
     write_table(options.out, pd.DataFrame(rows))
