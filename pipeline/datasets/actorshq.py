@@ -180,9 +180,15 @@ def say_given(provenance: Provenance, proof: str, images: pd.DataFrame) -> None:
     provenance.computed.update(
         {
             "lights": f"{STANDS_FOR}; avatars are not relit",
-            "times": f"{FPS:g} frames a second, which the set does not say; nothing but time stamps depends on it",
             "motion of the body": "track_mesh: the rigid motion nearest to the meshes'",
             "texture coordinates": "unwrap_atlas",
+        }
+    )
+    provenance.assumed.update(
+        {
+            "times": f"{FPS:g} frames a second, which the set does not say; nothing but time stamps depends on it",
+            "how images store light": "sRGB, which the set does not say",
+            "light": STANDS_FOR,
         }
     )
     provenance.left_out.update(

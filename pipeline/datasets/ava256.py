@@ -168,4 +168,6 @@ def say_given(provenance: Provenance, meshes: str, resolution: str) -> None:
         {"lights": f"{STANDS_FOR}; avatars are not relit", "texture coordinates": "unwrap_atlas", "mean textures":
          "bake_textures; the set's own uv_image is not read"}
     )  # fmt: skip
+    provenance.assumed["how images store light"] = "sRGB, as the set's programs show them, which do not say it"
+    provenance.assumed["light"] = STANDS_FOR
     provenance.left_out["keypoints_3d, uv_image, the headset's images"] = "nothing here needs them"

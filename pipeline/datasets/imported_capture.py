@@ -83,14 +83,15 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Notes of what a set gave, what it lacks, and what of it is not used.
+    """Notes of what a set gave, what it lacks, what of it is not used, and what is assumed.
 
-    Keys say what; values from where it is taken, by which stage it is made, or why it is not used.
+    Keys say what; values from where it is taken, by which stage it is made, why it is not used, or what stands for it.
     """
 
     given: dict[str, str] = field(default_factory=dict)
     computed: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    assumed: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
         },
         "imported": {
             "dataset": dataset, "digest": _digest(out, found.meshes), "given": provenance.given,
-            "computed": provenance.computed, "left_out": provenance.left_out,
+            "computed": provenance.computed, "left_out": provenance.left_out, "assumed": provenance.assumed,
         },
     }  # fmt: skip
 

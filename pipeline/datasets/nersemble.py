@@ -150,6 +150,8 @@ def say_given(
             "texture coordinates": "unwrap_atlas",
         }
     )
+    provenance.assumed["light"] = STANDS_FOR
+    provenance.assumed["where pixels count from"] = "the image's corner: the set's programs scale K without a shift"
     provenance.left_out["sequence BACKGROUND"] = "it has no subject"
 
 

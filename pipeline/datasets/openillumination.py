@@ -118,9 +118,10 @@ def held_out(names: list[str], poses: Mapping[str, SplitPose]) -> HeldOut:
 def say_given(provenance: Provenance, chosen: Chosen, lit: LitImages, images: pd.DataFrame) -> None:
     """Note what the set gave, and what is computed here."""
     masked = int(images.mask_path.notna().sum())
+    provenance.assumed["how images store light"] = "sRGB, which the set does not say"
     provenance.given.update(
         {
-            "images": f"{VIEWS}, 8-bit, taken for sRGB, in place; undistorted by the set",
+            "images": f"{VIEWS}, 8-bit, taken for sRGB (see assumed), in place; undistorted by the set",
             "cameras": f"{TRAIN}, {TEST}: {chosen.proof}; {lit.unit_said}; focal lengths by camera_angle_x and the "
             "images' own width, the principal point in the middle; turned so that y is up",
             "lights": lit.lights_said,

@@ -41,8 +41,8 @@ def _imported(results: Results) -> list[str]:
     notes = results.capture.get("imported")
     if not notes:
         return []
-    titles = {"given": "taken from", "computed": "computed by", "left_out": "not used"}
-    rows = [[what, titles[kind], how] for kind in titles for what, how in notes[kind].items()]
+    titles = {"given": "taken from", "computed": "computed by", "left_out": "not used", "assumed": "assumed"}
+    rows = [[what, titles[kind], how] for kind in titles for what, how in (notes.get(kind) or {}).items()]
     head = ["what", "is", "where and how"]
     return [f"<h3>Imported from {escape(notes['dataset'])}</h3>", html_table("imported", head, rows, "sst")]
 

@@ -62,7 +62,8 @@ def run(*, dataset: str, source: Path, subject: str, out: Path, settings: Import
     write_native(out, source, dataset, subject, found)
     for word, notes in vars(found.provenance).items():
         for what, how in notes.items():
-            log.info("%s: %s: %s", word.replace("_", " "), what, how)
+            level = logging.WARNING if word == "assumed" else logging.INFO
+            log.log(level, "%s: %s: %s", word.replace("_", " "), what, how)
     images = found.images.table
     log.info("%d images of %d cameras, %d frames", len(images), len(found.cameras), len(found.frames))
 

@@ -66,6 +66,9 @@ def test_the_authors_cameras_and_constant_light_are_said(imported):
     described = yaml.safe_load((imported[0] / "capture.yaml").read_text())
     assert described["splits"]["test_cameras"] == [TEST_CAMERA]
     assert described["splits"]["validation_cameras"] == [VALIDATION_CAMERA]
+    assumed = described["imported"]["assumed"]
+    assert assumed["times"].startswith("25 frames a second, which the set does not say")
+    assert "sRGB" in assumed["how images store light"] and "32 lights" in assumed["light"]
     left_out = described["imported"]["left_out"]
     assert left_out["cameras in no part of the authors' split"] == f"1: {UNUSED_CAMERA}"
     assert "of the projected meshes lies in the masks" in described["imported"]["given"]["meshes"]
@@ -93,3 +96,9 @@ def test_what_is_not_there_or_of_no_use_is_said(shipped, settings, tmp_path):
             row[columns.index(line)] = "100" if line == "w" else str(-float(row[columns.index(line)]))
         (root / "calibration.csv").write_text("\n".join([lines[0], *(",".join(row) for row in rows)]))
         assert expected in refusal(root)
+
+
+def test_what_is_assumed_is_in_the_log(shipped, settings, tmp_path, caplog):
+    run(dataset="actorshq", source=shipped, subject="x", out=tmp_path / "out", settings=settings)
+    for told in ("light: 32 lights of one", "times: 25 frames a second", "how images store light: sRGB"):
+        assert f"assumed: {told}" in caplog.text

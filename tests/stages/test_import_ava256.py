@@ -103,6 +103,7 @@ def test_the_inner_folder_is_read_as_well_and_the_resolution_said(shipped, topol
     with caplog.at_level(logging.INFO):
         run(dataset="ava256", source=shipped / "decoder", subject="x", out=tmp_path / "out", settings=topology)
     assert pd.read_parquet(tmp_path / "out/images.parquet").path.iloc[0].startswith("source/image/cam")
+    assert "assumed: light: 32 lights of one brightness" in caplog.text and "assumed: how images store" in caplog.text
     assert "of its side if 2" in caplog.text and "of its side if 4" in caplog.text
 
 

@@ -106,6 +106,7 @@ def test_without_masks_or_colours_that_is_said(shipped, settings, tmp_path, capl
     imported = yaml.safe_load((tmp_path / "out/capture.yaml").read_text())["imported"]
     assert "outlines of the meshes, for 55 of 55 images" in imported["computed"]["masks"]
     assert "color_calibration.json is not there" in imported["left_out"]["colour"] and "not there" in caplog.text
+    assert "assumed: light: 32 lights of one brightness" in caplog.text
     assert not (tmp_path / "out/color.json").exists()
 
 

@@ -178,6 +178,22 @@ def test_provenance_tells_inputs_settings_and_code(results):
     assert re.search(r"numpy\s+\d+\.\d+", text) and re.search(r"memory\s+\d+\.\d GiB", text)
 
 
+def test_provenance_of_a_public_set_is_said(results):
+    path = results / "someone/index/capture.json"
+    before = path.read_text()
+    imported = {
+        "dataset": "goliath", "given": {"cameras": "camera_calibration.json"}, "computed": {"masks": "pack_shards"},
+        "left_out": {"keypoints": "nothing needs them"}, "assumed": {"light": "an even environment"},
+    }  # fmt: skip
+    path.write_text(json.dumps(json.loads(before) | {"imported": imported}))
+    text = Reader(report(results)).sections["provenance"]
+    path.write_text(before)
+    assert "Imported from goliath" in text
+    for row in ("cameras taken from camera_calibration", "masks computed by pack_shards", "keypoints not used nothing",
+                "light assumed an even"):  # fmt: skip
+        assert re.search(row.replace(" ", r"\s+"), text)
+
+
 def test_absolute_paths_keep_their_last_name_only():
     assert without_paths("/home/ann/data/alexnet.pth") == "…/alexnet.pth"
     assert without_paths({"a": "~/x/y.csv", "b": 0.5, "c": "a/b.csv"}) == "{'a': '…/y.csv', 'b': 0.5, 'c': 'a/b.csv'}"

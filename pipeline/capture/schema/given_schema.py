@@ -33,3 +33,4 @@ class Imported(Section):
     given: dict[str, str] = Field(description="what was taken from the set -> from which of its files, and how")
     computed: dict[str, str] = Field(description="what the set lacks -> what makes it")
     left_out: dict[str, str] = Field(description="what of the set is not used -> why")
+    assumed: dict[str, str] | None = Field(None, description="what the set does not say -> what is taken for it")

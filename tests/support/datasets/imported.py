@@ -92,8 +92,8 @@ def assert_provenance(imported: dict, dataset: str) -> None:
     assert all(isinstance(how, str) and how for how in (*given.values(), *computed.values()))
 
 
-def metrics_of(capture: Path, results: Path) -> pd.DataFrame:
-    """metrics.csv of what `import_set` made, by the other stages: those that need neither traces nor mean textures."""
+def packed(capture: Path, results: Path) -> dict:
+    """Files of the packed images of what `import_set` made, by the stages that need no traces and no mean textures."""
     given, calibration = {"capture": capture, "index": results / "index"}, results / "calibration"
     cameras, lights = calibration / "cameras.json", calibration / "lights.parquet"
     book_patterns.run(**given, lights=lights, cameras=cameras, out=results)
@@ -105,10 +105,14 @@ def metrics_of(capture: Path, results: Path) -> pd.DataFrame:
     )
     plan_effects.run(**given, **seen, tracking=(tracking,), booked=booked, out=effects)
     pack_shards.run(**given, **seen, tracking=tracking, frames=booked, effects=effects, out=results / "shards")
-    packed = {"subject": "someone", "atlas": seen["atlas"], "shards": results / "shards", "effects": effects}
-    avatar = results / "avatars/full"
-    train_avatar.run(**packed, out=avatar, processes=1, settings=TrainAvatar(steps=2))
-    evaluate_avatar.run(**packed, avatars=(avatar,), out=results, settings=EvaluateAvatar(pictures=False))
+    return {"subject": "someone", "atlas": seen["atlas"], "shards": results / "shards", "effects": effects}
+
+
+def metrics_of(capture: Path, results: Path) -> pd.DataFrame:
+    """metrics.csv of what `import_set` made."""
+    files, avatar = packed(capture, results), results / "avatars/full"
+    train_avatar.run(**files, out=avatar, processes=1, settings=TrainAvatar(steps=2))
+    evaluate_avatar.run(**files, avatars=(avatar,), out=results, settings=EvaluateAvatar(pictures=False))
     return pd.read_csv(results / "metrics.csv")
 
 
