@@ -41,8 +41,7 @@ POLYNOMIALS: dict[int, tuple[str, ...]] = {
     35: (*_SECOND, "rgb", *_MIXED, *_CUBES, *_FOURTH, ""),
 }  # fmt: skip
 """Columns of a colour matrix after R, G and B, by their number: products of channels, "" being 1. The polynomials
-of Cheung, Westland, Connah and Ripamonti 2004, in the order of Westland and Ripamonti 2004, table 8.2, which programs
-share."""
+of Cheung et al. 2004, in the order of Westland and Ripamonti 2004, table 8.2, which programs share."""
 
 
 def corrected(rgb_linear: Colors, matrix: Colors) -> Colors:
