@@ -207,7 +207,7 @@ class TrainedModel(Settings):
         description="For networks: x y z and radius of the face on the template at rest; none: no code for it [m]",
     )
     face_code: Literal["labelled", "off"] = Field(
-        "off",
+        "labelled",
         description="For networks: a code for what the template labels as face, or else for what the joint of its "
         "keypoint head moves most; off: only for `face`, if that is given",
     )

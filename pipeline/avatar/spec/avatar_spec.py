@@ -116,7 +116,7 @@ class AvatarSpec:
     articulation: bool = False
     eyes: bool = False
     face: tuple[float, ...] = ()
-    face_code: Literal["labelled", "off"] = "off"
+    face_code: Literal["labelled", "off"] = "labelled"
     pose_points: int = 64
     code_size: int = 16
     decoder_channels: tuple[int, ...] = (16, 8)

@@ -16,10 +16,10 @@ RATE_OF = {
     "albedo": "texture", "log_roughness": "texture", "visibility": "texture", "opacity": "texture",
     "log_tint": "texture", "log_gloss": "texture", "log_ggx_width": "texture", "ambient": "texture",
     "transfer_color": "transfer", "transfer_mono": "transfer",
+    **{f"networks.texels.{name}": "transfer" for name in ("features", "expressed", "mixing", "tables")},
     "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
 }  # fmt: skip
 """Which learning rate drives which texel parameter; everything else is a network."""
-
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 """What Adam keeps of each parameter."""
 

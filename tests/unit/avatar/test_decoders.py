@@ -205,15 +205,28 @@ def test_decoder_has_the_papers_layers():
     assert decoder(torch.ones(3)).shape == (256, 5) and (decoder(torch.ones(3)) == 0).all()
 
 
+@pytest.mark.parametrize(("plain", "learns"), [(False, False), (True, True)])
+def test_plain_last_layer_starts_at_zero_and_knows_at_once_which_way_to_go(plain, learns):
+    """Of length zero, weight-normalised weights have a slope of their length alone."""
+    torch.manual_seed(0)
+    decoder = AtlasDecoder(make_sheet(16), 3, (2, 3), 5, starts_at_zero=True, plain=plain)
+    found = decoder(torch.ones(3))
+    assert (found == 0).all()
+    (found * torch.randn(5)).sum().backward()
+    last = decoder.layers[-1].conv
+    weights = last.weight if plain else last.parametrizations.weight.original1
+    assert bool(weights.grad.abs().max() > 0) == learns
+
+
 def test_a_labelled_face_has_a_code_of_its_own_and_else_the_head():
     def sizes(**regions):
         atlas = dataclasses.replace(make_sheet(8), regions={name: np.array(v) for name, v in regions.items()})
-        spec = resolve_spec(DECODED.model_copy(update={"face_code": "labelled"}), PLANNED)
+        spec = resolve_spec(DECODED, PLANNED)
         return {name: len(part.chosen) for name, part in PoseCode(atlas, spec).parts.items()}
 
     assert sizes() == {"body": 4}
     assert sizes(face=[0, 1, 2, 3]) == sizes(head=[0, 1, 2, 3]) == {"body": 4, "face": 4}
     assert sizes(face=[0, 1, 2], head=[0, 1, 2, 3]) == {"body": 4}  # too few to tell a motion, and no other meant
-    off = resolve_spec(DECODED, PLANNED)
+    off = resolve_spec(DECODED.model_copy(update={"face_code": "off"}), PLANNED)
     atlas = dataclasses.replace(make_sheet(8), regions={"face": np.arange(4)})
     assert list(PoseCode(atlas, off).parts) == ["body"]
