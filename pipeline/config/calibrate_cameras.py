@@ -10,7 +10,7 @@ from pipeline.config.settings import Settings
 
 
 class CalibrateCameras(Settings):
-    """Calibration of cameras from images of boards, and its grades.
+    """Calibration of cameras from images of boards or of the subject, and its grades.
 
     A camera counts as good, weak or failed.
     """
@@ -29,6 +29,12 @@ class CalibrateCameras(Settings):
     )
     most_views: int | None = Field(
         None, ge=1, description="Views used, evenly spread over those recorded; null: all of them [views]"
+    )
+    # Each has its own points; beyond some, error bars fall by their root, and time rises with their number.
+    feature_moments: int = Field(
+        8,
+        ge=1,
+        description="Of method features: fully lit frames that are searched for features, evenly spread [frames]",
     )
     # Three views give Zhang's method all intrinsics.
     least_views: int = Field(3, ge=1, description="Views of a board without which a camera has failed [views]")

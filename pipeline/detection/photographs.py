@@ -14,6 +14,7 @@ from pipeline.base.errors import Complaints, InputError
 from pipeline.capture.images import ImageSource, write_png
 from pipeline.capture.index import tables
 from pipeline.capture.index.contents import relative_exposures
+from pipeline.capture.index.feature_views import fully_lit
 from pipeline.capture.index.frame_images import find_frame_images, mask_format
 from pipeline.capture.index.keypoint_tables import read_points_csv
 from pipeline.capture.index.template_checks import read_keypoint_places
@@ -87,12 +88,6 @@ def read_photographs(capture: Path, every_frame: bool) -> Photographs:
     )  # fmt: skip
     sizes = {row.camera: (int(row.width), int(row.height)) for row in cameras.itertuples()}
     return Photographs(manifest, images, sizes, len(frames), keypoints, source)
-
-
-def fully_lit(patterns: pd.DataFrame, lights: int) -> list[int]:
-    """Frames that list every light."""
-    lit = patterns.groupby("frame")["light"].nunique()
-    return [int(frame) for frame in lit.index[lit == lights]]
 
 
 def exposed(image: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]:

@@ -5,8 +5,8 @@ They are metric, in the rig's own frame.
 Corners are detected in every image, each camera is calibrated alone (Zhang 2000), cameras are joined through the views
 they share, and one bundle adjustment over everything refines the result. Each camera is then judged, and one that moved
 between views is named. The rig's frame is that of the first board view; calibrate_lights moves it into the stage's.
-Given lenses may stay or be refined; images that were not taken at once may have times. With `method: known` the given
-cameras are validated and copied.
+Given lenses may stay or be refined; images that were not taken at once may have times. With `method: features` the
+subject's own points stand in for the boards; with `method: known` the given cameras are validated and copied.
 """
 
 from __future__ import annotations
@@ -83,6 +83,15 @@ def run(
         none = pd.DataFrame(columns=RESIDUAL_COLUMNS, dtype="float64").astype({"camera": "str"})
         write(out, cameras, none, pd.DataFrame(columns=COLUMNS, dtype="float64").astype({"camera": "str"}), verdicts)
         return
+    if calibration["method"] == "features":
+        # Imports pycolmap, which loads all of COLMAP.
+        from pipeline.calibration.cameras.feature_calibration import calibrate_from_features
+
+        done = calibrate_from_features(capture, calibration, sizes, settings, threads)
+        log_verdicts(log, done.verdicts)
+        refuse_failed(capture, done.verdicts)
+        write(out, done.cameras, done.residuals, done.quality, done.verdicts)
+        return
     boards, names = boards_from_index(calibration), list(sizes)
     complain_of_symmetry(capture, boards, len(names))
     lens = lens_for(calibration, settings)
@@ -124,6 +133,20 @@ def run(
     complaints.raise_if_any()
     cameras = dict(zip(held, rig.cameras, strict=True))
     write(out, cameras, residual_table(rig, chosen, held, boards), quality, verdicts)
+
+
+def refuse_failed(capture: Path, verdicts: Sequence[Verdict]) -> None:
+    """Refuse cameras that failed.
+
+    Raises:
+        InputError: naming them.
+    """
+    complaints = Complaints(capture)
+    for verdict in verdicts:
+        if verdict.grade == "failed":
+            expected = "a focal length known to calibrate_cameras.largest_focal_error"
+            complaints.add("calibration.cameras", f"camera {verdict.name}", expected=expected, found=verdict.reason)
+    complaints.raise_if_any()
 
 
 def write(

@@ -35,7 +35,7 @@ from pipeline.calibration.lights.ball_measurements import (
 )
 from pipeline.calibration.lights.ball_photos import use_most_balls
 from pipeline.calibration.lights.given_lights import take_earlier, take_survey
-from pipeline.calibration.lights.length_units import radius_in_rig, unit_complaint
+from pipeline.calibration.lights.length_units import radius_in_rig, size_by_lights, unit_complaint
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS, measure_lights, place_in_stage
 from pipeline.calibration.lights.light_verdicts import ball_verdicts, light_verdicts, refusals, why_not_measured
 from pipeline.calibration.lights.mirror_ball import locate_ball
@@ -125,6 +125,8 @@ def run(
     facts.insert(0, "images", facts.index.map(photographed.value_counts()).fillna(0).astype(int))
     check_units(capture, facts, survey, ball_ratio, settings.largest_scale_error)
     facts["why"] = [why_not_measured(row, settings) for _, row in facts.iterrows()]
+    if given["method"] == "features" and not given.get("distance"):
+        facts, cameras = size_by_lights(facts, cameras, survey)
     well = facts[facts.why == ""]
     alignment = align(well, survey, capture)
     lights = place_in_stage(facts, survey, alignment, in_stage, settings)

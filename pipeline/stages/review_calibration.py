@@ -73,7 +73,8 @@ def run(
 def show_stage(folder: Path, found: Calibration, outlines: Outlines) -> Section:
     """rig.png."""
     balls = locate_balls(outlines, found.cameras, found.balls["radius_m"]) if outlines else {}
-    boards = locate_boards(found.corners, found.cameras) if len(found.corners) else []
+    shown = len(found.corners) and found.boards["method"] != "features"
+    boards = locate_boards(found.corners, found.cameras) if shown else []
     grades = {(verdict.kind, verdict.name): verdict.grade for verdict in found.verdicts}
     radius_m = found.balls.get("radius_m", 0.0)
     draw_rig(
@@ -104,6 +105,14 @@ def show_boards(
     draw_corners(folder / "corners.png", panels, grades, which)
     draw_coverage(folder / "coverage.png", found.corners, found.cameras, names, grades, which)
     draw_residuals(folder / "residuals.png", found.corners, found.cameras, names, grades, which)
+    if found.boards["method"] == "features":
+        return [
+            Section(
+                "Features", "corners.png", "Do points of the subject that cameras share project to where they are?"
+            ),
+            Section("Coverage", "coverage.png", "Does the subject show features wherever the lens has to be known?"),
+            Section("Residuals", "residuals.png", "Is what is left over random, or has it a pattern?"),
+        ]
     return [
         Section("Board corners", "corners.png", "Are corners found where they are, and do projections hit them?"),
         Section("Coverage", "coverage.png", "Was the board recorded wherever the lens has to be known?"),

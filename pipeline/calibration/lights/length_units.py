@@ -8,14 +8,23 @@ calibrated lights beside the surveyed ones give the third. A rigid alignment alo
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float64
 
 from pipeline.calibration.lights.mirror_ball import outline_cone
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.rigid_alignment import fit_scale
+
+log = logging.getLogger(__name__)
+
+BALL_ERROR = 0.01
+"""Relative error of a rig's size by a ball: its outlines are good to half a pixel, of a radius of 50."""
 
 UNITS = {1000.0: "millimetres", 100.0: "centimetres", 39.37: "inches", 3.281: "feet"}
 """How many of each are a metre."""
@@ -94,6 +103,35 @@ def unit_complaint(ball: float, survey: float, tolerance: float) -> tuple[str, s
         found,
         "measure square_m, radius_m and the distance of two lights again, in metres",
     )
+
+
+def size_by_lights(
+    facts: pd.DataFrame, cameras: Mapping[str, Camera], survey: pd.DataFrame
+) -> tuple[pd.DataFrame, dict[str, Camera]]:
+    """Make lights and cameras of a rig without boards as large as the survey says.
+
+    If that knows better than the ball.
+
+    The rig had its size from the ball's radius, which outlines tell to `BALL_ERROR`.
+
+    Args:
+        facts: of `measure_lights`, with the column `why`, empty for lights that are measured well.
+        survey: light, x, y, z.
+    """
+    well = facts[facts.why == ""]
+    surveyed = survey.set_index("light").loc[well.index, list("xyz")].to_numpy(np.float64)
+    try:
+        scale, sigma = fit_scale(well[list("xyz")].to_numpy(np.float64), surveyed)
+    except ValueError:
+        return facts, dict(cameras)
+    if sigma / scale > BALL_ERROR:
+        log.info("size of the rig: the surveyed lights tell it to %.1f %%; the ball's stays", 100 * sigma / scale)
+        return facts, dict(cameras)
+    log.info("size of the rig by the surveyed lights: %.4f +- %.4f times that by the ball", scale, sigma)
+    larger = facts.copy()
+    larger[["x", "y", "z", "sigma_m"]] *= scale
+    larger[[column for column in facts if str(column).startswith("cov_")]] *= scale**2
+    return larger, {name: replace(camera, t=scale * camera.t) for name, camera in cameras.items()}
 
 
 def _times(ratio: float) -> str:

@@ -60,8 +60,8 @@ def read_colmap(folder: Path, cameras: Collection[str], complaints: Complaints) 
         with complaints.collecting():
             owner = resolve_owner(image.name, cameras)
             if owner is not None and image.has_pose:
-                camera = _camera(image, image.cam_from_world())
-                on_rig = _camera(image, _sensor_from_rig(image)) if on_one_rig else None
+                camera = read_image_camera(image, image.cam_from_world())
+                on_rig = read_image_camera(image, _sensor_from_rig(image)) if on_one_rig else None
         if owner is not None and image.has_pose:
             found.append(SourceImage(owner, image.name, camera, on_rig=on_rig))
     return found
@@ -100,7 +100,12 @@ def _read_model(folder: Path) -> pycolmap.Reconstruction:
             raise InputError(f"expected a whole COLMAP model, found: {error}") from error
 
 
-def _camera(image: pycolmap.Image, from_frame: pycolmap.Rigid3d) -> Camera:
+def read_image_camera(image: pycolmap.Image, from_frame: pycolmap.Rigid3d) -> Camera:
+    """Camera of one image of a model.
+
+    Raises:
+        InputError: if its lens is none of those that are known here.
+    """
     lens, pose = image.camera, np.asarray(from_frame.matrix())
     where = f"image {image.name}: COLMAP camera {lens.camera_id}"
     if lens.model_name not in MODELS:
@@ -125,7 +130,7 @@ def write_colmap(folder: Path, cameras: Mapping[str, Camera], kind: Literal["bin
     """
     made = pycolmap.Reconstruction()
     for number, (name, camera) in enumerate(cameras.items(), 1):
-        made.add_camera_with_trivial_rig(_lens(number, camera))
+        made.add_camera_with_trivial_rig(colmap_lens(number, camera))
         image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number)
         made.add_image_with_trivial_frame(image, _pose(camera))
     _write(made, folder, kind)
@@ -148,7 +153,7 @@ def write_colmap_rig(
     made, rig, numbers = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1), {}
     rig_from_world = _pose(next(iter(cameras.values())))
     for number, (name, camera) in enumerate(cameras.items(), 1):
-        made.add_camera(_lens(number, camera))
+        made.add_camera(colmap_lens(number, camera))
         numbers[name] = number
         if number == 1:
             rig.add_ref_sensor(made.camera(number).sensor_id)
@@ -171,7 +176,8 @@ def write_colmap_rig(
     _write(made, folder, kind)
 
 
-def _lens(number: int, camera: Camera) -> pycolmap.Camera:
+def colmap_lens(number: int, camera: Camera) -> pycolmap.Camera:
+    """A camera's lens as COLMAP numbers and models it."""
     model = WRITTEN_MODELS[camera.lens]
     if model == "FULL_OPENCV" and camera.dist[-1] == 0:
         model = "OPENCV"

@@ -18,14 +18,16 @@ from pipeline.capture.cameras.known_cameras import digest_known_cameras, read_kn
 from pipeline.capture.index.csv_tables import Kind, complain_repeats, complain_unknown, read_csv
 from pipeline.capture.index.image_checks import ExpectedImage, IndexSection
 from pipeline.capture.paths import find_files, locate
-from pipeline.capture.schema.camera_schema import PhotographedBoards
+from pipeline.capture.schema.camera_schema import CameraFile, PhotographedBoards
 from pipeline.capture.schema.capture_yaml import (
     EarlierLights,
+    FeatureCameras,
     KnownCameras,
     KnownLights,
     MirrorBallLights,
 )
 from pipeline.capture.video_frames import VIDEO_SUFFIXES, count_frames
+from pipeline.geometry.lenses import BROWN_CONRADY
 
 CAMERAS = "the table of cameras"
 
@@ -39,8 +41,9 @@ FEWEST_SIGHTINGS = 2
 
 
 def find_camera_calibration(
-    root: Path, section: PhotographedBoards | KnownCameras, cameras: pd.DataFrame, complaints: Complaints
-) -> IndexSection:
+    root: Path, section: PhotographedBoards | KnownCameras | FeatureCameras, cameras: pd.DataFrame,
+    complaints: Complaints,
+) -> IndexSection:  # fmt: skip
     """`calibration_cameras.json`, and the board views, which must be of sensor size."""
     content: dict[str, Any] = section.model_dump(exclude_none=True)
     if isinstance(section, KnownCameras):
@@ -48,6 +51,9 @@ def find_camera_calibration(
             content["digest"] = digest_known_cameras(root, section)
             sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
             read_known_cameras(root, section, sizes, complaints)
+        return content, []
+    if isinstance(section, FeatureCameras):
+        content |= _given_lenses(root, section.lenses_from, BROWN_CONRADY.name, cameras, complaints)
         return content, []
     files = [{**values, "path": path} for path, values in find_files(root, section.path).items()]
     filmed = PurePosixPath(section.path).suffix.lower() in VIDEO_SUFFIXES
@@ -61,13 +67,22 @@ def find_camera_calibration(
         complaints.add(section.path, "camera", expected="at least one view of the board per camera", found=found)
     if section.times is not None:
         views = _with_times(root, section.times, views, complaints)
-    if section.lenses_from is not None:
-        with complaints.collecting():
-            content["lenses_digest"] = digest_known_cameras(root, section.lenses_from)
-            sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
-            read_known_lenses(root, section.lenses_from, section.lens, sizes, complaints)
+    content |= _given_lenses(root, section.lenses_from, section.lens, cameras, complaints)
     content["views"] = views
     return content, [] if filmed else _at_sensor_size(views, cameras)
+
+
+def _given_lenses(
+    root: Path, file: CameraFile | None, lens: str, cameras: pd.DataFrame, complaints: Complaints
+) -> dict[str, str]:
+    """Digest of a file of lenses, which has to be readable; nothing without one."""
+    found: dict[str, str] = {}
+    if file is not None:
+        with complaints.collecting():
+            found["lenses_digest"] = digest_known_cameras(root, file)
+            sizes = {row.camera: (int(row.sensor_width), int(row.sensor_height)) for row in cameras.itertuples()}
+            read_known_lenses(root, file, lens, sizes, complaints)
+    return found
 
 
 def _frames(root: Path, files: list[dict], cameras: pd.DataFrame, complaints: Complaints) -> list[dict]:

@@ -9,9 +9,17 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints
 from pipeline.capture.index import calibration_files, color_files
+from pipeline.capture.index.feature_views import check_features
 from pipeline.capture.index.image_checks import ExpectedImage
 from pipeline.capture.schema.camera_schema import PhotographedBoards
-from pipeline.capture.schema.capture_yaml import Capture, EarlierLights, KnownCameras, KnownLights, MirrorBallLights
+from pipeline.capture.schema.capture_yaml import (
+    Capture,
+    EarlierLights,
+    FeatureCameras,
+    KnownCameras,
+    KnownLights,
+    MirrorBallLights,
+)
 from pipeline.capture.schema.manifest import MANIFEST
 
 Contents = dict[str, dict[str, Any]]
@@ -49,11 +57,13 @@ def find_calibration(
         expected += more
     if section.cameras is not None and section.lights is not None:
         _check_stage_frame(section.cameras, section.lights, complaints)
+        if cameras is not None:
+            check_features(section, cameras, complaints)
     return contents, expected
 
 
 def _check_stage_frame(
-    cameras: PhotographedBoards | KnownCameras,
+    cameras: PhotographedBoards | KnownCameras | FeatureCameras,
     lights: MirrorBallLights | KnownLights | EarlierLights,
     complaints: Complaints,
 ) -> None:

@@ -18,6 +18,7 @@ from pipeline.capture.index.contents import capture_content, relative_exposures
 from pipeline.capture.index.detected_files import NOTHING_DETECTED, DetectedFiles
 from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
+from pipeline.capture.index.feature_views import feature_content
 from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
 from pipeline.capture.index.held_out import check_splits, images_table
 from pipeline.capture.index.image_checks import Known, gather, inspections, nothing_known
@@ -26,7 +27,7 @@ from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.index.template_checks import check_template
 from pipeline.capture.mask_format import PLAIN_MASKS
-from pipeline.capture.schema.capture_yaml import Capture, Images
+from pipeline.capture.schema.capture_yaml import Capture, FeatureCameras, Images
 from pipeline.capture.schema.manifest import MANIFEST, read_manifest
 
 Tables = dict[str, pd.DataFrame | None]
@@ -81,6 +82,11 @@ def index_folder(
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
     contents["capture"] = capture_content(root, manifest, found["eyes"], source)
     found |= {"images": images_table(images, digests, found["frames"], manifest.splits)}
+    if isinstance(manifest.calibration.cameras, FeatureCameras):
+        contents["calibration_cameras"] |= feature_content(
+            found["images"], found["patterns"], len(found["lights"]), contents["capture"]["images"],
+            contents["calibration_lights"],
+        )  # fmt: skip
     return CaptureIndex(found, contents, verdicts)
 
 

@@ -14,6 +14,7 @@ from pydantic import Field
 from pipeline.capture.keypoint_orders import CHOICES
 from pipeline.capture.mosaic import Mosaic
 from pipeline.capture.schema.camera_schema import BoardCameras, CharucoCameras, KnownCameras
+from pipeline.capture.schema.feature_schema import FeatureCameras
 from pipeline.capture.schema.given_schema import Imported, Meshes
 from pipeline.capture.schema.image_schema import Images, Masks
 from pipeline.capture.schema.sections import (
@@ -115,7 +116,7 @@ class NoColor(Section):
 class Calibration(Section):
     """Methods of calibrating the stage's cameras, lights and colours."""
 
-    cameras: BoardCameras | CharucoCameras | KnownCameras = Field(
+    cameras: BoardCameras | CharucoCameras | KnownCameras | FeatureCameras = Field(
         discriminator="method", description="poses and lenses"
     )
     lights: MirrorBallLights | KnownLights | EarlierLights = Field(

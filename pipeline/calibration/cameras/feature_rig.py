@@ -1,0 +1,138 @@
+"""Rig from features of the subject.
+
+COLMAP's mapping, a robust adjustment, and error bars by leaving points out.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pycolmap
+from jaxtyping import Float64
+
+from pipeline.capture.cameras.colmap_cameras import read_image_camera
+from pipeline.geometry.cameras import Camera
+
+LOSS_PX = 1.0
+"""Scale of the robust loss, image pixels: SIFT is good to half of one, wrong matches to none."""
+
+GROUPS = 10
+"""Parts of the points that are left out in turn, for error bars: as many as a jackknife needs to know a deviation to
+a quarter, 1 / sqrt(2 (n - 1))."""
+
+
+@dataclass(frozen=True)
+class FeatureRig:
+    """Cameras that were placed, up to a similarity.
+
+    Attributes:
+        cameras: of the images that features were found in, in a unit of their own.
+        centers, focals: by part of the points left out, centres laid over the rig's, and focal lengths.
+        residuals: camera, feature (of its image), point, x, y, residual_x, residual_y, image pixels.
+    """
+
+    cameras: dict[str, Camera]
+    centers: Float64[np.ndarray, "groups cameras 3"]
+    focals: Float64[np.ndarray, "groups cameras"]
+    residuals: pd.DataFrame
+
+    def center_sigma(self) -> Float64[np.ndarray, " cameras"]:
+        """Standard deviation of each centre along an axis, in the rig's unit.
+
+        The jackknife's, over the three axes.
+        """
+        own = np.stack([camera.center for camera in self.cameras.values()])
+        return np.sqrt((GROUPS - 1) / GROUPS * ((self.centers - own) ** 2).sum(0).mean(1))
+
+    def focal_sigma(self) -> Float64[np.ndarray, " cameras"]:
+        """Standard deviation of each focal length, over itself."""
+        own = np.array([camera.K[0, 0] for camera in self.cameras.values()])
+        return np.sqrt((GROUPS - 1) / GROUPS * ((self.focals / own - 1) ** 2).sum(0))
+
+
+def map_rig(folder: Path, refine_focal: bool, refine_terms: bool, threads: int) -> FeatureRig | None:
+    """Map what `join_moments` wrote into `folder`; None if no two cameras share enough.
+
+    Args:
+        refine_focal, refine_terms: whether focal lengths, and distortion, are found.
+    """
+    options = pycolmap.IncrementalPipelineOptions(
+        num_threads=threads, extract_colors=False, multiple_models=False, min_model_size=2, random_seed=1,
+        ba_refine_focal_length=refine_focal, ba_refine_extra_params=refine_terms,
+    )  # fmt: skip
+    (folder / "models").mkdir(exist_ok=True)
+    models = pycolmap.incremental_mapping(folder / "rig.db", folder / "images", folder / "models", options)
+    if not models:
+        return None
+    model = max(models.values(), key=lambda each: each.num_reg_images())
+    _adjust(model, refine_focal, refine_terms, threads)
+    cameras = _cameras(model)
+    centers, focals = _without_parts(model, cameras, refine_focal, refine_terms, threads)
+    return FeatureRig(cameras, centers, focals, _residuals(model))
+
+
+def _adjust(model: pycolmap.Reconstruction, focal: bool, terms: bool, threads: int) -> None:
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    options = pycolmap.BundleAdjustmentOptions(
+        print_summary=False, refine_focal_length=focal, refine_extra_params=terms, refine_principal_point=False
+    )
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = LOSS_PX
+    options.ceres.solver_options.num_threads = threads
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+
+
+def _cameras(model: pycolmap.Reconstruction) -> dict[str, Camera]:
+    images = sorted((model.image(number) for number in model.reg_image_ids()), key=lambda image: image.name)
+    return {image.name: read_image_camera(image, image.cam_from_world()) for image in images}
+
+
+def _without_parts(
+    model: pycolmap.Reconstruction, cameras: Mapping[str, Camera], focal: bool, terms: bool, threads: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and focal lengths when each tenth of the points is left out."""
+    own = np.stack([camera.center for camera in cameras.values()])
+    points = np.array(sorted(model.point3D_ids()))
+    part = np.random.default_rng(0).permutation(len(points)) % GROUPS
+    centers, focals = [], []
+    for k in range(GROUPS):
+        rest = copy.deepcopy(model)
+        for point in points[part == k]:
+            rest.delete_point3D(int(point))
+        _adjust(rest, focal, terms, threads)
+        found = _cameras(rest)
+        centers.append(fit_similarity(np.stack([found[name].center for name in cameras]), own))
+        focals.append([found[name].K[0, 0] for name in cameras])
+    return np.stack(centers), np.array(focals)
+
+
+def fit_similarity(
+    source: Float64[np.ndarray, "n 3"], target: Float64[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Points turned, shifted and scaled to lie over others, by least squares (Umeyama 1991)."""
+    a, b = source - source.mean(0), target - target.mean(0)
+    U, values, Vt = np.linalg.svd(a.T @ b)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    scale = (values * sign).sum() / max((a**2).sum(), np.finfo(np.float64).tiny)
+    return scale * a @ (U * sign) @ Vt + target.mean(0)
+
+
+def _residuals(model: pycolmap.Reconstruction) -> pd.DataFrame:
+    """Features that have a point, and how far from them it projects."""
+    rows = []
+    for number in model.reg_image_ids():
+        image = model.image(number)
+        for place, feature in enumerate(image.points2D):
+            if feature.has_point3D():
+                shown = image.project_point(model.point3D(feature.point3D_id).xyz)
+                if shown is not None:
+                    rows.append((image.name, place, feature.point3D_id, *feature.xy, *(shown - feature.xy)))
+    return pd.DataFrame(rows, columns=["camera", "feature", "point", "x", "y", "residual_x", "residual_y"])
