@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import skimage.color
+from scipy.optimize import linear_sum_assignment
 
 from pipeline.base.color import linear_from_srgb
 from pipeline.base.errors import Complaints, InputError
@@ -101,3 +102,17 @@ def test_other_charts_need_their_corners_for_every_camera(tmp_path):
     write_lines(capture / "corners.csv", "camera,corner,x,y", *corners)
     content = index_folder(capture).contents["calibration_color"]
     assert content["places"] == [[float(column - 1), float(row - 1)] for row, column in GRID]
+
+
+@pytest.mark.parametrize(("edition", "classic"), [("before", "classic_24"), ("after", "classic_24_after_2014")])
+def test_middle_of_the_sg_chart_is_the_classic_one(repo_root, tmp_path, edition, classic):
+    """Its fifth to tenth columns, second to fifth rows: no other pairing is nearer, though it is glossier."""
+    charts = repo_root / "config/charts"
+    sg = read(tmp_path, *(charts / f"sg_140_{edition}_2014.csv").read_text().splitlines())
+    places = np.array(sg.places)
+    assert len(sg.values) == 140 and places.max(0).tolist() == [13, 9]
+    middle = ((places >= [4, 1]) & (places <= [9, 4])).all(1)
+    own = read(tmp_path, *(charts / f"{classic}.csv").read_text().splitlines())
+    labs = [skimage.color.rgb2lab(_srgb(np.array(values))) for values in (np.array(sg.values)[middle], own.values)]
+    apart = np.linalg.norm(labs[0][:, None] - labs[1], axis=2)
+    assert linear_sum_assignment(apart)[1].tolist() == list(range(24))
