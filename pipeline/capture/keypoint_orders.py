@@ -102,6 +102,30 @@ def as_template_keypoints(table: pd.DataFrame, orders: Sequence[str], template: 
     return mine.sort_values(["frame", "camera", "keypoint"], kind="stable", ignore_index=True)
 
 
+EYE_POINTS = frozenset(
+    [f"face_{k}" for k in range(36, 48)]
+    + [f"{side}_{part}" for side in ("left", "right") for part in ("eye_upper", "eye_lower", "pupil")]
+)
+"""Points of contours of eyes, and the middles of irises."""
+
+EYE_COLUMNS = ("frame", "camera", "point", "x", "y", "confidence")
+
+
+def points_of_eyes(table: pd.DataFrame, orders: Sequence[str]) -> pd.DataFrame:
+    """Detections of eyes, `EYE_COLUMNS`, whether the template has such keypoints or not.
+
+    Args:
+        table: frame, camera, keypoint (label or number of its order), x, y, confidence.
+        orders: the order of each row.
+    """
+    known = read_orders()
+    points = [known[order].point(str(key)) for order, key in zip(orders, table["keypoint"], strict=True)]
+    eyes = table.assign(point=pd.Series(points, table.index, "object"))
+    eyes = eyes[eyes["point"].isin(EYE_POINTS)].astype({"point": "str", "camera": "str"})
+    eyes = eyes.sort_values("confidence", ascending=False, kind="stable").drop_duplicates(["frame", "camera", "point"])
+    return eyes.sort_values(["frame", "camera", "point"], ignore_index=True)[list(EYE_COLUMNS)]
+
+
 def _rows(name: str) -> list[dict[str, str]]:
     with files("pipeline.capture").joinpath(name).open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))

@@ -20,7 +20,7 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_table
 from pipeline.capture.index.keypoint_tables import KEYPOINT_COLUMNS
-from pipeline.capture.keypoint_orders import as_template_keypoints
+from pipeline.capture.keypoint_orders import as_template_keypoints, points_of_eyes
 from pipeline.config.detect_landmarks import DetectLandmarks
 from pipeline.detection.detector import read_points, run_detector
 from pipeline.detection.photographs import Photographs, read_photographs, write_pictures
@@ -34,7 +34,7 @@ def run(*, capture: Path, out: Path, settings: DetectLandmarks = DetectLandmarks
 
     Args:
         capture: the capture folder; capture.yaml lies at its root.
-        out: folder for keypoints_2d.parquet, landmarks.csv and landmarks.png.
+        out: folder for keypoints_2d.parquet, eye_points.parquet, landmarks.csv and landmarks.png.
         settings: see the flags below.
     """
     photographs = read_photographs(capture, settings.frames == "all")
@@ -54,6 +54,7 @@ def run(*, capture: Path, out: Path, settings: DetectLandmarks = DetectLandmarks
         found = in_images(read_points(points), photographs)
     orders = found.pop("order").tolist()
     table = as_template_keypoints(found, orders, photographs.keypoints)
+    write_table(out / "eye_points.parquet", points_of_eyes(found, orders))
     counts = count_found(table, photographs)
     for row in counts.itertuples():
         log.info("%s: keypoints in %d of %d images, %.1f each", row.camera, row.found, row.images, row.keypoints)

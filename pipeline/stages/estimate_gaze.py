@@ -30,6 +30,7 @@ from pipeline.eyes.eye_pixels import EyePixels, join_views, seen_pixels
 from pipeline.eyes.eye_shape import usual_shape
 from pipeline.eyes.eye_verdicts import estimate_verdict
 from pipeline.eyes.gaze_estimate import GazeEstimate, estimate_gaze
+from pipeline.eyes.iris_gaze import add_irises
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.depth_maps import draw_depth
 from pipeline.geometry.texels import Atlas, read_atlas
@@ -47,7 +48,7 @@ def run(
 
     Args:
         capture: folder of the capture, for its fully lit images by training cameras.
-        index: folder of index_capture, for eyes.parquet.
+        index: folder of index_capture, for eyes.parquet and eye_points.parquet, detected irises and contours, if any.
         atlas: atlas.safetensors of unwrap_atlas, for the template at rest.
         tracking: all chunks of track_mesh.
         cameras: cameras.json in the stage frame, sensor resolution.
@@ -76,7 +77,14 @@ def run(
         ]
         for name, pixels in shown.items():
             pixels.append(join_views([picture[name] for picture in seen]))
-    found = {name: estimate_gaze(pixels, usual_shape(float(spheres[name][3]))) for name, pixels in shown.items()}
+    shapes = {name: usual_shape(float(sphere[3])) for name, sphere in spheres.items()}
+    found = {name: estimate_gaze(pixels, shapes[name]) for name, pixels in shown.items()}
+    points = read_table(index / "eye_points.parquet")
+    points = points[points.camera.isin(images.camera)]
+    if len(points):
+        log.info("irises and contours of eyes in %d images", len(points.groupby(["frame", "camera"])))
+        heads = {frame: posed[frame][1] for frame in lit}
+        found = add_irises(found, points, lit, calibrated, heads, spheres, shapes)
     verdicts = [estimate_verdict(name, lit, estimates) for name, estimates in found.items()]
     log_verdicts(log, verdicts)
     write_table(out.with_name("quality_gaze.parquet"), quality_table(lit, found))

@@ -43,7 +43,8 @@ def run(
 
     Args:
         capture: the capture folder; capture.yaml lies at its root.
-        out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, meshes, eyes and gaze.parquet,
+        out: the folder for cameras, frames, lights, patterns, images, keypoints_2d, meshes, eyes,
+            eye_points and gaze.parquet,
             capture.json, verdicts_images.csv and calibration_cameras, calibration_lights and calibration_color.json;
             with `chunk`, for CHUNK.parquet.
         detected_keypoints: keypoints_2d.parquet of detect_landmarks, in place of the capture's.

@@ -96,7 +96,8 @@ def test_all_frames_are_looked_at_if_asked_for(capture, tmp_path, fake):
 
 def test_index_takes_what_was_detected(capture, tmp_path, fake):
     out, index = tmp_path / "detected", tmp_path / "index"
-    command = fake(points=[("coco_17", 0, 1.5, 2.5, 0.5)], mask=[1, 4, 2, 7])
+    points = [("coco_17", 0, 1.5, 2.5, 0.5), ("wflw_98", 96, 4.0, 2.0, 0.9)]
+    command = fake(points=points, mask=[1, 4, 2, 7])
     detect_landmarks.run(capture=capture, out=out, settings=DetectLandmarks(detector=command))
     segment_subject.run(capture=capture, out=out, settings=SegmentSubject(detector=command))
     keypoints, masks = out / "keypoints_2d.parquet", out / "masks.parquet"
@@ -104,6 +105,8 @@ def test_index_takes_what_was_detected(capture, tmp_path, fake):
     images = pd.read_parquet(index / "images.parquet")
     assert images[images.mask_path.notna()].frame.tolist() == [0, 0]
     assert pd.read_parquet(index / "keypoints_2d.parquet")["keypoint"].tolist() == ["nose", "nose"]
+    # The template has no such keypoint; estimate_gaze reads it.
+    assert pd.read_parquet(index / "eye_points.parquet")["point"].tolist() == ["right_pupil", "right_pupil"]
     assert json.loads((index / "capture.json").read_text())["images"]["mask_folder"] == str(out / "masks")
 
 

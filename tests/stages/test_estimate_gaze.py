@@ -32,6 +32,9 @@ def inputs(tmp_path_factory):
     write_atlas(root / "atlas.safetensors", atlas)
     rows = [(name, vertex) for name, eye in eyes.items() for vertex in eye.vertices]
     write_table(root / "index/eyes.parquet", pd.DataFrame(rows, columns=["eye", "vertex"]))
+    columns = {"frame": "int64", "camera": "str", "point": "str", "x": "float64", "y": "float64"}
+    none = {name: pd.Series(dtype=kind) for name, kind in columns.items()}
+    write_table(root / "index/eye_points.parquet", pd.DataFrame(none))
     facts = {"transfer": "linear", "black_level": 0.0, "downsample_from_sensor": 1.0}
     write_json(root / "index/capture.json", {"images": facts})
     rig = {f"cam{number}": camera for number, camera in enumerate(cameras(head))}

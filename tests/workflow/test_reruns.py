@@ -10,7 +10,7 @@ import pytest
 from pipeline.config.project import SECTIONS
 
 TARGET = "results/subjectA/metrics.csv"
-INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "eyes", "gaze", "meshes")
+INDEX = ("cameras", "frames", "lights", "patterns", "images", "keypoints_2d", "eyes", "eye_points", "gaze", "meshes")
 INDEX_JSON = ("capture", "calibration_cameras", "calibration_lights", "calibration_color")
 OUTPUTS = {
     "synthesize_capture": ["capture.yaml"],

@@ -65,6 +65,7 @@ rule detect_landmarks:
         lambda wildcards: capture_files(wildcards.subject),
     output:
         keypoints="results/{subject}/detected/keypoints_2d.parquet",
+        eyes="results/{subject}/detected/eye_points.parquet",
         counts="results/{subject}/detected/landmarks.csv",
         picture="results/{subject}/detected/landmarks.png",
     log:
@@ -136,6 +137,7 @@ checkpoint index_capture:
         patterns="results/{subject}/index/patterns.parquet",
         images="results/{subject}/index/images.parquet",
         keypoints="results/{subject}/index/keypoints_2d.parquet",
+        eye_points="results/{subject}/index/eye_points.parquet",
         eyes="results/{subject}/index/eyes.parquet",
         gaze="results/{subject}/index/gaze.parquet",
         meshes="results/{subject}/index/meshes.parquet",

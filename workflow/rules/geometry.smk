@@ -112,6 +112,7 @@ rule estimate_gaze:
         stored=stored_capture,
         capture="results/{subject}/index/capture.json",
         eyes="results/{subject}/index/eyes.parquet",
+        eye_points="results/{subject}/index/eye_points.parquet",
         images="results/{subject}/index/images.parquet",
         atlas="results/{subject}/atlas.safetensors",
         tracking=each_chunk("tracking/{chunk}.safetensors"),

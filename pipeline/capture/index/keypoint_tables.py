@@ -10,11 +10,14 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
+from pipeline.base.files import read_table
 from pipeline.capture.index.csv_tables import DTYPES, Kind, complain_repeats, complain_unknown, read_csv
 from pipeline.capture.index.parquet_tables import read_parquet
 from pipeline.capture.keypoint_orders import (
+    EYE_COLUMNS,
     NOTHING_GIVEN,
     as_template_keypoints,
+    points_of_eyes,
     points_of_template,
     read_orders,
 )
@@ -67,6 +70,23 @@ def read_keypoints_parquet(
         if values is not None:
             complain_unknown(complaints, path, column, table[column], values, f"the table of {column}s")
     return table.sort_values(["frame", "camera", "keypoint"], kind="stable", ignore_index=True)
+
+
+def read_eye_points(root: Path, path: str | None, order: str | None, detected: Path | None) -> pd.DataFrame:
+    """Detected irises and contours of eyes: frame, camera, point, x, y, confidence; empty where there are none.
+
+    Args:
+        path, order: keypoints_2d and its order, of the capture; a table by the template's names has none.
+        detected: keypoints_2d.parquet of detect_landmarks, beside which it wrote its own.
+    """
+    if detected is not None and detected.with_name("eye_points.parquet").is_file():
+        return read_table(detected.with_name("eye_points.parquet"))[list(EYE_COLUMNS)]
+    empty = pd.DataFrame({name: pd.Series(dtype=DTYPES[KEYPOINT_COLUMNS.get(name, "text")]) for name in EYE_COLUMNS})
+    if detected is not None or path is None or order is None:
+        return empty
+    table = read_table(root / path)
+    known = table[table["keypoint"].map(lambda key: read_orders()[order].point(str(key)) is not None)]
+    return points_of_eyes(known, [order] * len(known)) if len(known) else empty
 
 
 def _from_order(

@@ -22,7 +22,7 @@ from pipeline.capture.index.feature_views import feature_content
 from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
 from pipeline.capture.index.held_out import check_splits, images_table
 from pipeline.capture.index.image_checks import Known, gather, inspections, nothing_known
-from pipeline.capture.index.keypoint_tables import read_keypoints_parquet, read_points_csv
+from pipeline.capture.index.keypoint_tables import read_eye_points, read_keypoints_parquet, read_points_csv
 from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.index.template_checks import check_template
@@ -72,6 +72,7 @@ def index_folder(
     digests = gather(progress(inspected, "images checked", total), complaints) | mask_digests
     check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
+    found["eye_points"] = read_eye_points(root, manifest.keypoints_2d, manifest.keypoints_order, detected.keypoints)
     facts = manifest.images
     masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
     exposures = relative_exposures(found["frames"])

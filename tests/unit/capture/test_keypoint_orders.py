@@ -5,7 +5,14 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from pipeline.capture.keypoint_orders import CHOICES, as_template_keypoints, points_of_template, read_orders
+from pipeline.capture.keypoint_orders import (
+    CHOICES,
+    EYE_POINTS,
+    as_template_keypoints,
+    points_of_eyes,
+    points_of_template,
+    read_orders,
+)
 
 PUBLISHED = {
     # OpenPose's documentation of BODY_25.
@@ -85,3 +92,15 @@ def test_of_two_detections_of_one_point_the_surer_stays():
         (0, "snout", 3.0),
         (1, "snout", 4.0),
     ]
+
+
+def test_irises_and_contours_are_kept_though_the_template_has_none():
+    rows = [(0, "c", "96", 1.0, 2.0, 0.4), (0, "c", "96", 3.0, 2.0, 0.8), (0, "c", "60", 5.0, 6.0, 0.9)]
+    table = pd.DataFrame(
+        [*rows, (0, "c", "16", 0.0, 0.0, 1.0)], columns=["frame", "camera", "keypoint", "x", "y", "confidence"]
+    )
+    found = points_of_eyes(table, ["wflw_98"] * 4)
+    assert list(zip(found.point, found.x, strict=True)) == [("face_36", 5.0), ("right_pupil", 3.0)]
+    eyes = {name: {point for point in order.points if point in EYE_POINTS} for name, order in read_orders().items()}
+    assert eyes["wflw_98"] == eyes["mediapipe_face_478"] == EYE_POINTS
+    assert len(eyes["ibug_68"]) == len(eyes["flame_68"]) == len(eyes["smplx_144"]) == 12
