@@ -113,7 +113,7 @@ def run_fake(fake: FakeSet, factor: float) -> Measured:
     """Take a fake through the stages, in this process, whose largest memory is counted anew."""
     width, height = (2 * round(side * factor / 2) for side in fake.image)
     with tempfile.TemporaryDirectory() as made:
-        folder, truth = Path(made), fake.truth((width, height))
+        folder, truth = Path(made), fake.truth(image=(width, height))
         shipped = fake.write(folder / "set", truth)
         chosen = ImportCapture(**yaml.safe_load(fake.settings(folder, truth)))
         gc.collect()

@@ -81,7 +81,7 @@ class Row:
 
 def run_fake(fake: FakeSet, folder: Path, steps: int) -> tuple[Row, Path]:
     """Write a fake, run the workflow on it, and compare; also the project's folder."""
-    truth = fake.truth(fake.image)
+    truth = fake.truth(image=fake.image)
     shipped = fake.write(folder / "sets", truth)
     before_mb = size_mb(shipped)
     project = folder / "project"

@@ -26,7 +26,7 @@ class FakeSet:
 
     Attributes:
         dataset: the set, as the configuration names it.
-        truth: makes the truth, of images of a width and a height.
+        truth: makes the truth; `image` is width and height of its images.
         write: writes it in the set's layout below a folder; returns the folder that `path` names.
         cameras: number of those with images.
         true_frame: the truth's frame by the imported capture's.
@@ -36,7 +36,7 @@ class FakeSet:
     """
 
     dataset: str
-    truth: Callable[[tuple[int, int]], TurningHead]
+    truth: Callable[..., TurningHead]
     write: Callable[[Path, TurningHead], Path]
     cameras: int
     true_frame: Callable[[int], int] = int
