@@ -35,6 +35,9 @@ PAGE = Path("docs/datasets.md")
 FACTORS = (0.5, 1.0, 2.0)
 """Sides of the fakes' images over those of `fake_sets`."""
 
+ATLAS = {"openillumination": 128}
+"""Sides of atlases that have to hold more charts than those of a head: a visual hull's."""
+
 
 @dataclass(frozen=True)
 class RealSize:
@@ -120,7 +123,7 @@ def run_fake(fake: FakeSet, factor: float) -> Measured:
         Path("/proc/self/clear_refs").write_text("5")
         started = time.process_time()
         capture, results = import_set(fake.dataset, shipped, folder, chosen)
-        packed(capture, results)
+        packed(capture, results, ATLAS.get(fake.dataset, 32))
         cpu_s, image_mp = time.process_time() - started, width * height / 1e6
         images = len(read_table(results / "index/images.parquet"))
         return Measured(image_mp, image_mp * images, cpu_s, peak_mb(), size_mb(capture) + size_mb(results))

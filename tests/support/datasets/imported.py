@@ -92,12 +92,12 @@ def assert_provenance(imported: dict, dataset: str) -> None:
     assert all(isinstance(how, str) and how for how in (*given.values(), *computed.values()))
 
 
-def packed(capture: Path, results: Path) -> dict:
+def packed(capture: Path, results: Path, atlas: int = 32) -> dict:
     """Files of the packed images of what `import_set` made, by the stages that need no traces and no mean textures."""
     given, calibration = {"capture": capture, "index": results / "index"}, results / "calibration"
     cameras, lights = calibration / "cameras.json", calibration / "lights.parquet"
     book_patterns.run(**given, lights=lights, cameras=cameras, out=results)
-    unwrap_atlas.run(**given, cameras=cameras, out=results, settings=UnwrapAtlas(size=32))
+    unwrap_atlas.run(**given, cameras=cameras, out=results, settings=UnwrapAtlas(size=atlas))
     seen = {"atlas": results / "atlas.safetensors", "cameras": cameras, "color": calibration / "color.json",
             "patterns": results / "patterns.parquet", "lights": lights}  # fmt: skip
     tracking, booked, effects = (
