@@ -154,7 +154,7 @@ def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
 
 
 def spread_in_a_row(per_image: pd.DataFrame, first: pd.DataFrame) -> dict[str, float]:
-    """METRIC_SPLIT_error of validation and of `TABLES`, and what PSNR gains there over the first avatar.
+    """METRIC_SPLIT_error of validation and `TABLES`, and gains in PSNR over the first avatar.
 
     Errors are those over blocks of frames, of images that have the score; NaN where a split has too few.
     """

@@ -117,7 +117,7 @@ def test_rows_of_a_head_are_one_command_for_any_subject(workflow):
 def test_missing_subject_is_told_what_is_expected_and_what_there_is(workflow):
     printed = workflow.refused("results/nobody/metrics.csv")
     assert "subject 'nobody': expected captures/nobody/capture.yaml, found no such file" in printed
-    assert "subjects: subjectA, subjectB, subjectC, tiny" in printed
+    assert "subjects: subjectA, subjectB, subjectC, subjectD, tiny" in printed
     assert "MissingInputException" not in printed
 
 
