@@ -117,9 +117,9 @@ class TrainedModel(Settings):
         "half for heads, angular for bodies, which environment maps can light through prefiltered panoramas then",
     )
     harmonics_frame: HarmonicsFrame = Field(
-        "tangent",
-        description="SH of a highlight: in each texel's tangent frame, from a network that is shared by all texels, or "
-        "in the head's frame, from the view decoder's maps (RGCA's baseline)",
+        "head",
+        description="SH of a highlight: in the head's frame, from the view decoder's maps (RGCA's baseline), or in each "
+        "texel's tangent frame, from tables that texels share",
     )
     fresnel: Fresnel = Field(
         "schlick",

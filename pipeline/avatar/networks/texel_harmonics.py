@@ -1,4 +1,4 @@
-"""Specular harmonics of texels by direction: shared tables that each texel mixes (row "EyeNeRF" of RGCA).
+"""Specular harmonics by direction, of tables that texels share (row "EyeNeRF" of RGCA).
 
 Direction and harmonics are in the texel's tangent frame, in which equal surfaces shine alike wherever they face: what
 shines is learned from all texels together, as a radiance field learns from all points. What a convolutional decoder
@@ -26,9 +26,9 @@ DIRECTION_DEGREES = 8
 MIXING = 0.5
 """Deviation of the weights W, which tells equal tables apart."""
 
-OUTPUT_SCALE = 0.1
-"""Of the tables. On drawn normals, lamps and lobes of GGX, 200 steps at the transfer's rate learn half of a highlight's
-squares so, a third at 0.03; at 1, the first steps are flashes from which Gaussians do not recover."""
+OUTPUT_SCALE = 0.02
+"""Of the tables. At five times as much, the first steps are flashes from which an avatar of 200 steps does not recover;
+much smaller, they learn nothing in so many."""
 
 
 class TexelHarmonics(nn.Module):

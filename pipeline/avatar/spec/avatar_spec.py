@@ -137,7 +137,7 @@ class AvatarSpec:
     box_voxels: int = 8
     ray_step_m: float = 2e-3
     given_geometry: GivenGeometry = ""
-    harmonics_frame: HarmonicsFrame = "tangent"
+    harmonics_frame: HarmonicsFrame = "head"
     last_layers: LastLayers = "normalised"
 
     @property

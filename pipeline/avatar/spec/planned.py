@@ -66,7 +66,7 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "weight_leftover": spec.shading == "combined",
         "weight_gloss": spec.specular_model == "ggx",
         "highlight": spec.lobe or spec.viewed_harmonics or spec.specular_model == "tangent_harmonics",
-        "harmonics_frame": spec.viewed_harmonics,
+        "harmonics_frame": spec.specular_model == "tangent_harmonics",
         "deferred": spec.lobe,
         "fresnel": spec.lobe,
         "screen_maps": spec.pixel_depth is not None or spec.shadow_net,

@@ -11,8 +11,8 @@ from pipeline.avatar.texels.posed_texels import PosedTexels
 from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.lobes import unit
 
-TEXELS, CODE = 400, 4
-SHARPNESS = 12.0
+TEXELS, CODE = 300, 4
+SHARPNESS, RATE, STEPS = 12.0, 2e-2, 250
 ROUNDING = 1e-5
 
 
@@ -50,22 +50,20 @@ def test_a_scene_that_is_turned_as_a_whole_shines_alike():
     posed, center = posed_with(turned_frames(0), torch.Generator().manual_seed(1)), torch.tensor([0.3, 5.0, 1.0])
     turn = torch.as_tensor(Rotation.random(rng=3).as_matrix(), dtype=torch.float32)
     turned = PosedTexels(posed.points @ turn.T, turn @ posed.tangent_frames, posed.quaternions)
-    one, other = (
-        network(torch.zeros(CODE), scene, eye) for scene, eye in ((posed, center), (turned, turn @ center))
-    )
+    one, other = (network(torch.zeros(CODE), scene, eye) for scene, eye in ((posed, center), (turned, turn @ center)))
     assert (one - other).abs().max() < ROUNDING * one.abs().max() * 81
 
 
-def test_most_of_a_highlight_is_learned_in_two_hundred_steps():
+def test_a_highlight_can_be_learned_under_drawn_lights():
     """A lobe of the mirror direction, which degree 8 can hold, of texels that shine by different amounts."""
     torch.manual_seed(0)
     generator = torch.Generator().manual_seed(1)
     network, strength = TexelHarmonics(TEXELS, CODE), 0.5 + torch.rand(TEXELS, generator=generator)
-    frames, optimizer = turned_frames(0), torch.optim.Adam(network.parameters(), lr=4e-3)
+    frames, optimizer = turned_frames(0), torch.optim.Adam(network.parameters(), lr=RATE)
     left = []
-    for step in range(200):
+    for step in range(STEPS):
         for group in optimizer.param_groups:
-            group["lr"] = 4e-3 * 0.05 ** (step / 200)
+            group["lr"] = RATE * 0.05 ** (step / STEPS)
         toward, light = above(generator), above(generator)
         world = (frames @ toward[..., None])[..., 0]
         posed = PosedTexels(-world, frames, torch.zeros(TEXELS, 4))
@@ -76,7 +74,7 @@ def test_most_of_a_highlight_is_learned_in_two_hundred_steps():
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-        left.append(float((told - seen).square().sum() / seen.square().sum()))
+        left.append(float((told - seen).detach().square().sum() / seen.square().sum()))
     # What is asked of the row in a picture: two decibels, 37 % of the squares.
     assert sum(left[-20:]) / 20 < math.pow(10, -0.2)
     assert left[0] == pytest.approx(1)
