@@ -118,8 +118,8 @@ class TrainedModel(Settings):
     )
     harmonics_frame: HarmonicsFrame = Field(
         "head",
-        description="SH of a highlight: in the head's frame, from the view decoder's maps (RGCA's baseline), or in each "
-        "texel's tangent frame, from tables that texels share",
+        description="SH of a highlight: in the head's frame, from the view decoder's maps (RGCA's baseline), or in "
+        "each texel's tangent frame, from tables that texels share",
     )
     fresnel: Fresnel = Field(
         "schlick",
