@@ -56,10 +56,13 @@ of other detectors are read by `keypoints_order`, whose keypoints are numbers fr
 {orders}
 
 A face's points are those of iBUG, `face_0` to `face_67`, and in WFLW and MediaPipe also `left_eye_upper`,
-`left_eye_lower`, `left_pupil` and those of the right. Irises and contours of eyes need no keypoint of the template:
-`index/eye_points.parquet` keeps them, and `estimate_gaze` weighs irises against what pixels say of the gaze, lets them
-stand in where pixels say nothing, and takes eyes with closed contours for closed. Left and right are the person's. The table is
-`pipeline/capture/keypoint_orders.csv`.
+`left_eye_lower`, `left_pupil` and those of the right.
+
+Irises and contours of eyes need no keypoint of the template: `index/eye_points.parquet` keeps them. `estimate_gaze`
+weighs irises against what pixels say of the gaze, lets them stand in where pixels say nothing, and takes eyes with
+closed contours for closed.
+
+Left and right are the person's. The table is `pipeline/capture/keypoint_orders.csv`.
 
 ## Another detector
 

@@ -40,7 +40,10 @@ FAR_DEG = 15.0
 
 @dataclass(frozen=True)
 class IrisView:
-    """One image of an iris: the eye's axis in the head's frame, and its standard deviation, radians."""
+    """Axis of an eye by one image of its iris, in the head's frame.
+
+    With its standard deviation, radians.
+    """
 
     axis: Float64[np.ndarray, "3"]
     sigma: float
@@ -78,7 +81,7 @@ def openness(points: Mapping[str, np.ndarray], side: str) -> float:
 
 
 def combine_irises(estimate: GazeEstimate, views: list[IrisView], gaps: list[float]) -> GazeEstimate:
-    """What pixels say of one eye in one frame, with its irises and contours.
+    """Combine the pixels' estimate of one eye in one frame with its irises and contours.
 
     Args:
         gaps: `openness` in the images; an eye is closed if that is so in most.

@@ -73,7 +73,7 @@ def read_keypoints_parquet(
 
 
 def read_eye_points(root: Path, path: str | None, order: str | None, detected: Path | None) -> pd.DataFrame:
-    """Detected irises and contours of eyes: frame, camera, point, x, y, confidence; empty where there are none.
+    """Detected irises and contours of eyes, `EYE_COLUMNS`; empty where there are none.
 
     Args:
         path, order: keypoints_2d and its order, of the capture; a table by the template's names has none.

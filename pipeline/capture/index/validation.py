@@ -23,6 +23,7 @@ from pipeline.capture.index.frame_images import expected_images, find_frame_imag
 from pipeline.capture.index.held_out import check_splits, images_table
 from pipeline.capture.index.image_checks import Known, gather, inspections, nothing_known
 from pipeline.capture.index.keypoint_tables import read_eye_points, read_keypoints_parquet, read_points_csv
+from pipeline.capture.index.light_spectra import read_light_gains, with_gains
 from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.index.template_checks import check_template
@@ -106,6 +107,10 @@ def _read_tables(root: Path, manifest: Capture, detected: DetectedFiles, complai
     if manifest.patterns:
         frames, lights = found["frames"], found["lights"]
         found["patterns"] = tables.read_patterns_csv(root, manifest.patterns, frames, lights, complaints)
+    if manifest.spectra is not None and found["lights"] is not None:
+        gains = read_light_gains(root, manifest.spectra, found["lights"], complaints)
+        if gains is not None and found["patterns"] is not None and set(found["patterns"].light) <= set(gains.index):
+            found["patterns"] = with_gains(found["patterns"], gains)
     keypoints = None
     if manifest.template:
         keypoints, found["eyes"], vertices = check_template(root, manifest.template, complaints)

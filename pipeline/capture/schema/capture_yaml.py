@@ -25,6 +25,7 @@ from pipeline.capture.schema.sections import (
     ParquetPath,
     Section,
     SilhouettePattern,
+    Spectra,
     path_to,
 )
 from pipeline.capture.schema.template_schema import Template
@@ -179,6 +180,7 @@ class Capture(Section):
         description="csv: frame, light, intensity (or intensity_r, intensity_g, intensity_b if lights are coloured); "
         "one row per lit light, unlisted = off"
     )
+    spectra: Spectra | None = Field(None, description="colours of the lights, by their spectra")
     constant_light: bool = Field(
         False,
         description="true: the light never changes, and where it comes from is not known; lights and patterns then "

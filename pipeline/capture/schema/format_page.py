@@ -38,7 +38,8 @@ complete example.
 - **Patterns**: one row per lit light and frame; what is not listed is off, and a frame without a row is dark. A
   frame that lists every light is fully lit. Any order will do: every n-th frame fully lit, one light at a time,
   groups, dark frames between. Lights that can change colour have `intensity_r`, `intensity_g` and `intensity_b` in
-  place of `intensity`.
+  place of `intensity`. LEDs of different colours may have `spectra`, whose factors of the three channels multiply
+  intensities; of mean 1 over the lights.
 - **Eyes** (optional): eyeballs are separate parts of the template; `template.eyes` lists their vertices. `gaze` says
   where each looks, in the frame of the template at rest: it does not turn with the head. Without `gaze` it is estimated
   from fully lit images.

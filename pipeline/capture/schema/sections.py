@@ -48,3 +48,13 @@ class Section(BaseModel):
     """Immutable; types are taken at their word ("3" is no number); an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Spectra(Section):
+    """Spectra of lights that differ in colour, and what cameras see of each wavelength."""
+
+    lights: CsvPath = Field(description="csv: light, wavelength_nm, power; a spectrum of each light, in any one unit")
+    sensitivities: CsvPath = Field(
+        description="csv: wavelength_nm, r, g, b; what the cameras' channels see, in any unit: a light's intensities "
+        "are multiplied by what each channel sees of it, over the mean of all lights"
+    )
