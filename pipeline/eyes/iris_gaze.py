@@ -28,8 +28,8 @@ LIDS = {
 """Points of iBUG's contours: the corners of an eye, and points of its lids that lie above each other."""
 
 CLOSED = 0.1
-"""Height of the gap between lids, over the eye's width, up to which an eye counts as closed: open ones have 0.25 to
-0.35, and a closed contour a width of the lashes (Soukupova and Cech 2016, figure 1)."""
+"""Height of the gap between lids, over the eye's width, up to which an eye counts as closed: less than half of an open
+one's, a quarter to a third."""
 
 LEAST_ERROR_PX = 0.5
 """Of an iris in an image: a detector's outlines are good to no less."""
