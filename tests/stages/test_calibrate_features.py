@@ -84,7 +84,9 @@ def test_rig_with_given_lenses_and_a_distance(capture, planted, tmp_path):
 def test_rig_whose_lenses_are_estimated_is_as_far_off_as_it_says(capture, planted, tmp_path):
     distance = {"first": "cam0", "second": "cam7", "metres": apart(planted)}
     folder, every = capture
-    content = {"method": "features", "intrinsics": "estimate", "views": every, "images": FACTS, "distance": distance}
+    # Without masks: what surrounds the subject is black.
+    bare = [{key: view[key] for key in ("camera", "view", "path", "digest")} for view in every]
+    content = {"method": "features", "intrinsics": "estimate", "views": bare, "images": FACTS, "distance": distance}
     done = calibrate_from_features(folder, content, dict.fromkeys(planted, SENSOR), CalibrateCameras(), 2)
     quality = done.quality.set_index("camera")
     focal = np.array([done.cameras[n].K[0, 0] / at_sensor(planted)[n].K[0, 0] - 1 for n in planted])

@@ -115,7 +115,8 @@ def _write_view(source: ImageSource, view: Mapping[str, Any], folder: Path, name
         reach = 2 * max(1, round(max(image.shape) / RIM)) + 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
         inside = cv2.erode((source.read_mask(view["mask"], image.shape) > 127).astype(np.uint8), disc)
-        write_png(folder / "masks" / f"{name}.png", inside * np.uint8(255))
+    # COLMAP leaves images without a mask out, once there is a folder of masks.
+    write_png(folder / "masks" / f"{name}.png", inside * np.uint8(255))
     write_png(folder / "images" / name, _brightened(image, inside))
 
 
