@@ -106,7 +106,7 @@ def stored_capture(wildcards):
 
 
 def captured(pattern):
-    """What a rule declares that makes a capture: its description, or, in object storage, all of it."""
+    """Declared output of what makes a capture, which is its description or, in object storage, all of it."""
     return directory(os.path.dirname(pattern)) if copies else pattern
 
 
