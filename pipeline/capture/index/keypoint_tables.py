@@ -15,6 +15,7 @@ from pipeline.capture.index.csv_tables import DTYPES, Kind, complain_repeats, co
 from pipeline.capture.index.parquet_tables import read_parquet
 from pipeline.capture.keypoint_orders import (
     EYE_COLUMNS,
+    EYE_POINTS,
     NOTHING_GIVEN,
     as_template_keypoints,
     points_of_eyes,
@@ -72,19 +73,28 @@ def read_keypoints_parquet(
     return table.sort_values(["frame", "camera", "keypoint"], kind="stable", ignore_index=True)
 
 
-def read_eye_points(root: Path, path: str | None, order: str | None, detected: Path | None) -> pd.DataFrame:
+def read_eye_points(
+    root: Path, path: str | None, order: str | None, detected: Path | None, given: str | None = None
+) -> pd.DataFrame:
     """Detected irises and contours of eyes, `EYE_COLUMNS`; empty where there are none.
 
     Args:
-        path, order: keypoints_2d and its order, of the capture; a table by the template's names has none.
+        path, order: keypoints_2d and its order, of the capture; without one, keypoints are the template's names.
+        given: template.points of the capture, which says what these are.
         detected: keypoints_2d.parquet of detect_landmarks, beside which it wrote its own.
     """
     if detected is not None and detected.with_name("eye_points.parquet").is_file():
         return read_table(detected.with_name("eye_points.parquet"))[list(EYE_COLUMNS)]
     empty = pd.DataFrame({name: pd.Series(dtype=DTYPES[KEYPOINT_COLUMNS.get(name, "text")]) for name in EYE_COLUMNS})
-    if detected is not None or path is None or order is None:
+    if detected is not None or path is None:
         return empty
     table = read_table(root / path)
+    if order is None:
+        names = sorted({str(name) for name in table["keypoint"]})
+        points = {keypoint: point for point, keypoint in read_points_csv(root, given, names, Complaints(root)).items()}
+        eyes = table.assign(point=table["keypoint"].astype(str).map(points))
+        eyes = eyes[eyes["point"].isin(EYE_POINTS)].astype({"point": "str", "camera": "str"})
+        return eyes.sort_values(["frame", "camera", "point"], ignore_index=True)[list(EYE_COLUMNS)]
     known = table[table["keypoint"].map(lambda key: read_orders()[order].point(str(key)) is not None)]
     return points_of_eyes(known, [order] * len(known)) if len(known) else empty
 

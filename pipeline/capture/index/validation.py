@@ -73,7 +73,9 @@ def index_folder(
     digests = gather(progress(inspected, "images checked", total), complaints) | mask_digests
     check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
-    found["eye_points"] = read_eye_points(root, manifest.keypoints_2d, manifest.keypoints_order, detected.keypoints)
+    found["eye_points"] = read_eye_points(
+        root, manifest.keypoints_2d, manifest.keypoints_order, detected.keypoints, manifest.template.points
+    )
     facts = manifest.images
     masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
     exposures = relative_exposures(found["frames"])

@@ -95,3 +95,15 @@ def test_between_opposite_or_equal_directions_is_one_of_them() -> None:
     end = np.array([[0.0, 0, -1], [0, 0, -1], [0, 0, 1]])
     found = between_directions(start, end, np.array([0.4, 0.6, 0.5]))
     np.testing.assert_array_equal(found, [[0, 0, 1], [0, 0, -1], [0, 0, 1]])
+
+
+def test_keypoints_that_template_points_calls_pupils_are_points_of_eyes(tmp_path: Path) -> None:
+    root = build_capture(tmp_path / "tiny")
+    assert index_folder(root).tables["eye_points"].empty
+    write_lines(root / "template/points.csv", "keypoint,point", "head,left_pupil", "hip,mid_hip")
+    edit_manifest(root, lambda m: m["template"].update(points="template/points.csv"))
+    index = index_folder(root)
+    heads = index.tables["keypoints_2d"].query("keypoint == 'head'").reset_index(drop=True)
+    points = index.tables["eye_points"]
+    assert len(points) == len(heads) > 0 and set(points.point) == {"left_pupil"}
+    np.testing.assert_array_equal(points[["x", "y"]], heads[["x", "y"]])
