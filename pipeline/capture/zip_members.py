@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import struct
+import weakref
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -42,11 +43,7 @@ class ZipMembers:
         ]
         self._archive, self._names, self._places = archive, names[order], np.array(facts, PLACES)[order]
         self._file = os.open(archive, os.O_RDONLY)
-
-    def __del__(self) -> None:
-        """Close the file."""
-        if hasattr(self, "_file"):
-            os.close(self._file)
+        weakref.finalize(self, os.close, self._file)
 
     def names(self) -> Iterator[str]:
         """Names of the members, in order."""
