@@ -4,6 +4,9 @@ A stage of a tiny capture works for less than a second, and imports for one to t
 `PYTHON` in place of Python starts its jobs with it: `-m pipeline.stages.STAGE` goes to the server, with its folder,
 environment and files, and ends as the stage ended; everything else goes to Python itself. Nothing of `pipeline` is
 imported before the child.
+
+Every stage has one thread: numba takes their number from the environment when it is imported, and hands it on to
+OpenMP and so to torch, whose sums depend on it.
 """
 
 from __future__ import annotations
@@ -64,7 +67,9 @@ class StageServer:
         self.python.chmod(0o755)
         command = [sys.executable, __file__, address]
         self._process = subprocess.Popen(
-            command if self._trace is None else traced(command, self._trace), stdout=subprocess.PIPE
+            command if self._trace is None else traced(command, self._trace),
+            stdout=subprocess.PIPE,
+            env={**os.environ, "NUMBA_NUM_THREADS": "1"},
         )
         assert self._process.stdout.readline()
         return self
