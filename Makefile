@@ -45,8 +45,8 @@ help:
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
-# Files of tests side by side, the longest first; each on one thread, or they wait for each other's. Three more
-# processes than cores: many tests wait for what they have started. Bytecode is kept whatever else is asked for: without, each
+# Files of tests side by side, the longest first; each on one thread, or they wait for each other's. Three more processes
+# than cores: many tests wait for what they have started. Bytecode is kept whatever else is asked for: without, each
 # process compiles all tests anew, 15 s of a processor.
 test: $(READY)
 	$(QUIET) OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= \
