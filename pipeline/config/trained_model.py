@@ -235,7 +235,7 @@ class TrainedModel(Settings):
         description="Times that the shadow network halves its map: it sees 7 texels a side at 0, and about twice as "
         "far with each",
     )
-    supersample: int = Field(2, ge=1, le=4, description="Splat at this many times the image resolution, then average")
+    supersample: int = Field(3, ge=1, le=4, description="Splat at this many times the image resolution, then average")
     pixel_filter: Literal["box", "gaussian"] = Field(
         "gaussian", description="How splatted samples are averaged to a pixel"
     )

@@ -25,7 +25,7 @@ TARGET = "results/tiny/metrics.csv"
 DEADLINE_S = 900
 """Far more than the run takes (about 80 s of one core): for machines that do much else."""
 
-COMMITTED_DB, SAME_DB = 19.553, 0.05
+COMMITTED_DB, SAME_DB = 19.561, 0.05
 """PSNR of tiny's test images, and how far roundings of another processor may move it: 60 steps are few enough for them
 not to grow. A change that moves it further has a reason, which belongs into the commit that changes the number."""
 
