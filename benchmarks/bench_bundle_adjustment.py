@@ -25,7 +25,8 @@ import scipy.spatial.transform
 from benchmarks.bundle_adjusters import LOSS_PX, METHODS
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.files import read_json
-from pipeline.calibration.cameras.board_views import BoardViews, find_boards, gather_views
+from pipeline.calibration.cameras.board_search import find_boards
+from pipeline.calibration.cameras.board_views import BoardViews, gather_views
 from pipeline.calibration.cameras.declared_boards import boards_from_index
 from pipeline.calibration.cameras.rig import adjust_rig
 from pipeline.calibration.cameras.rig_inputs import Observations

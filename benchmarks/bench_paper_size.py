@@ -38,8 +38,8 @@ from pipeline.workflow.shared_images import (
     SHARES,
     inspected_tables,
     joined_size,
-    lights_joined_size,
     score_tables,
+    size_of_calibration,
     size_of_share,
 )
 
@@ -106,7 +106,7 @@ def costs_of(folder: Path, jobs: dict[str, int]) -> dict[str, StageCost]:
         own = dict.fromkeys(jobs, size) | dict.fromkeys(CHUNKED, job_size(chunk))
         own |= {rule: size_of_share(rule, chunk) for rule in SHARES}
         own |= {stage: joined_size(files, tables) for stage, tables in joining.items()}
-        own["calibrate_lights"] = lights_joined_size(files)
+        own |= {stage: size_of_calibration(stage, files) for stage in ("calibrate_cameras", "calibrate_lights")}
         return stage_costs(size, own, jobs, read_costs(TABLE), Cluster(1).cores)
 
 

@@ -67,8 +67,8 @@ class SubjectSettings(Settings):
     chunk_images: int = Field(
         4096,
         ge=1,
-        description="images that one job checks, measures mirror balls in, or scores of, at least: for larger captures "
-        "several jobs do, each for some chunks of frames, or some cameras; changes no result [images]",
+        description="images that one job checks, finds boards or measures mirror balls in, or scores of, at least: for "
+        "larger captures several jobs do, each for some chunks of frames, or some cameras; changes no result [images]",
     )
     variants: dict[Name, dict[str, Any]] = Field(
         {"full": {}},

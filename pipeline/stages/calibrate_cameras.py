@@ -7,6 +7,9 @@ they share, and one bundle adjustment over everything refines the result. Each c
 between views is named. The rig's frame is that of the first board view; calibrate_lights moves it into the stage's.
 Given lenses may stay or be refined; images that were not taken at once may have times. With `method: features` the
 subject's own points stand in for the boards; with `method: known` the given cameras are validated and copied.
+
+Of many images, those of some cameras are searched by a job of its own each; the cameras that are then calibrated by
+the tables of these jobs are the same.
 """
 
 from __future__ import annotations
@@ -24,13 +27,9 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
-from pipeline.calibration.cameras.board_views import (
-    BoardViews,
-    choose_shots,
-    explain_nothing,
-    find_boards,
-    gather_views,
-)
+from pipeline.calibration.cameras.board_search import check_search, find_boards, search_images
+from pipeline.calibration.cameras.board_tables import places_of_cameras, read_searches, write_search
+from pipeline.calibration.cameras.board_views import BoardViews, choose_shots, explain_nothing, gather_views
 from pipeline.calibration.cameras.boards import Board
 from pipeline.calibration.cameras.declared_boards import (
     boards_from_index,
@@ -63,15 +62,28 @@ RESIDUAL_COLUMNS = ["camera", "view", "board", "corner", "x", "y", "residual_x",
 
 
 def run(
-    *, capture: Path, index: Path, out: Path, threads: int = 1, settings: CalibrateCameras = CalibrateCameras()
+    *,
+    capture: Path,
+    index: Path,
+    out: Path,
+    threads: int = 1,
+    found: tuple[Path, ...] = (),
+    share: int | None = None,
+    shares: int = 1,
+    settings: CalibrateCameras = CalibrateCameras(),
 ) -> None:
     """Calibrate all cameras of a rig together from images of boards.
 
     Args:
         capture: folder of the capture.
         index: folder that index_capture wrote.
-        out: folder to write rig.json, residuals_cameras.parquet, quality_cameras.parquet and verdicts_cameras.csv to.
+        out: folder to write rig.json, residuals_cameras.parquet, quality_cameras.parquet and verdicts_cameras.csv to;
+            with `share`, SHARE.parquet.
         threads: images searched at a time.
+        found: tables that were written with `share`, of all shares: no board is looked for again.
+        share: look for boards only in the images of every `shares`-th camera, from this one, and write a table of them.
+        shares: number of shares.
+        settings: see the flags below.
     """
     calibration = read_json(index / "calibration_cameras.json")
     table = read_table(index / "cameras.parquet").sort_values("camera")
@@ -96,9 +108,17 @@ def run(
     complain_of_symmetry(capture, boards, len(names))
     lens = lens_for(calibration, settings)
     views = choose_shots(calibration["views"], settings.most_views)
-    printed = find_boards(capture, views, sizes, boards, threads)
+    if share is not None:
+        searched = search_images(capture, views, places_of_cameras(views, share, shares), boards, threads)
+        write_search(out / f"{share:04d}.parquet", searched, boards)
+        log.info("share %d of %d: boards looked for in %d images", share, shares, len(searched.images))
+        return
+    if found:
+        printed = check_search(capture, views, sizes, boards, read_searches(found, boards, len(views)))
+    else:
+        printed = find_boards(capture, views, sizes, boards, threads)
     detections, boards = printed.detections, printed.boards
-    found = gather_views(detections, views, names, boards)
+    seen = gather_views(detections, views, names, boards)
     complaints = Complaints(capture)
 
     def explain(camera: str) -> str:
@@ -107,11 +127,11 @@ def run(
             return ""
         return explain_nothing(capture, [views[k] for k in mine], boards, [detections[k] for k in mine])
 
-    failed, group = choose_cameras(found, names, settings.least_views, explain, complaints)
+    failed, group = choose_cameras(seen, names, settings.least_views, explain, complaints)
     if not group:
         log_verdicts(log, failed)
         complaints.raise_if_any()
-    chosen, held = found.for_cameras(group), [names[c] for c in group]
+    chosen, held = seen.for_cameras(group), [names[c] for c in group]
     held_sizes = [sizes[name] for name in held]
     known = known_beforehand(capture, calibration, {name: sizes[name] for name in held}, settings)
     if (times := times_from_index(calibration)) is not None:

@@ -1,29 +1,36 @@
-"""Jobs that share the images of a large capture: to check, to measure lights in, to score.
+"""Jobs that share the images of a large capture: to check, and to score.
 
-Each handles the images of as few chunks of frames as hold `chunk_images` images, and is named after the first of them;
-or the photographs of some cameras, and is numbered. The stage that one job runs for a small capture joins their tables
-for a large one.
+Each handles the images of as few chunks of frames as hold `chunk_images` images, and is named after the first of them.
+The stage that one job runs for a small capture joins their tables for a large one. Photographs of the calibration are
+shared by camera, see `shared_photographs`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from pipeline.config.flags import flags
-from pipeline.config.subjects import chunk_ids, has_few_files, read_description
+from pipeline.config.subjects import chunk_ids, has_few_files
 from pipeline.workflow.job_files import JobFiles
 from pipeline.workflow.job_size import JobSize, job_size
+from pipeline.workflow.shared_photographs import (
+    board_index,
+    boards_joined_size,
+    boards_share_size,
+    lights_joined_size,
+    lights_share_size,
+)
 
-SHARES = {"inspect_images": "index_capture", "measure_lights": "calibrate_lights", "score_images": "evaluate_avatar"}
-"""Rules of these jobs -> the stage that each runs."""
+SHARES = {
+    "inspect_images": "index_capture",
+    "find_boards": "calibrate_cameras",
+    "measure_lights": "calibrate_lights",
+    "score_images": "evaluate_avatar",
+}
+"""Rules of jobs with a share -> the stage that each runs."""
 
 INSPECTED, SCORES = "inspected/{chunk}.parquet", "scores/{variant}/{chunk}.parquet"
-MEASURED = "measured_lights/{share}.parquet"
 """Tables of these jobs below the subject's results."""
-
-MOST_SHARES = 9999
-"""Numbers of four digits."""
 
 
 def chunks_together(files: JobFiles) -> int:
@@ -57,27 +64,6 @@ def score_tables(files: JobFiles) -> list[str]:
     return [files.path(SCORES.format(variant=name, chunk=chunk)) for name in files.variants for chunk in firsts]
 
 
-def measured_lights(files: JobFiles) -> list[str]:
-    """Tables of what is measured in photographs of mirror balls; none if one job does it all.
-
-    An imported capture has none, or few.
-    """
-    settings, photographs = files.settings, job_size(replace(files, chunk=None, variant=None))
-    shares = min(photographs.cameras, photographs.cameras * photographs.lights // settings.chunk_images, MOST_SHARES)
-    if shares < 2 or not _has_balls(files):
-        return []
-    return [files.path(MEASURED.format(share=f"{share:04d}")) for share in range(shares)]
-
-
-def _has_balls(files: JobFiles) -> bool:
-    if files.settings.source != "native":
-        return files.settings.source == "synthetic"
-    found: object = read_description(Path(files.capture) / "capture.yaml")
-    for key in ("calibration", "lights", "method"):
-        found = found.get(key) if isinstance(found, dict) else None
-    return found == "mirror_ball"
-
-
 def chunks_of_job(files: JobFiles) -> list[str]:
     """Chunks of the job that is named after its first, the one of `files`."""
     chunks = chunk_ids(files.project, files.subject)
@@ -109,21 +95,22 @@ def share_size(files: JobFiles) -> JobSize:
     return replace(size, frames=size.frames * len(chunks_of_job(files)))
 
 
-def lights_share_size(files: JobFiles) -> JobSize:
-    """Size of a job that measures photographs of some cameras."""
-    size = job_size(files)
-    return replace(size, cameras=-(-size.cameras // max(1, len(measured_lights(files)))))
-
-
-def lights_joined_size(files: JobFiles) -> JobSize:
-    """Size of the job that fits lights: to others' tables without an image of its own."""
-    size = job_size(files)
-    return replace(size, pixels=0) if measured_lights(files) else size
-
-
 def size_of_share(rule: str, files: JobFiles) -> JobSize:
-    """Size of a job of one of the rules of `SHARES`, of the chunk of `files`."""
-    return lights_share_size(replace(files, chunk=None)) if rule == "measure_lights" else share_size(files)
+    """Size of a job of one of the rules of `SHARES`.
+
+    It is that of the chunk of `files`, or of a share of the cameras.
+    """
+    whole = replace(files, chunk=None)
+    if rule == "find_boards":
+        return boards_share_size(whole, board_index(whole))
+    return lights_share_size(whole) if rule == "measure_lights" else share_size(files)
+
+
+def size_of_calibration(stage: str, files: JobFiles) -> JobSize:
+    """Size of a stage's only job, which reads photographs unless others do."""
+    if stage == "calibrate_cameras":
+        return boards_joined_size(files, board_index(files))
+    return lights_joined_size(files) if stage == "calibrate_lights" else job_size(files)
 
 
 def joined_size(files: JobFiles, tables: list[str]) -> JobSize:

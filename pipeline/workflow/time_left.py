@@ -26,7 +26,7 @@ from pipeline.config.project import SECTIONS
 from pipeline.workflow.job_files import RESULTS, JobFiles
 from pipeline.workflow.job_requests import CHUNKED, expected_seconds
 from pipeline.workflow.job_size import job_size
-from pipeline.workflow.shared_images import SHARES, lights_joined_size, size_of_share
+from pipeline.workflow.shared_images import SHARES, size_of_calibration, size_of_share
 
 CONFIG = Path("config/config.yaml")
 
@@ -116,10 +116,8 @@ def _seconds(stage: str, shared: bool, files: JobFiles) -> float:
     chunk = replace(files, chunk=files.chunks[0])
     if shared:
         size = size_of_share(next(rule for rule, shares_of in SHARES.items() if shares_of == stage), chunk)
-    elif stage == "calibrate_lights":
-        size = lights_joined_size(files)
     else:
-        size = job_size(chunk if stage in CHUNKED else files)
+        size = job_size(chunk) if stage in CHUNKED else size_of_calibration(stage, files)
     return expected_seconds(stage, size)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_json
+from pipeline.calibration.cameras import board_search
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
 from pipeline.stages.calibrate_cameras import run
@@ -79,6 +80,48 @@ def test_fewer_views_on_request_are_evenly_spread(tmp_path, caplog):
     residuals = read_table(tmp_path / "out/residuals_cameras.parquet")
     assert sorted(set(residuals.view)) == [0, 2, 4, 6]
     assert "camera left: weak: few views: 5 wanted" in caplog.text
+
+
+def in_shares(arguments, count, **words):
+    """The same arguments, and tables of so many shares of the cameras."""
+    shares = arguments["out"].with_name("shares")
+    for share in range(count):
+        run(**{**arguments, "out": shares}, share=share, shares=count, **words)
+    return {**arguments, "out": arguments["out"].with_name("joined")}, tuple(sorted(shares.iterdir(), reverse=True))
+
+
+@pytest.mark.parametrize("printed", ["as declared", "inverted"])
+def test_shares_of_the_cameras_give_the_same_bytes(tmp_path, monkeypatch, printed):
+    """Also with a share that has no camera; and no image is read again."""
+    images = record()
+    arguments = write_capture(
+        tmp_path, {k: 255 - gray if printed == "inverted" else gray for k, gray in images.items()}
+    )
+    words = {"settings": CalibrateCameras(distortion=0)}
+    run(**arguments, **words)
+    joined, tables = in_shares(arguments, 3, **words)
+    assert [len(read_table(table)) for table in tables] == [0, 5, 5]
+    monkeypatch.setattr(board_search, "read_view_gray", lambda *_: pytest.fail("read again"))
+    run(**joined, **words, found=tables)
+    for path in sorted(arguments["out"].iterdir()):
+        assert path.read_bytes() == (joined["out"] / path.name).read_bytes(), path.name
+    with pytest.raises(InputError, match=r"shares: expected tables of 10 images and 1 boards, each once"):
+        run(**joined, **words, found=tables[:2])
+    with pytest.raises(InputError, match=r"expected columns image, board, variant, .* found camera"):
+        run(**joined, **words, found=(arguments["out"] / "residuals_cameras.parquet",))
+
+
+@pytest.mark.parametrize("images", [{("a", 0): "blank", ("b", 0): "blank"}, {("a", 0): "large", ("b", 0): "large"}])
+def test_what_one_job_refuses_is_refused_in_the_same_words_where_shares_are_joined(tmp_path, images):
+    """Shares of images without a board, or of another size, are no error by themselves."""
+    grays = {"blank": np.full((240, 320), 200, np.uint8), "large": np.full((480, 640), 200, np.uint8)}
+    arguments = write_capture(tmp_path, {key: grays[name] for key, name in images.items()})
+    with pytest.raises(InputError) as alone:
+        run(**arguments)
+    joined, tables = in_shares(arguments, 2)
+    with pytest.raises(InputError) as together:
+        run(**joined, found=tables)
+    assert str(together.value) == str(alone.value)
 
 
 def test_an_image_of_another_size_is_named(tmp_path):

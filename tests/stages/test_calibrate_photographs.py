@@ -17,7 +17,7 @@ from benchmarks.photographed_rigs import (
 )
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table
-from pipeline.calibration.cameras.board_views import find_boards
+from pipeline.calibration.cameras.board_search import find_boards
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages import calibrate_cameras
 from pipeline.stages.calibrate_cameras import run

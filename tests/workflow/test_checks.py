@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -80,6 +81,30 @@ def test_images_of_many_chunks_are_shared_by_jobs_of_whole_chunks(workflow):
         "train_avatar": 2,
         "score_images": 4,
     }
+
+
+@pytest.fixture(scope="module")
+def indexed(workflow, tmp_path_factory):
+    """Words for a recorded capture whose index is there: four cameras, each with five photographs of a board."""
+    folder = tmp_path_factory.mktemp("indexed") / "photographed"
+    folder.mkdir()
+    (folder / "capture.yaml").write_text("frames: frames.csv\n")
+    (folder / "frames.csv").write_text("frame,timestamp_s,segment\n0,0,a\n")
+    words = ["--config", f"captures={folder.parent}"]
+    listed = workflow.snakemake("--summary", *words, "--", "results/photographed/index/capture.json").stdout
+    for path in re.findall(r"^results/photographed/index/\S+", listed, flags=re.MULTILINE):
+        (workflow.folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (workflow.folder / path).touch()
+    views = [{"camera": camera, "view": view, "path": f"{camera}{view}.png"} for camera in "abcd" for view in range(5)]
+    index = workflow.folder / "results/photographed/index/calibration_cameras.json"
+    index.write_text(json.dumps({"method": "charuco", "views": views}))
+    return words
+
+
+@pytest.mark.parametrize(("least", "shares"), [(21, 0), (20, 0), (10, 2), (5, 4), (1, 4)])
+def test_many_photographs_of_boards_are_shared_by_jobs_of_some_cameras(workflow, indexed, least, shares):
+    planned = workflow.planned("results/photographed/calibration/rig.json", *indexed, f"chunk_images={least}")
+    assert planned == {"calibrate_cameras": 1, **({"find_boards": shares} if shares else {})}
 
 
 def test_recorded_capture_is_found_elsewhere_and_never_made(workflow, tmp_path):

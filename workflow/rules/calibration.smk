@@ -3,6 +3,7 @@ rule calibrate_cameras:
         stored=stored_capture,
         calibration="results/{subject}/index/calibration_cameras.json",
         cameras="results/{subject}/index/cameras.parquet",
+        found=board_tables,
     output:
         rig="results/{subject}/calibration/rig.json",
         residuals="results/{subject}/calibration/residuals_cameras.parquet",
@@ -16,19 +17,44 @@ rule calibrate_cameras:
         "../../envs/cpu.yaml"
     threads: threads_for("calibrate_cameras")
     resources:
-        mem_mb=memory_for("calibrate_cameras"),
+        mem_mb=memory_for("calibrate_cameras", size_by_boards(boards_joined_size)),
         runtime=minutes_for("calibrate_cameras"),
     params:
         code=code_for("calibrate_cameras"),
         capture=capture_folder,
         arguments=arguments_for("calibrate_cameras"),
+        found=lambda wildcards, input: ["--found", *input.found] if input.found else [],
+        share=[],
         settings=settings_for("calibrate_cameras"),
     message:
         "{wildcards.subject}: calibrating cameras"
     shell:
         "python -m pipeline.stages.calibrate_cameras --capture {params.capture:q} {params.arguments:q} "
-        "--threads {threads} "
+        "{params.found:q} {params.share:q} --threads {threads} "
         "{params.settings:q} > {log:q} 2>&1"
+
+
+# Where photographs of boards are many: those of some cameras, each decoded once but for a few that all look at.
+use rule calibrate_cameras as find_boards with:
+    input:
+        stored=stored_capture,
+        calibration="results/{subject}/index/calibration_cameras.json",
+        cameras="results/{subject}/index/cameras.parquet",
+    output:
+        table="results/{subject}/found_boards/{share}.parquet",
+    log:
+        "results/{subject}/logs/find_boards.{share}.log",
+    benchmark:
+        "results/{subject}/benchmarks/find_boards.{share}.tsv"
+    resources:
+        mem_mb=memory_for("calibrate_cameras", size_by_boards(boards_share_size)),
+        runtime=minutes_for("calibrate_cameras", size_by_boards(boards_share_size)),
+    params:
+        arguments=arguments_for("calibrate_cameras", calibration=lambda wildcards: job(wildcards).path("found_boards")),
+        found=[],
+        share=lambda wildcards: ["--share", int(wildcards.share), "--shares", len(board_tables(wildcards))],
+    message:
+        "{wildcards.subject}: finding boards, share {wildcards.share}"
 
 
 rule calibrate_color:

@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+from snakemake.exceptions import IncompleteCheckpointException
 from snakemake.logging import logger
 
 from pipeline.base.code_digest import code_digest
@@ -27,13 +28,18 @@ from pipeline.workflow.shared_images import (
     chunk_words,
     inspected_tables,
     joined_size,
-    lights_joined_size,
-    lights_share_size,
-    measured_lights,
     score_tables,
     scored_files,
     scoring_flags,
     share_size,
+)
+from pipeline.workflow.shared_photographs import (
+    boards_joined_size,
+    boards_share_size,
+    found_boards,
+    lights_joined_size,
+    lights_share_size,
+    measured_lights,
 )
 from pipeline.workflow.shown_verdicts import shown_verdicts
 from pipeline.workflow.termination import pass_signals_on
@@ -132,6 +138,21 @@ def size_of(wildcards):
 def size_of_share(wildcards):
     """Sizes of a job that inspects or scores a share of the images."""
     return share_size(job(wildcards))
+
+
+def size_by_boards(size):
+    """A function of wildcards: sizes of a job by the photographs of boards; before there is an index, of all the work.
+
+    Snakemake has no answer for resources that a checkpoint decides.
+    """
+
+    def sizes(wildcards):
+        try:
+            return size(job(wildcards), indexed_boards(wildcards))
+        except IncompleteCheckpointException:
+            return size_of(wildcards)
+
+    return sizes
 
 
 def size_of_lights_share(wildcards):
@@ -280,6 +301,16 @@ def planned_effects(wildcards):
 def capture_kind(wildcards):
     """What a capture is of, body or head."""
     return read_kind(fetched(checkpoints.index_capture.get(subject=wildcards.subject).output.capture))
+
+
+def indexed_boards(wildcards):
+    """What the index says about photographs of boards, which decides how many jobs look at them."""
+    return fetched(checkpoints.index_capture.get(subject=wildcards.subject).output.calibration_cameras)
+
+
+def board_tables(wildcards):
+    """Tables of boards that are found in photographs of some cameras."""
+    return found_boards(job(wildcards), indexed_boards(wildcards))
 
 
 def estimated_gaze(wildcards):

@@ -1,36 +1,27 @@
-"""Boards of a capture, found in its images and gathered for the calibration.
+"""Boards that were found in images, gathered for the calibration.
 
-If there are none, an error says why.
+If there are none, an explanation why.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
-from pipeline.base.errors import Complaints, InputError
-from pipeline.base.progress import progress
 from pipeline.base.spread import evenly
 from pipeline.calibration.cameras.board_identity import identify_board
 from pipeline.calibration.cameras.board_motion import with_motion
-from pipeline.calibration.cameras.boards import Board, BoardPhoto, Detection, detect_boards
+from pipeline.calibration.cameras.boards import Board, BoardPhoto, Detection
 from pipeline.calibration.cameras.rig_inputs import Observations
-from pipeline.calibration.cameras.rig_start import LEAST_CORNERS, usable_views
+from pipeline.calibration.cameras.rig_start import usable_views
 from pipeline.capture.gray import read_view_gray
-
-log = logging.getLogger("calibrate_cameras")
 
 EXPLAINING_IMAGES = 8
 """Images in which mirrored boards and other dictionaries are sought when none is found: some will show the board."""
-
-TRIED_IMAGES = 60
-"""Images in which other prints of a board are tried: enough that some show it, even where it is mostly out of view."""
 
 
 @dataclass(frozen=True)
@@ -73,78 +64,6 @@ def choose_shots(views: Sequence[dict], most: int | None) -> list[dict]:
     if most is not None and len(shots) > most:
         shots = shots[np.round(np.linspace(0, len(shots) - 1, most)).astype(int)]
     return [view for view in views if view["view"] in shots]
-
-
-Searched = tuple[list[Detection], tuple[int, int]]
-"""Each board's corners in an image, and its width and height."""
-
-
-@dataclass(frozen=True)
-class FoundBoards:
-    """Boards as they are printed, and where they are.
-
-    Attributes:
-        boards: as declared, or a variant of that: inverted, of the legacy pattern.
-        detections: per image, each board's corners in it.
-    """
-
-    boards: list[Board]
-    detections: list[list[Detection]]
-
-
-def find_boards(
-    capture: Path, views: Sequence[dict], sizes: dict[str, tuple[int, int]], boards: Sequence[Board], threads: int
-) -> FoundBoards:
-    """Find each board in each image.
-
-    A board that was printed in another way is found as it is, and that is logged.
-
-    Args:
-        views: entries of the index: camera, view, path.
-        sizes: (width, height) of each camera's sensor.
-
-    Raises:
-        InputError: if an image has not the sensor's size, or if there is no board in any of them.
-    """
-
-    def search(place: int, boards: Sequence[Board]) -> Searched:
-        gray = read_view_gray(capture, views[place])
-        return detect_boards(gray, boards), (gray.shape[1], gray.shape[0])
-
-    def search_all(places: Sequence[int], boards: Sequence[Board]) -> dict[int, Searched]:
-        with ThreadPoolExecutor(threads) as pool:
-            made = pool.map(lambda place: search(place, boards), places)
-            return dict(zip(places, progress(made, "board images", len(places)), strict=True))
-
-    sample, printed = evenly(range(len(views)), TRIED_IMAGES), list(boards)
-    searched = search_all(sample, boards)
-    for b, board in enumerate(boards):
-        if not any(_is_seen(detections[b]) for detections, _ in searched.values()):
-            variants = board.variants()
-            tried = [each for each, _ in search_all(sample, variants).values()]
-            seen = [sum(len(each[k].ids) for each in tried if _is_seen(each[k])) for k in range(len(variants))]
-            printed[b] = variants[int(np.argmax(seen))]
-            if printed[b] != board:
-                log.info("board %d: declared %s; found: %s", b, board.describe(), printed[b].describe())
-    if printed != list(boards):
-        searched = {}
-    searched |= search_all([place for place in range(len(views)) if place not in searched], printed)
-    found = [searched[place] for place in range(len(views))]
-    complaints = Complaints(capture)
-    for view, (_, size) in zip(views, found, strict=True):
-        if size != sizes[view["camera"]]:
-            expected = "x".join(map(str, sizes[view["camera"]]))
-            complaints.add(view["path"], "size", expected=f"the sensor's {expected}", found="x".join(map(str, size)))
-    complaints.raise_if_any()
-    detections = [each for each, _ in found]
-    if not any(len(detection.ids) for each in detections for detection in each):
-        raise InputError(f"{capture}: calibration.cameras: {explain_nothing(capture, views, printed, detections)}")
-    return FoundBoards(printed, detections)
-
-
-def _is_seen(detection: Detection) -> bool:
-    """True for a board of enough corners to count."""
-    return len(detection.ids) >= LEAST_CORNERS
 
 
 def explain_nothing(
@@ -195,13 +114,18 @@ def gather_views(
     """All detections as one set of observations, without views too small to count."""
     corners = [board.corners_m() for board in boards]
     first = np.cumsum([0, *(len(points) for points in corners)])
-    rows = [
-        (cameras.index(view["camera"]), int(view["view"]), b, first[b] + k, *pixel)
+    parts = [
+        np.column_stack(
+            [
+                np.tile([cameras.index(view["camera"]), int(view["view"]), b], (len(detection.ids), 1)),
+                first[b] + detection.ids,
+                detection.pixels,
+            ]
+        )
         for view, each in zip(views, detections, strict=True)
         for b, detection in enumerate(each)
-        for k, pixel in zip(detection.ids, detection.pixels, strict=True)
     ]
-    table = np.array(rows, np.float64).reshape(-1, 6)
+    table = np.concatenate([np.zeros((0, 6)), *parts])
     whole = table[:, :4].astype(np.int64)
     shown, view = np.unique(whole[:, 1:3], axis=0, return_inverse=True)
     corners_m = np.concatenate(corners)

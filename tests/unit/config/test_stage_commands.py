@@ -11,6 +11,7 @@ from pipeline.config.stage_commands import ARGUMENTS, FILES, THREADED, stage_arg
 
 BY_HAND = {
     "index_capture": {"inspected", "chunk", "chunks", "chunk_size"},
+    "calibrate_cameras": {"found", "share", "shares"},
     "calibrate_lights": {"measured", "share", "shares"},
     "evaluate_avatar": {"scores", "chunk", "chunks"}, "pack_shards": {"only_frames"},
     "trace_irradiance": {"environment"}, "relight_avatar": {"keyframes"},

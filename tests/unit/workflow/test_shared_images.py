@@ -16,9 +16,6 @@ from pipeline.workflow.shared_images import (
     chunk_words,
     inspected_tables,
     joined_size,
-    lights_joined_size,
-    lights_share_size,
-    measured_lights,
     score_tables,
     scored_files,
     scoring_flags,
@@ -84,31 +81,6 @@ def test_a_job_is_told_its_chunks_and_asks_for_their_size(project):
     )
     assert len(scored_files(first)) == 6
     assert (share_size(first).frames, share_size(last).frames, share_size(first).listed) == (10, 5, 0)
-
-
-@pytest.mark.parametrize(("least", "shares"), [(1, 8), (40, 4), (80, 2), (81, 0)])
-def test_photographs_of_mirror_balls_are_shared_by_camera(project, least, shares):
-    """160 of them: 8 cameras, 20 lights."""
-    made = {"frames": 24, "cameras": 8, "lights": 20}
-    files = JobFiles(project(chunk_images=least, synthesize_capture=made), "someone")
-    assert measured_lights(files) == [f"results/someone/measured_lights/{n:04d}.parquet" for n in range(shares)]
-    assert lights_share_size(files).cameras == (-(-8 // shares) if shares else 8)
-    assert (lights_joined_size(files).pixels == 0) == bool(shares)
-
-
-@pytest.mark.parametrize(
-    ("described", "shared"),
-    [
-        ({"calibration": {"lights": {"method": "mirror_ball"}}}, True),
-        ({"calibration": {"lights": {"method": "known"}}}, False),
-        ({"calibration": "nothing"}, False),
-    ],
-)
-def test_recorded_captures_without_mirror_balls_have_no_such_jobs(project, tmp_path, described, shared):
-    folder = tmp_path / "captures/someone"
-    folder.mkdir(parents=True)
-    (folder / "capture.yaml").write_text(yaml.safe_dump(described))
-    assert bool(measured_lights(JobFiles(project(source="native", chunk_images=1), "someone"))) == shared
 
 
 def test_a_job_that_joins_handles_no_image_and_reads_of_all(project):

@@ -41,6 +41,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> JobFiles:
         ("evaluate_avatar_without_pictures", "evaluate_avatar"),
         ("inspect_images", "index_capture"),
         ("score_images", "evaluate_avatar"),
+        ("find_boards", "calibrate_cameras"),
         ("measure_lights", "calibrate_lights"),
         ("all", None),
     ],

@@ -1,0 +1,75 @@
+"""Tables of boards that one of several jobs found, in images of some cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.base.errors import InputError
+from pipeline.base.files import read_table, write_table
+from pipeline.calibration.cameras.board_search import BoardSearch, SearchedImage
+from pipeline.calibration.cameras.boards import Board, Detection
+
+COLUMNS = ("image", "board", "variant", "width", "height", "markers", "corners", "x", "y")
+"""Of a table: a row for each board in each image, with lists of its corners.
+
+`image` is the place in the list of views, `variant` the one of `Board.variants` that the board is printed as."""
+
+
+def places_of_cameras(views: Sequence[dict], share: int, shares: int) -> list[int]:
+    """Places in the list of views: of the images of every `shares`-th camera, from `share`."""
+    chosen = set(sorted({view["camera"] for view in views})[share::shares])
+    return [place for place, view in enumerate(views) if view["camera"] in chosen]
+
+
+def write_search(path: Path, searched: BoardSearch, boards: Sequence[Board]) -> None:
+    """Write the table of one job's search.
+
+    Args:
+        boards: as they are declared.
+    """
+    variants = [board.variants().index(printed) for board, printed in zip(boards, searched.boards, strict=True)]
+    rows = [
+        (place, b, variants[b], *image.size, detection.markers, detection.ids, *detection.pixels.T)
+        for place, image in searched.images.items()
+        for b, detection in enumerate(image.detections)
+    ]
+    write_table(path, pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def read_searches(paths: Sequence[Path], boards: Sequence[Board], images: int) -> BoardSearch:
+    """Search of all images, by the tables of all jobs.
+
+    Args:
+        boards: as they are declared.
+        images: number of them.
+
+    Raises:
+        InputError: if a file is no such table, or the tables are not of these images and boards, each once.
+    """
+    tables = []
+    for path in paths:
+        tables.append(table := read_table(path))
+        if tuple(table.columns) != COLUMNS:
+            raise InputError(f"{path}: expected columns {', '.join(COLUMNS)}, found {', '.join(table.columns)}")
+    rows = sorted((row for table in tables for row in table.itertuples(index=False)), key=lambda row: row[:2])
+    wanted = [(place, b) for place in range(images) for b in range(len(boards))]
+    variants = sorted({(row.board, row.variant) for row in rows})
+    if [row[:2] for row in rows] != wanted or len(variants) != len(boards):
+        raise InputError(
+            f"{paths[0].parent}: expected tables of {images} images and {len(boards)} boards, each once, found "
+            f"{len(rows)} rows; make them anew, with one number of shares"
+        )
+    detections = [
+        Detection(row.corners.astype(np.int64), np.stack([row.x, row.y], 1).astype(np.float64), row.markers)
+        for row in rows
+    ]
+    found = {
+        row.image: SearchedImage(detections[k : k + len(boards)], (row.width, row.height))
+        for k, row in list(enumerate(rows))[:: len(boards)]
+    }
+    printed = [board.variants()[variant] for board, (_, variant) in zip(boards, variants, strict=True)]
+    return BoardSearch(printed, found)

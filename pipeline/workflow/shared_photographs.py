@@ -1,0 +1,137 @@
+"""Jobs that share the photographs of a large capture's calibration, by camera.
+
+They find boards, or measure lights. Each handles those of some cameras, about `chunk_images` photographs at least, and
+is numbered. The stage that one job runs for a small capture joins their tables for a large one.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pipeline.config.subjects import read_description
+from pipeline.workflow.job_files import JobFiles
+from pipeline.workflow.job_size import JobSize, job_size
+
+FOUND, MEASURED = "found_boards/{share}.parquet", "measured_lights/{share}.parquet"
+"""Tables of these jobs below the subject's results."""
+
+BOARD_METHODS = ("boards", "charuco")
+"""Of `calibration.cameras`, by photographs of boards."""
+
+MOST_SHARES = 9999
+"""Numbers of four digits."""
+
+FITTED_VIEWS = 10
+"""Images of boards of each camera in the runs that job_costs.csv was fitted to: a share of so many costs a camera."""
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """Photographs of a calibration, and the cameras that took them."""
+
+    images: int
+    cameras: int
+
+
+def found_boards(files: JobFiles, calibration: str | Path) -> list[str]:
+    """Tables of boards that are found in photographs of some cameras.
+
+    None if one job finds them all.
+
+    Args:
+        calibration: calibration_cameras.json of index_capture.
+    """
+    return _tables(files, FOUND, board_photographs(files, calibration))
+
+
+def board_photographs(files: JobFiles, calibration: str | Path) -> Photographs:
+    """Photographs in which calibrate_cameras looks for boards.
+
+    None of a capture that is not indexed yet.
+    """
+    shots, cameras, images = _counted_views(Path(calibration), _changed(calibration))
+    most = files.settings.calibrate_cameras.most_views
+    return Photographs(images if most is None or most >= shots else images * most // shots, cameras)
+
+
+def measured_lights(files: JobFiles) -> list[str]:
+    """Tables of what is measured in photographs of mirror balls; none if one job does it all.
+
+    An imported capture has none, or few.
+    """
+    size = job_size(replace(files, chunk=None, variant=None))
+    tables = _tables(files, MEASURED, Photographs(size.cameras * size.lights, size.cameras))
+    return tables if tables and _has_balls(files) else []
+
+
+def boards_share_size(files: JobFiles, calibration: str | Path) -> JobSize:
+    """Size of a job that looks for boards in photographs of some cameras.
+
+    It is that of as many cameras as usually take so many.
+    """
+    size, shares, photographs = job_size(files), found_boards(files, calibration), board_photographs(files, calibration)
+    if not shares:
+        return size
+    images = -(-photographs.cameras // len(shares)) * -(-photographs.images // photographs.cameras)
+    return replace(size, cameras=-(-images // FITTED_VIEWS))
+
+
+def boards_joined_size(files: JobFiles, calibration: str | Path) -> JobSize:
+    """Size of the job that calibrates cameras: by others' tables without an image of its own."""
+    size = job_size(files)
+    return replace(size, pixels=0) if found_boards(files, calibration) else size
+
+
+def lights_share_size(files: JobFiles) -> JobSize:
+    """Size of a job that measures photographs of some cameras."""
+    size = job_size(files)
+    return replace(size, cameras=-(-size.cameras // max(1, len(measured_lights(files)))))
+
+
+def lights_joined_size(files: JobFiles) -> JobSize:
+    """Size of the job that fits lights: to others' tables without an image of its own."""
+    size = job_size(files)
+    return replace(size, pixels=0) if measured_lights(files) else size
+
+
+def board_index(files: JobFiles) -> str:
+    """calibration_cameras.json of the index, where all is in one file system."""
+    return files.path("index/calibration_cameras.json")
+
+
+def _tables(files: JobFiles, pattern: str, photographs: Photographs) -> list[str]:
+    shares = min(photographs.cameras, photographs.images // files.settings.chunk_images, MOST_SHARES)
+    return [files.path(pattern.format(share=f"{share:04d}")) for share in range(shares)] if shares > 1 else []
+
+
+@functools.lru_cache(maxsize=256)
+def _counted_views(path: Path, _changed: tuple[int, int]) -> tuple[int, int, int]:
+    """Numbers of shots, cameras and images; none of a file that cannot be read. Each of many jobs asks."""
+    try:
+        calibration = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return 0, 0, 0
+    views = calibration.get("views", []) if calibration["method"] in BOARD_METHODS else []
+    return len({view["view"] for view in views}), len({view["camera"] for view in views}), len(views)
+
+
+def _changed(path: str | Path) -> tuple[int, int]:
+    """Time of the last change and size, 0 without a file."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
+
+
+def _has_balls(files: JobFiles) -> bool:
+    if files.settings.source != "native":
+        return files.settings.source == "synthetic"
+    found: object = read_description(Path(files.capture) / "capture.yaml")
+    for key in ("calibration", "lights", "method"):
+        found = found.get(key) if isinstance(found, dict) else None
+    return found == "mirror_ball"
