@@ -82,7 +82,7 @@ def run(
     matrices = corrections({name: response.matrix for name, response in sound.items()}) if sound else {}
     verdicts = [judge(name, flaws[name], responses.get(name), matrices.get(name)) for name in names]
     log_verdicts(log, verdicts)
-    draw_refused(out, measured, responses, flaws, settings)
+    draw_refused(out, paths, form, measured, responses, flaws, settings)
     refuse(capture, out, paths, flaws)
     write(out, matrices, responses, sensors, verdicts)
 
@@ -140,10 +140,13 @@ def judge(name: str, flaws: list[Flaw], response: Response | None, matrix: np.nd
 
 
 def draw_refused(
-    out: Path, measured: Mapping[str, MeasuredChart], responses: Mapping[str, Response],
-    flaws: Mapping[str, list[Flaw]], settings: CalibrateColor,
+    out: Path, paths: Mapping[str, Path], form: ChartFormat, measured: Mapping[str, MeasuredChart],
+    responses: Mapping[str, Response], flaws: Mapping[str, list[Flaw]], settings: CalibrateColor,
 ) -> None:  # fmt: skip
-    """Draw the chart of each camera that is refused, and delete such pictures of earlier runs."""
+    """Draw the chart of each camera that is refused, and delete such pictures of earlier runs.
+
+    Their images are read again: those of all cameras would not fit into memory.
+    """
     for name, chart in measured.items():
         path = refused_picture(out, name)
         path.unlink(missing_ok=True)
@@ -152,7 +155,7 @@ def draw_refused(
             found = chart.patches if response is None else response.patches
             used = np.zeros(0, bool) if found is None else found.used
             fits = np.zeros_like(used) if response is None else ~response.odd(settings.largest_residual)
-            draw_refused_chart(path, chart.image, None if found is None else found.corners, used, fits)
+            draw_refused_chart(path, form.read(paths[name]), None if found is None else found.corners, used, fits)
 
 
 def refused_picture(out: Path, camera: str) -> Path:

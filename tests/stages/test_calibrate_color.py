@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_json
+from pipeline.calibration.color.chart_images import ChartFormat
+from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.stages.calibrate_color import run
 from pipeline.stages.index_capture import run as index_capture
 from tests.support.drawings.chart import (
@@ -42,6 +45,21 @@ def test_drawn_charts_give_the_average_camera(tmp_path):
     verdicts = pd.read_csv(tmp_path / "out/verdicts_color.csv")
     assert list(verdicts.name) == ["cam0", "cam1", "cam2"]
     assert set(verdicts.grade) == {"good"}
+
+
+def test_images_of_other_cameras_are_not_kept(tmp_path, monkeypatch):
+    """They are several hundred megabytes each; of a refused camera, the image is read once more."""
+    read, kept, most = ChartFormat.read, [], []
+
+    def counted(form, path):
+        most.append(sum(reference() is not None for reference in kept))
+        kept.append(weakref.ref(image := read(form, path)))
+        return image
+
+    monkeypatch.setattr(ChartFormat, "read", counted)
+    with pytest.raises(InputError, match=r"see .*refused_color_cam0\.png"):
+        run(**write_capture(tmp_path), settings=CalibrateColor(least_patches=24, saturation=0.1))
+    assert most == [0] * 6
 
 
 def test_residuals_say_where_each_patch_lies(tmp_path):

@@ -68,12 +68,10 @@ class MeasuredChart:
     """Chart as one image shows it.
 
     Attributes:
-        image: linear RGB.
         patches: None if no chart was found.
         saturated_share: of all pixels.
     """
 
-    image: Float32[np.ndarray, "h w 3"]
     patches: Patches | None
     saturated_share: float
 
@@ -93,7 +91,7 @@ def measure_chart(
     saturated = saturated[: image.shape[0], : image.shape[1]]
     squares = find_chart(image) if corners is None else place_chart(np.array(corners, np.float64), layout)
     patches = None if squares is None else measure_patches(image, saturated, squares, settings.patch_interior, layout)
-    return MeasuredChart(image, patches, float(saturated.mean()))
+    return MeasuredChart(patches, float(saturated.mean()))
 
 
 def saturated_pixels(stored: np.ndarray, limit: float, settings: CalibrateColor) -> Bool[np.ndarray, "h w"]:
