@@ -115,7 +115,7 @@ def _counted_views(path: Path, _changed: tuple[int, int]) -> tuple[int, int, int
         calibration = json.loads(path.read_text())
     except (OSError, ValueError):
         return 0, 0, 0
-    views = calibration.get("views", []) if calibration["method"] in BOARD_METHODS else []
+    views = calibration.get("views", []) if calibration.get("method") in BOARD_METHODS else []
     return len({view["view"] for view in views}), len({view["camera"] for view in views}), len(views)
 
 
