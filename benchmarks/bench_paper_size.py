@@ -39,9 +39,9 @@ from pipeline.workflow.shared_images import (
     inspected_tables,
     joined_size,
     score_tables,
-    size_of_calibration,
     size_of_share,
 )
+from pipeline.workflow.shared_photographs import size_of_calibration
 
 ROOT, SUBJECT, PRESET = Path(__file__).resolve().parents[1], "paper", "config/presets/gpu.yaml"
 TARGET = f"results/{SUBJECT}/metrics.csv"

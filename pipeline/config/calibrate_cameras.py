@@ -8,6 +8,9 @@ from pydantic import Field
 
 from pipeline.config.settings import Settings
 
+BOARD_METHODS = ("boards", "charuco")
+"""Of `calibration.cameras.method` in capture.yaml: by photographs of boards."""
+
 
 class CalibrateCameras(Settings):
     """Calibration of cameras from images of boards or of the subject, and its grades.

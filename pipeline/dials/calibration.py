@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table
+from pipeline.config.calibrate_cameras import BOARD_METHODS
 from pipeline.config.plan_effects import LENS_DISTORTION_PX
 from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
 from pipeline.dials.tolerances import (
@@ -111,7 +112,7 @@ CAMERAS = CostedStage(
     ),
     unit="corners",
     work=lambda output: len(read_table(output["residuals"])),
-    runs_on=lambda subject: _method(subject, "cameras") in ("boards", "charuco"),
+    runs_on=lambda subject: _method(subject, "cameras") in BOARD_METHODS,
 )
 
 LIGHTS = CostedStage(

@@ -15,9 +15,7 @@ from pipeline.workflow.job_files import JobFiles
 from pipeline.workflow.job_size import JobSize, job_size
 from pipeline.workflow.shared_photographs import (
     board_index,
-    boards_joined_size,
     boards_share_size,
-    lights_joined_size,
     lights_share_size,
 )
 
@@ -104,13 +102,6 @@ def size_of_share(rule: str, files: JobFiles) -> JobSize:
     if rule == "find_boards":
         return boards_share_size(whole, board_index(whole))
     return lights_share_size(whole) if rule == "measure_lights" else share_size(files)
-
-
-def size_of_calibration(stage: str, files: JobFiles) -> JobSize:
-    """Size of a stage's only job, which reads photographs unless others do."""
-    if stage == "calibrate_cameras":
-        return boards_joined_size(files, board_index(files))
-    return lights_joined_size(files) if stage == "calibrate_lights" else job_size(files)
 
 
 def joined_size(files: JobFiles, tables: list[str]) -> JobSize:

@@ -12,15 +12,13 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.config.calibrate_cameras import BOARD_METHODS
 from pipeline.config.subjects import read_description
 from pipeline.workflow.job_files import JobFiles
 from pipeline.workflow.job_size import JobSize, job_size
 
 FOUND, MEASURED = "found_boards/{share}.parquet", "measured_lights/{share}.parquet"
 """Tables of these jobs below the subject's results."""
-
-BOARD_METHODS = ("boards", "charuco")
-"""Of `calibration.cameras`, by photographs of boards."""
 
 MOST_SHARES = 9999
 """Numbers of four digits."""
@@ -96,6 +94,13 @@ def lights_joined_size(files: JobFiles) -> JobSize:
     """Size of the job that fits lights: to others' tables without an image of its own."""
     size = job_size(files)
     return replace(size, pixels=0) if measured_lights(files) else size
+
+
+def size_of_calibration(stage: str, files: JobFiles) -> JobSize:
+    """Size of a stage's only job, which reads photographs unless others do."""
+    if stage == "calibrate_cameras":
+        return boards_joined_size(files, board_index(files))
+    return lights_joined_size(files) if stage == "calibrate_lights" else job_size(files)
 
 
 def board_index(files: JobFiles) -> str:

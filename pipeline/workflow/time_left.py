@@ -26,7 +26,8 @@ from pipeline.config.project import SECTIONS
 from pipeline.workflow.job_files import RESULTS, JobFiles
 from pipeline.workflow.job_requests import CHUNKED, expected_seconds
 from pipeline.workflow.job_size import job_size
-from pipeline.workflow.shared_images import SHARES, size_of_calibration, size_of_share
+from pipeline.workflow.shared_images import SHARES, size_of_share
+from pipeline.workflow.shared_photographs import size_of_calibration
 
 CONFIG = Path("config/config.yaml")
 

@@ -150,6 +150,7 @@ def test_a_template_in_centimetres(captured: dict, tmp_path: Path) -> None:
 
 def test_zero_keypoints(captured: dict, keypoints: pd.DataFrame, tmp_path: Path) -> None:
     paths = edited(captured, tmp_path, keypoints_2d=keypoints[:0])
-    with pytest.raises(InputError, match=r"found none in frames 0 to 13; run a 2D detector and name its table"):
+    message = r"found none in frames 0 to 13; run a 2D detector and name its table in capture.yaml"
+    with pytest.raises(InputError, match=message):
         run(**paths, chunk=0)
     assert not paths["out"].exists()

@@ -66,9 +66,9 @@ LONGEST_FIRST = (
     "unit/avatar/eyes/test_eye_learning.py",
     "stages/test_review_tracking.py",
 )
-"""Files that take more than ten seconds, longest first: what comes last is short, so that all processes
-end nearly together. A file that is missing here costs balance, nothing else. test_training comes first: a fresh clone
-compiles the kernels of training in it, a minute, and what stands before test_tiny needs none of them."""
+"""Files that take more than ten seconds, longest first: what comes last is short, so that all processes end nearly
+together. A file that is missing here costs balance, nothing else. test_training comes first: a fresh clone compiles the
+kernels of training in it, a minute, and what stands before test_tiny needs none of them."""
 
 
 def longest_first(items: list[pytest.Item]) -> list[pytest.Item]:

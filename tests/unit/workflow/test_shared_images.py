@@ -23,25 +23,6 @@ from pipeline.workflow.shared_images import (
 )
 
 
-@pytest.fixture
-def project(tmp_path, monkeypatch):
-    """A function: a project whose synthetic subject has 24 frames of 8 cameras in chunks of 5 frames, 40 images."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "config/subjects").mkdir(parents=True)
-
-    def load(**settings):
-        made = {
-            "source": "synthetic",
-            "chunk_frames": 5,
-            "synthesize_capture": {"frames": 24, "cameras": 8},
-            **settings,
-        }
-        (tmp_path / "config/subjects/someone.yaml").write_text(yaml.safe_dump(made))
-        return load_project({}, {}, tmp_path / "config/subjects")
-
-    return load
-
-
 @pytest.mark.parametrize(
     ("least", "firsts"),
     [(1, [0, 1, 2, 3, 4]), (40, [0, 1, 2, 3, 4]), (41, [0, 2, 4]), (160, [0, 4]), (161, []), (4096, [])],

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.config.loading import load_project
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.shared_images import size_of_calibration, size_of_share
+from pipeline.workflow.shared_images import size_of_share
 from pipeline.workflow.shared_photographs import (
     Photographs,
     board_index,
@@ -19,21 +18,8 @@ from pipeline.workflow.shared_photographs import (
     lights_joined_size,
     lights_share_size,
     measured_lights,
+    size_of_calibration,
 )
-
-
-@pytest.fixture
-def project(tmp_path, monkeypatch):
-    """A function: a project whose synthetic subject has 8 cameras and 20 lights."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "config/subjects").mkdir(parents=True)
-
-    def load(**settings):
-        made = {"source": "synthetic", "synthesize_capture": {"frames": 24, "cameras": 8, "lights": 20}, **settings}
-        (tmp_path / "config/subjects/someone.yaml").write_text(yaml.safe_dump(made))
-        return load_project({}, {}, tmp_path / "config/subjects")
-
-    return load
 
 
 def write_index(files, cameras, shots, **content):
