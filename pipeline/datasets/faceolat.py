@@ -56,7 +56,7 @@ FIRST_IMAGES = (1, 0)
 """Image that entry 0 of the list of patterns may be of: the two readings of the set's own programs."""
 
 TEST_EVERY, TRAIN_STEP = 5, 3
-"""Split of another set of the same stage (HumanOLAT), as this one has none within a capture."""
+"""A split like that of another set of the same stage (HumanOLAT), as this one has none within a capture."""
 
 MAKES_MESHES = "calibration/run_recon.sh of the set's programs makes one with Metashape: model.obj, of fully lit images"
 

@@ -57,7 +57,8 @@ FPS = 1.0
 """Images a second. The subject stands still; nothing depends on it."""
 
 TEST_EVERY, TRAIN_STEP = 5, 3
-"""The authors' split: every fifth camera tests; of the order of firing, every third light trains, the next tests."""
+"""Split of the authors' example (code/run_json_writer_example.py), which counts cameras from 0, and lights in the order
+of firing without those on the door: every fifth camera tests; every third light trains, the next tests."""
 
 
 def read_humanolat(root: Path, settings: ImportCapture) -> ImportedCapture:
@@ -129,8 +130,8 @@ def choose_direction(
 
 def held_out(names: list[str], frames: list[int], order: list[int]) -> HeldOut:
     """The authors' split: every fifth camera and a third of the lights; one more validates."""
-    tested = [name for name in names if int(re.sub(r"\D", "", name)) % TEST_EVERY == 0]
-    shown_by = [image_of(k) for k in range(len(order))]
+    tested = [name for name in names if (int(re.sub(r"\D", "", name)) - 1) % TEST_EVERY == 0]
+    shown_by = [image_of(k) for k, light in enumerate(order) if light not in DOOR_LIGHTS]
     patterns = [number for number in shown_by[1::TRAIN_STEP] if number in frames]
     spare = [number for number in shown_by[2::TRAIN_STEP] if number in frames]
     return HeldOut(tested if len(tested) < len(names) else [], patterns=patterns, validation_patterns=spare)
@@ -148,8 +149,8 @@ def say_given(provenance: Provenance, cameras: str, images: pd.DataFrame) -> Non
             f"for {FIRST_SKIPPED}, {FIRST_SKIPPED + SKIP_STEP} and so on",
             "masks": f"{MASKS}, one per camera, for {masked} of {len(images)} images",
             "meshes": f"{MODEL}, the same in all frames",
-            "splits": "cameras whose number divides by 5; of the order of firing the lights [1::3] test, [0::3] train, "
-            "the rest validates",
+            "splits": "every fifth camera from the first; of the order of firing, without the lights on the door, the "
+            "lights [1::3] test, [0::3] train, the rest validates",
         }
     )
     provenance.computed.update({"texture coordinates": "unwrap_atlas"})

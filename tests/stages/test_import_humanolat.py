@@ -13,7 +13,7 @@ import yaml
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
-from pipeline.datasets.humanolat import image_of
+from pipeline.datasets.humanolat import held_out, image_of
 from pipeline.stages.import_capture import run
 from tests.support.datasets.humanolat_layout import (
     CAMERAS,
@@ -84,6 +84,16 @@ def test_the_direction_is_said_with_both_numbers(imported):
     numbers = list(images_of_lights())
     assert (splits["test_patterns"], splits["validation_patterns"]) == (numbers[1::3], numbers[2::3])
     assert len(ORDER) == len(numbers)
+
+
+def test_split_counts_cameras_from_0_and_lights_without_those_on_the_door():
+    """Like the set's example. Of lights that fire in their order, 178 and 179 are the first on the door."""
+    cameras = [f"Cam{number:02d}" for number in range(1, 41)]
+    found = held_out(cameras, [image_of(k) for k in range(331)], list(range(331)))
+    assert found.cameras == [f"Cam{number:02d}" for number in (1, 6, 11, 16, 21, 26, 31, 36)]
+    tested = [image_of(k) for k in (*range(1, 178, 3), 180, 183)]
+    assert found.patterns[: len(tested)] == tested and found.validation_patterns[59] == image_of(181)
+    assert len(found.patterns) == len(found.validation_patterns) == 310 // 3
 
 
 def test_masks_that_do_not_decide_are_refused_with_both_numbers(shipped, tmp_path, caplog):

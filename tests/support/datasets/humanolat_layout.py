@@ -19,7 +19,7 @@ from tests.support.datasets.turning_head import TurningHead, dome_of_lights, rin
 
 SUBJECT, POSE, CAPTURE = "SUBJECT_C001", "POSE_01", "capture"
 CAMERAS = [f"Cam{number:02d}" for number in range(1, 6)]
-TEST_CAMERA = "Cam05"
+TEST_CAMERA = "Cam01"
 LIGHTS = 20
 ORDER = [(7 * k + 3) % LIGHTS for k in range(LIGHTS)]
 """Lights in the order in which they fire."""
