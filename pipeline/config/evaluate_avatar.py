@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from pipeline.config.datasets import DATASETS
 from pipeline.config.settings import Settings
 
 
@@ -17,11 +18,14 @@ class EvaluateAvatar(Settings):
         description="Further image metrics to score, a column each. ms_ssim: multi-scale SSIM (Wang, Simoncelli and "
         "Bovik 2003); images of less than 161 pixels a side leave it empty. st_lpips: shift-tolerant LPIPS (Ghildyal "
         "and Liu 2022), whose network comes with its package; its numbers do not compare with those of LPIPS. "
-        "psnr_image: PSNR over all pixels of the image, `image_pixels`, those beside the subject being right: what "
-        "programs say that mask both images first",
+        "psnr_image: PSNR over all pixels of the image, those beside the subject being right: what programs say that "
+        "mask both images first",
     )
-    image_pixels: int = Field(
-        0, ge=0, description="Pixels of a whole image, for psnr_image; 0: not known, and psnr_image is left empty"
+    protocol: Literal["ours", *DATASETS] = Field(
+        "ours",
+        description="Whose protocol splits, sizes and metrics follow: ours, or that of a public set, whose preset "
+        "config/presets/set_NAME.yaml says it beside all else that belongs to it. It stands in metrics.csv, and "
+        "changes no number",
     )
     lpips_net: Literal["alex", "vgg"] = Field(
         "alex",

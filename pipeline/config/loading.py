@@ -18,8 +18,8 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline.base.errors import Complaints
 from pipeline.base.yaml_files import read_yaml
+from pipeline.config.datasets import DATASETS, WITHOUT_PROTOCOL
 from pipeline.config.project import (
-    DATASETS,
     NAME_PATTERN,
     PROJECT_ONLY,
     SECTIONS,
@@ -166,6 +166,7 @@ def _validate(model: type[BaseModel], content: Any, origins: list[tuple[str, Any
         _complain(error, model, origins, complaints)
         return None
     _complain_of_path(settings, origins, complaints)
+    _complain_of_protocol(settings, origins, complaints)
     for variant, stage in product(settings.variants, VARIED):
         inside = ("variants", variant) if stage == "train_avatar" else ("variants", variant, stage)
         own = [(where, _dig(given, inside)) for where, given in origins]
@@ -223,6 +224,19 @@ def _complain_of_path(settings: SubjectSettings, origins: list[tuple[str, Any]],
     else:
         found = f"{settings.source!r}, which has no path"
         complaints.add(where, "source", expected=f"one of {', '.join(DATASETS)}", found=found)
+
+
+def _complain_of_protocol(
+    settings: SubjectSettings, origins: list[tuple[str, Any]], complaints: Complaints
+) -> None:  # fmt: skip
+    """Some public sets state none."""
+    asked = settings.evaluate_avatar.protocol
+    if asked in WITHOUT_PROTOCOL:
+        where, key = _place_of("protocol", [("evaluate_avatar",)], origins)
+        hint = (
+            f"{asked} has none: {WITHOUT_PROTOCOL[asked]}; take no preset of a set, docs/datasets.md says what ours is"
+        )
+        complaints.add(where, key, expected="ours, or that of a set that states one", found=asked, hint=hint)
 
 
 def _complain(

@@ -18,6 +18,7 @@ from pipeline.config.calibrate_color import CalibrateColor
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.config.check_budget import CheckBudget
 from pipeline.config.compare_subjects import CompareSubjects
+from pipeline.config.datasets import DATASETS
 from pipeline.config.detect_landmarks import DetectLandmarks
 from pipeline.config.estimate_gaze import EstimateGaze
 from pipeline.config.evaluate_avatar import EvaluateAvatar
@@ -44,12 +45,6 @@ from pipeline.config.write_report import WriteReport
 
 NAME_PATTERN = "[A-Za-z0-9_][A-Za-z0-9_-]*"
 """What subjects and variants may be called: they become folder names, wildcards and words of command lines."""
-
-DATASETS = (
-    "goliath", "becominglit", "humanolat", "openillumination", "olatverse", "faceolat", "ava256", "actorshq",
-    "nersemble",
-)  # fmt: skip
-"""Public sets that import_capture reads."""
 
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 

@@ -70,7 +70,7 @@ ARGUMENTS = {
     "irradiance textures estimated_gaze=gaze out=shards",
     "train_avatar": "subject atlas shards frames=frame_shards effects fitted_eyes=eyes "
     "given_geometry=geometry out=avatar",
-    "evaluate_avatar": "subject atlas shards frames=frame_shards effects avatars=avatar out=scores",
+    "evaluate_avatar": "subject index atlas shards frames=frame_shards effects avatars=avatar out=scores",
     "relight_avatar": "atlas avatar tracking textures index estimated_gaze=gaze cameras environment lights=light_list "
     "shards=captured out=relit",
     "export_viewer": "subject atlas avatar shards frames=frame_shards index lights patterns out=viewer",

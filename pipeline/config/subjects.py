@@ -12,6 +12,7 @@ from typing import Any
 
 from pipeline.base.errors import InputError
 from pipeline.base.yaml_files import read_yaml
+from pipeline.config.datasets import WITHOUT_PROTOCOL
 from pipeline.config.loading import Project
 
 UNSPEAKABLE = frozenset("{}\n")
@@ -92,8 +93,9 @@ def dataset_files(project: Project, subject: str) -> list[str]:
     archives, and not one file for each image.
 
     Raises:
-        InputError: if there is no such folder.
+        InputError: if there is no such folder, or scores are to follow a protocol that is not the set's.
     """
+    require_own_protocol(project, subject)
     folder, limit = Path(project.subject(subject).path), project.settings.track_capture_files
     if not folder.is_dir():
         expected = f"the folder of a {project.subject(subject).source} capture"
@@ -102,6 +104,22 @@ def dataset_files(project: Project, subject: str) -> list[str]:
     if len(files) > limit:
         files = [path for path in _files_below(folder) if len(path.relative_to(folder).parts) <= SHALLOW + 1]
     return sorted(map(str, files))
+
+
+def require_own_protocol(project: Project, subject: str) -> None:
+    """Refuse the protocol of another public set.
+
+    Raises:
+        InputError: if scores are to follow the protocol of a set that the subject is not of.
+    """
+    settings = project.subject(subject)
+    found, source = settings.evaluate_avatar.protocol, settings.source
+    if found not in ("ours", source):
+        own = "ours" if source in WITHOUT_PROTOCOL else f"ours or {source}"
+        raise InputError(
+            f"{subject}: evaluate_avatar.protocol: expected {own}, as it is of {source}, found {found}; take the "
+            "preset of its own set, if that has one, or none"
+        )
 
 
 def _files_below(folder: Path) -> Iterator[Path]:

@@ -20,6 +20,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -66,6 +67,8 @@ SPLITS: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "held_out_lights": lambda t: (t.test_frame | t.test_pattern) & ~(t.test_segment | t.test_camera | t.fully_lit),
     # What RFGCA's table 1 scores: poses that training did not see, from cameras that it did not have.
     "novel_view_and_pose": lambda t: t.test_camera & (t.test_frame | t.test_segment),
+    # What sets of one light at a time score: lights that training did not see, from cameras that it did not have.
+    "novel_view_and_light": lambda t: t.test_camera & t.test_pattern,
 }
 TABLES = ("held_out_segments", "held_out_lights", "novel_view_and_pose")
 """Splits that have columns of their own in ablations.csv, and tables in the report: those of RGCA and of RFGCA."""
@@ -112,7 +115,7 @@ Render = Callable[[Any, Any], tuple[Any, Any]]
 def evaluate(
     render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any],
     lpips: Callable[[Any, Any], Any] | None = None, metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
-    trace: Callable[[Any], Any] = lambda frame: frame, image_pixels: int = 0,
+    trace: Callable[[Any], Any] = lambda frame: frame, image_pixels: Mapping[str, int] = MappingProxyType({}),
 ) -> pd.DataFrame:  # fmt: skip
     """Render and score every image that a split holds out: one row each, in their order.
 
@@ -124,7 +127,7 @@ def evaluate(
         lpips, metrics: scores that are taken.
         trace: frame record -> what `render` takes of a frame. It runs on threads of its own for the frames that
             come next, while the one before is rendered.
-        image_pixels: of a whole image, of which shards hold a part; 0: not known.
+        image_pixels: of the whole images of each camera, of which shards hold parts, where they are known.
 
     Raises:
         ValueError: if a rendering has another shape than its image, or is not finite.
@@ -140,9 +143,8 @@ def evaluate(
             flags = {name: getattr(image, name) for name in (*HELD_OUT, "fully_lit")}
             counts = {"foreground_pixels": int(foreground.sum())}
             rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **counts})
-            scores.append(
-                scoring.submit(measure, metrics, ImagePair(rendered, captured, foreground, lpips, image_pixels))
-            )
+            pair = ImagePair(rendered, captured, foreground, lpips, image_pixels.get(image.camera, 0))
+            scores.append(scoring.submit(measure, metrics, pair))
             if len(scores) > SCORED_LATER:
                 scores[-SCORED_LATER].result()
     rows = [row | score.result() for row, score in zip(rows, scores, strict=True)]
@@ -212,8 +214,9 @@ def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def capped(per_image: pd.DataFrame) -> pd.DataFrame:
-    """The scores with PSNR no larger than what exact matches count."""
-    return per_image.assign(psnr_db=per_image.psnr_db.clip(upper=PSNR_CEILING_DB))
+    """The scores with PSNR, also that of the image, no larger than what exact matches count."""
+    ratios = [name for name in ("psnr_db", "psnr_image") if name in per_image]
+    return per_image.assign(**{name: per_image[name].clip(upper=PSNR_CEILING_DB) for name in ratios})
 
 
 def summarize(per_image: pd.DataFrame) -> pd.DataFrame:

@@ -32,7 +32,7 @@ SPLIT_NAMES = {
     "test": "all test images", VALIDATION: "validation images", "test_cameras": "new cameras",
     "test_frames": "new frames", "test_segments": "new segments", "test_patterns": "new patterns",
     "held_out_segments": "new segments, known cameras", "held_out_lights": "new light, known cameras and segments",
-    "novel_view_and_pose": "new poses from new cameras",
+    "novel_view_and_pose": "new poses from new cameras", "novel_view_and_light": "new patterns from new cameras",
 }  # fmt: skip
 LIT_NAMES = {"all": "all light", "full": "fully lit", "partial": "partially lit"}
 SIGNIFICANT = 0.05

@@ -60,6 +60,7 @@ def run(
     avatars: tuple[Path, ...],
     out: Path,
     subject: str,
+    index: Path | None = None,
     frames: tuple[Path, ...] = (),
     scores: Path | None = None,
     chunk: int | None = None,
@@ -76,6 +77,7 @@ def run(
         out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv, avatar_times.csv and images/; with
             `chunk`, for CHUNK.parquet.
         subject: name of the subject, for the table.
+        index: folder of index_capture, for the sizes of whole images; without it, psnr_image stays empty.
         frames: folder of frame shards of each avatar, if they are not all lit as in SHARDS/frames.
         scores: folder of a folder VARIANT for each avatar, written with `chunk`: no image is scored again.
         chunk: score only the images of this chunk, of the one avatar that is given, and write a table of them.
@@ -100,14 +102,16 @@ def run(
     lit = {path: read_frame_shards([path / part for part in parts]) for path in frames}
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     metrics = asked_metrics(settings.metrics)
+    pixels = {} if index is None else whole_pixels(index)
     if chunk is not None:
         avatar = load_avatar(avatars[0], atlas)
-        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace, settings.image_pixels)
+        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace, pixels)
         write_table(out / f"{chunk:04d}.parquet", scored)
         log.info("%s: %d images of %d chunks from %d", avatars[0].name, len(scored), chunks, chunk)
         return
     network = {"lpips_net": settings.lpips_net, "lpips_weights": weights}
-    protocol = {"color_space": COLOR_SPACE, "region": region(metrics), **network}
+    protocol = {"color_space": COLOR_SPACE, "region": region(metrics), "protocol": settings.protocol}
+    protocol |= network
 
     means, singles, ablations, times = [], [], [], []
     # Those of an earlier run would stand beside scores that are not theirs.
@@ -119,7 +123,7 @@ def run(
         avatar = load_avatar(folder, atlas)
         render = avatar.render
         if scores is None:
-            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace, settings.image_pixels)
+            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace, pixels)
         else:
             per_image = joined_scores(scores / folder.name, images.table)
         names = {"subject": subject, "variant": folder.name}
@@ -141,6 +145,12 @@ def run(
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
     write_table(out / "ablations.csv", pd.DataFrame(ablations))
     write_table(out / "avatar_times.csv", pd.DataFrame(times))
+
+
+def whole_pixels(index: Path) -> dict[str, int]:
+    """Pixels of the whole images of each camera."""
+    cameras = read_table(index / "cameras.parquet")
+    return dict(zip(cameras.camera, (cameras.width * cameras.height).tolist(), strict=True))
 
 
 def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:

@@ -41,7 +41,7 @@ READERS: dict[str, Callable[[Path, ImportCapture], ImportedCapture]] = {
     "actorshq": read_actorshq,
     "nersemble": read_nersemble,
 }
-"""Reader of each set of `pipeline.config.project.DATASETS`."""
+"""Reader of each set of `pipeline.config.datasets.DATASETS`."""
 
 
 def run(*, dataset: str, source: Path, subject: str, out: Path, settings: ImportCapture = ImportCapture()) -> None:

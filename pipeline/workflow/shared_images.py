@@ -82,9 +82,12 @@ def scored_files(files: JobFiles) -> list[str]:
 
 
 def scoring_flags(files: JobFiles) -> list[str]:
-    """Settings of the scores alone, as flags: pictures are made where the tables are joined."""
+    """Settings of the scores alone, as flags.
+
+    Pictures are made, and protocols named, where the tables are joined.
+    """
     settings = files.settings.evaluate_avatar
-    return flags(settings.model_copy(update={"pictures": False, "intrinsic_layers": False}))
+    return flags(settings.model_copy(update={"pictures": False, "intrinsic_layers": False, "protocol": "ours"}))
 
 
 def share_size(files: JobFiles) -> JobSize:

@@ -217,9 +217,9 @@ def test_the_table_says_what_was_planted(results):
     table = pd.read_csv(results / "metrics.csv")
     assert table.columns.tolist() == [
         "subject", "variant", "split", "lit", "images", "foreground_pixels", "psnr_db", "ssim", "lpips", "flip",
-        "built", "why", "color_space", "region", "lpips_net", "lpips_weights",
+        "built", "why", "color_space", "region", "protocol", "lpips_net", "lpips_weights",
     ]  # fmt: skip
-    assert len(table) == 2 * 9 * 3
+    assert len(table) == 2 * 10 * 3
     assert set(table.subject) == {"someone"}
     assert set(table.color_space) == {"sRGB"} and set(table.why) == {"planted"}
     assert (table.built == table.variant).all()
@@ -236,6 +236,7 @@ def test_the_table_says_what_was_planted(results):
         ("held_out_segments", "all"): 1, ("held_out_segments", "full"): 1, ("held_out_segments", "partial"): 0,
         ("held_out_lights", "all"): 1, ("held_out_lights", "full"): 0, ("held_out_lights", "partial"): 1,
         ("novel_view_and_pose", "all"): 1, ("novel_view_and_pose", "full"): 0, ("novel_view_and_pose", "partial"): 1,
+        ("novel_view_and_light", "all"): 0, ("novel_view_and_light", "full"): 0, ("novel_view_and_light", "partial"): 0,
     }  # fmt: skip
     empty = rows.loc[("good", "test_frames", "full")]
     assert empty[["psnr_db", "ssim", "lpips", "flip"]].isna().all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 
 import numpy as np
@@ -27,7 +28,7 @@ from tests.support.datasets.becominglit_layout import (
     true_head,
     write_becominglit,
 )
-from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, score_as_preset
 
 FRAMES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 6, 100000: 9, 100001: 10, 100002: 11, 100003: 12}
 """Imported -> true: the sequences are EXP-2 and FREE, whose last frame lies behind its last mesh."""
@@ -137,3 +138,14 @@ def test_a_quarter_of_the_size_is_the_mean_of_light(truth, shipped, tmp_path):
     assert_true_cameras(results, truth, CAMERAS, 4)
     described = yaml.safe_load((capture / "capture.yaml").read_text())["imported"]["computed"]
     assert described["resolution"] == "import_capture.reduced: means of 4 x 4 pixels, as read"
+
+
+def test_preset_leads_to_the_table_that_is_promised(truth, shipped, tmp_path):
+    """Of a set whose other sequences show the first frame of one."""
+    root, cameras = shutil.copytree(shipped, tmp_path / "1001", copy_function=os.link), (*CAMERAS[:2], TEST_CAMERA)
+    later = shutil.ignore_patterns("light_pattern_per_frame.json", "frame_00000[1-9].*")
+    for name in ("EMOTIONS", "SEN-1", "SEN-2", "SEN-3"):
+        shutil.copytree(root / "sequences/EXP-2", root / "sequences" / name, copy_function=os.link, ignore=later)
+        (root / "sequences" / name / "light_pattern_per_frame.json").write_text("[[0, 0]]")
+    sizes = {name: tuple(side // 4 for side in truth.image_size(name)) for name in cameras}
+    score_as_preset("becominglit", root, tmp_path, sizes, cameras=cameras)

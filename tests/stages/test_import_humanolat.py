@@ -26,7 +26,7 @@ from tests.support.datasets.humanolat_layout import (
     true_head,
     write_humanolat,
 )
-from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, score_as_preset
 
 DIRECTIONS = ("camera-from-world", "world-from-camera")
 
@@ -94,6 +94,11 @@ def test_split_counts_cameras_from_0_and_lights_without_those_on_the_door():
     tested = [image_of(k) for k in (*range(1, 178, 3), 180, 183)]
     assert found.patterns[: len(tested)] == tested and found.validation_patterns[59] == image_of(181)
     assert len(found.patterns) == len(found.validation_patterns) == 310 // 3
+
+
+def test_preset_leads_to_the_table_that_is_promised(truth, shipped, tmp_path):
+    cameras = (TEST_CAMERA, *CAMERAS[1:3])
+    score_as_preset("humanolat", shipped, tmp_path, {c: truth.image_size(c) for c in cameras}, cameras=cameras)
 
 
 def test_masks_that_do_not_decide_are_refused_with_both_numbers(shipped, tmp_path, caplog):

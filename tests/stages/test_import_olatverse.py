@@ -15,7 +15,7 @@ from pipeline.base.files import read_arrays
 from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.import_capture import run
-from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, metrics_of
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, score_as_preset
 from tests.support.datasets.olatverse_layout import (
     BENCHMARK_TEST_CAMERA,
     BLIND_CAMERA,
@@ -94,10 +94,10 @@ def test_axes_units_and_splits_are_said_with_all_numbers(imported):
     assert (splits["test_patterns"], splits["validation_patterns"]) == (numbers[1::3], numbers[2::3])
 
 
-def test_metrics_come_of_held_out_cameras_and_lights(shipped, tmp_path):
-    settings = ImportCapture(cameras=("Cam01", "Cam05", BENCHMARK_TEST_CAMERA))
-    scores = metrics_of(*import_set("olatverse", shipped, tmp_path, settings))
-    scored = scores[scores.images > 0]
+def test_preset_leads_to_metrics_of_held_out_cameras_and_lights(truth, shipped, tmp_path):
+    cameras = ("Cam01", "Cam05", BENCHMARK_TEST_CAMERA)
+    sizes = {name: truth.image_size(name) for name in cameras}
+    scored = score_as_preset("olatverse", shipped, tmp_path, sizes, cameras=cameras)
     assert {"validation", "test_cameras", "held_out_lights"} <= set(scored.split)
     assert np.isfinite(scored.psnr_db).all()
 

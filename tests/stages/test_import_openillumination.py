@@ -19,7 +19,7 @@ from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh_files import decode_mesh
 from pipeline.stages.import_capture import run
-from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, metrics_of
+from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, score_as_preset
 from tests.support.datasets.openillumination_layout import (
     BLIND_CAMERA,
     CAMERAS,
@@ -128,10 +128,10 @@ def test_without_a_mesh_the_hull_of_the_masks_stands_in(truth, shipped, tmp_path
     assert "visual hull of 6 masks" in described["imported"]["computed"]["meshes"]
 
 
-def test_metrics_come_of_a_hull_and_of_images_without_full_light(shipped, tmp_path):
-    settings = ImportCapture(hull_cells=16, cameras=("A1", TEST_CAMERA, "D3"))
-    scores = metrics_of(*import_set("openillumination", shipped, tmp_path, settings))
-    scored = scores[scores.images > 0]
+def test_preset_leads_to_metrics_of_a_hull_and_of_images_without_full_light(truth, shipped, tmp_path):
+    cameras = ("A1", TEST_CAMERA, "D3")
+    sizes = {name: tuple(side // 2 for side in truth.image_size(name)) for name in cameras}
+    scored = score_as_preset("openillumination", shipped, tmp_path, sizes, hull_cells=16, cameras=cameras)
     assert {"validation", "test_cameras"} <= set(scored.split) and "held_out_lights" not in set(scored.split)
     assert np.isfinite(scored.psnr_db).all()
 

@@ -1,4 +1,7 @@
-"""Public sets of people, each named in one line of configuration, from their own layouts to tables of metrics."""
+"""Public sets of people, each named in one line of configuration, from their own layouts to tables of metrics.
+
+Each is scored by its own protocol, if it has one.
+"""
 
 from __future__ import annotations
 
@@ -7,34 +10,16 @@ import pandas as pd
 import pytest
 
 from tests.support.datasets import actorshq_layout, ava256_layout, faceolat_layout, nersemble_layout
+from tests.support.datasets.protocols import assert_kept, documented_protocols
 
 CHEAP = "unwrap_atlas: {size: 32}\ntrain_avatar: {steps: 4}\nevaluate_avatar: {pictures: false}\n"
 
-
-def write_faceolat(folder):
-    truth = faceolat_layout.true_head()
-    return faceolat_layout.write_faceolat(folder, truth), faceolat_layout.settings(folder, truth)
-
-
-def write_ava256(folder):
-    truth = ava256_layout.true_head()
-    return ava256_layout.write_ava256(folder, truth), ava256_layout.settings(folder, truth)
-
-
-def write_actorshq(folder):
-    truth = actorshq_layout.true_head()
-    return actorshq_layout.write_actorshq(folder, truth), actorshq_layout.settings(folder, truth)
-
-
-def write_nersemble(folder):
-    truth = nersemble_layout.true_head()
-    return nersemble_layout.write_nersemble(folder, truth), nersemble_layout.settings(folder, truth)
-
-
 SETS = {
-    "faceolat": (write_faceolat, {"test_cameras", "test_patterns"}), "ava256": (write_ava256, {"test_segments"}),
-    "actorshq": (write_actorshq, {"test_cameras"}), "nersemble": (write_nersemble, {"test_cameras", "test_segments"}),
-}  # fmt: skip
+    "faceolat": (faceolat_layout, faceolat_layout.write_faceolat),
+    "ava256": (ava256_layout, ava256_layout.write_ava256),
+    "actorshq": (actorshq_layout, actorshq_layout.write_actorshq),
+    "nersemble": (nersemble_layout, nersemble_layout.write_nersemble),
+}
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +28,23 @@ def project(copy_of_project, stage_server, tmp_path_factory):
 
 
 @pytest.mark.parametrize("dataset", SETS)
-def test_one_line_of_configuration_leads_to_metrics(project, dataset, tmp_path):
-    write, splits = SETS[dataset]
-    root, settings = write(tmp_path)
-    subject = f"source: {dataset}\npath: {root}\nimport_capture: {settings}\n{CHEAP}"
+def test_one_line_of_configuration_and_a_preset_lead_to_the_metrics_that_are_promised(project, dataset, tmp_path):
+    (layout, write), promised = SETS[dataset], documented_protocols()[dataset]
+    truth, results = layout.true_head(), project.folder / "results" / dataset
+    subject = f"source: {dataset}\npath: {write(tmp_path, truth)}\n"
+    subject += f"import_capture: {layout.settings(tmp_path, truth)}\n{CHEAP}"
     (project.folder / f"config/subjects/{dataset}.yaml").write_text(subject)
-    project.ran(f"results/{dataset}/metrics.csv", "--config", "training_processes=1")
-    table = pd.read_csv(project.folder / f"results/{dataset}/metrics.csv")
-    scored = table[table.images > 0]
-    assert splits <= set(scored.split)
-    assert np.isfinite(scored.psnr_db).all()
+    preset = ["--configfile", promised.preset] if promised.preset else []
+    project.ran(f"results/{dataset}/metrics.csv", "--config", "training_processes=1", *preset)
+    smaller = promised.settings.get("import_capture", {}).get("reduced", 1)
+    sizes = {name: tuple(side // smaller for side in truth.image_size(name)) for name in truth.cameras}
+    assert_kept(dataset, results, sizes)
+    table = pd.read_csv(results / "metrics.csv")
+    assert np.isfinite(table[table.images > 0].psnr_db).all()
+
+
+def test_preset_of_a_set_without_a_protocol_is_refused_with_the_reason(project):
+    said = project.refused("results/tiny/metrics.csv", "--configfile", "config/presets/set_faceolat.yaml")
+    assert "(--config, --configfile): evaluate_avatar.protocol: expected ours, or that of a set that states one" in said
+    assert "faceolat has none: its programs" in said and "docs/datasets.md says what ours is" in said
+    assert "Traceback" not in said

@@ -9,8 +9,11 @@ import pandas as pd
 import pytest
 
 from tests.support.datasets.goliath_layout import CAMERAS, true_head, write_goliath
+from tests.support.datasets.protocols import assert_kept
 
 TARGET = "results/someone/metrics.csv"
+PRESET = ("--configfile", "config/presets/set_goliath.yaml")
+IMAGE = (32, 48)
 CHEAP = "unwrap_atlas: {size: 32}\ntrain_avatar: {steps: 4}\nevaluate_avatar: {pictures: false}\n"
 
 STAGES = [
@@ -24,19 +27,18 @@ STAGES = [
 def made(copy_of_project, stage_server, tmp_path_factory):
     folder = tmp_path_factory.mktemp("public")
     workflow = copy_of_project(folder / "project").with_stages_of(stage_server)
-    shipped = write_goliath(folder / "sets", true_head(image=(32, 48)))
+    shipped = write_goliath(folder / "sets", true_head(image=IMAGE))
     (workflow.folder / "config/subjects/someone.yaml").write_text(f"source: goliath\npath: {shipped}\n{CHEAP}")
-    return workflow, shipped, workflow.ran(TARGET, "--config", "training_processes=1")
+    return workflow, shipped, workflow.ran(TARGET, "--config", "training_processes=1", *PRESET)
 
 
-def test_one_line_of_configuration_leads_to_metrics(made):
+def test_one_line_of_configuration_and_a_preset_lead_to_the_metrics_that_are_promised(made):
     workflow, _, ran = made
     assert sorted(set(ran)) == sorted(STAGES)
     table = pd.read_csv(workflow.folder / TARGET)
-    scored = table[table.images > 0]
-    assert {"test_cameras", "test_segments"} <= set(scored.split)
-    assert np.isfinite(scored.psnr_db).all()
-    assert workflow.planned(TARGET) == {}
+    assert np.isfinite(table[table.images > 0].psnr_db).all()
+    assert_kept("goliath", (workflow.folder / TARGET).parent, dict.fromkeys(CAMERAS, IMAGE))
+    assert workflow.planned(TARGET, *PRESET) == {}
 
 
 def test_images_stay_where_the_set_has_them(made):
@@ -56,6 +58,6 @@ def test_changed_calibration_of_the_set_is_imported_anew_and_smaller_chunks_are_
     content = json.loads(path.read_text())
     next(entry for entry in content["KRT"] if entry["cameraId"] == CAMERAS[0])["K"][0][0] *= 1.001
     path.write_text(json.dumps(content))
-    assert workflow.planned(TARGET)["import_capture"] == 1
+    assert workflow.planned(TARGET, *PRESET)["import_capture"] == 1
     # What was imported says how many frames there are: eleven are left of fourteen.
-    assert workflow.planned("results/someone/tracking/review", "--config", "chunk_frames=4")["track_mesh"] == 3
+    assert workflow.planned("results/someone/tracking/review", "--config", "chunk_frames=4", *PRESET)["track_mesh"] == 3

@@ -21,6 +21,8 @@ SCORES = {
 rule evaluate_avatar:
     input:
         index=ancient("results/{subject}/index/capture.json"),
+        # Images of other sizes are other shards.
+        sizes=ancient("results/{subject}/index/cameras.parquet"),
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
         validation=lambda wildcards: job(wildcards).shards("shards/validation"),
@@ -74,6 +76,8 @@ use rule evaluate_avatar as evaluate_avatar_without_pictures with:
 use rule evaluate_avatar as score_images with:
     input:
         index=ancient("results/{subject}/index/capture.json"),
+        # Images of other sizes are other shards.
+        sizes=ancient("results/{subject}/index/cameras.parquet"),
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
         shards=lambda wildcards: scored_files(job(wildcards)),

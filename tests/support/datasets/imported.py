@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,6 +33,7 @@ from pipeline.stages import (
     unwrap_atlas,
 )
 from pipeline.stages.index_capture import run as index_capture
+from tests.support.datasets.protocols import assert_kept, documented_protocols
 from tests.support.datasets.turning_head import TurningHead
 
 
@@ -108,12 +110,25 @@ def packed(capture: Path, results: Path, atlas: int = 32) -> dict:
     return {"subject": "someone", "atlas": seen["atlas"], "shards": results / "shards", "effects": effects}
 
 
-def metrics_of(capture: Path, results: Path) -> pd.DataFrame:
-    """metrics.csv of what `import_set` made."""
+def score_as_preset(
+    dataset: str, source: Path, folder: Path, sizes: Mapping[str, tuple[int, int]], **taken: Any
+) -> pd.DataFrame:
+    """Rows with images of the metrics.csv that a set's own protocol leads to, which is as promised.
+
+    Args:
+        sizes: width and height of each camera's images, as the protocol has them.
+        taken: settings of import_capture beside those of the preset.
+    """
+    preset = documented_protocols()[dataset].settings
+    settings = ImportCapture(**preset.get("import_capture", {}) | taken)
+    capture, results = import_set(dataset, source, folder, settings)
     files, avatar = packed(capture, results), results / "avatars/full"
     train_avatar.run(**files, out=avatar, processes=1, settings=TrainAvatar(steps=2))
-    evaluate_avatar.run(**files, avatars=(avatar,), out=results, settings=EvaluateAvatar(pictures=False))
-    return pd.read_csv(results / "metrics.csv")
+    scoring = EvaluateAvatar(pictures=False, **preset["evaluate_avatar"])
+    evaluate_avatar.run(**files, index=results / "index", avatars=(avatar,), out=results, settings=scoring)
+    assert_kept(dataset, results, sizes)
+    table = pd.read_csv(results / "metrics.csv")
+    return table[table.images > 0]
 
 
 TRUE_PX, TRUE_M = 1e-6, 1e-6

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
 from pipeline.metrics.comparison import side_by_side
-from pipeline.metrics.evaluation import PSNR_CEILING_DB, SPLITS, evaluate, summarize, worst_median_best
+from pipeline.metrics.evaluation import PSNR_CEILING_DB, SPLITS, capped, evaluate, summarize, worst_median_best
 from pipeline.metrics.lpips import BACKBONES, Lpips, build_features, linear_weights
 
 
@@ -62,6 +63,7 @@ def test_only_held_out_images_are_scored_and_groups_are_complete():
         ("test_patterns", "all"): 2, ("test_patterns", "full"): 1, ("test_patterns", "partial"): 1,
         ("novel_view_and_pose", "all"): 1, ("novel_view_and_pose", "full"): 0, ("novel_view_and_pose", "partial"): 1,
         **dict.fromkeys(product(("validation", "held_out_segments", "held_out_lights"), ("all", "full", "partial")), 0),
+        ("novel_view_and_light", "all"): 2, ("novel_view_and_light", "full"): 1, ("novel_view_and_light", "partial"): 1,
     }  # fmt: skip
     assert rows.loc[("test_frames", "all"), ["psnr_db", "ssim", "lpips", "flip"]].isna().all()
     assert rows.loc[("test", "partial"), "psnr_db"] == pytest.approx(table.psnr_db[1:].mean())
@@ -95,6 +97,11 @@ def test_new_light_and_new_expressions_are_told_apart():
     lights, segments = (table[SPLITS[name](table)].frame.tolist() for name in ("held_out_lights", "held_out_segments"))
     assert lights == [0, 1] and segments == [3, 4]
     assert table[SPLITS["novel_view_and_pose"](table)].frame.tolist() == [5]  # of a test camera, and a new pose
+
+
+def test_exact_images_count_the_ceiling_in_both_ratios():
+    row = {"frame": 0, "psnr_db": np.inf, "psnr_image": np.inf}
+    assert capped(pd.DataFrame([row]))[["psnr_db", "psnr_image"]].eq(PSNR_CEILING_DB).all(axis=None)
 
 
 def test_psnr_is_in_srgb_over_the_subject():
@@ -193,7 +200,7 @@ def test_a_broken_rendering_is_an_error_that_names_the_image():
 
 def test_no_test_images_give_empty_rows():
     rows = summarize(evaluate(add_to(0.1), [subject_image(test_camera=False)], {0: None}))
-    assert len(rows) == 27
+    assert len(rows) == 30
     assert (rows.images == 0).all()
     assert rows.psnr_db.isna().all()
 

@@ -71,12 +71,12 @@ def test_a_job_that_joins_handles_no_image_and_reads_of_all(project):
     assert joined_size(files, []) == job_size(files) and job_size(files).frames == 24
 
 
-def test_pictures_do_not_decide_scores(project):
+def test_pictures_and_names_of_protocols_do_not_decide_scores(project):
     flags = [
         scoring_flags(JobFiles(project(evaluate_avatar=each), "someone"))
-        for each in ({}, {"pictures": False}, {"intrinsic_layers": False}, {"lpips_net": "vgg"})
+        for each in ({}, {"pictures": False}, {"intrinsic_layers": False}, {"protocol": "ava256"}, {"lpips_net": "vgg"})
     ]
-    assert flags[0] == flags[1] == flags[2] != flags[3]
+    assert flags[0] == flags[1] == flags[2] == flags[3] != flags[4]
 
 
 @pytest.mark.parametrize(("watched", "jobs"), [(9, 2), (10, 0)])
