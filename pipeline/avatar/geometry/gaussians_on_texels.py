@@ -14,7 +14,7 @@ from pipeline.avatar.texels.posed_texels import PosedTexels, pose_texels
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
 from pipeline.geometry.rotations import matrix_from_quaternion, multiply_quaternions, quaternion_from_matrix
-from pipeline.rendering.splat_conventions import Splatted
+from pipeline.rendering.splat_conventions import MIN_NEAR_M, Splatted
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions, Supersampling
 from pipeline.rendering.supersample import splat_supersampled
 
@@ -32,7 +32,8 @@ class GaussiansOnTexels(Primitives):
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         self.options = SplatOptions(
-            spec.dilation_px2, spec.compensate_opacity, median_depth=spec.pixel_depth == "median"
+            spec.dilation_px2, spec.compensate_opacity, max(SplatOptions.near_m * store.unit_m, MIN_NEAR_M),
+            spec.pixel_depth == "median",
         )  # fmt: skip
         self.sampling = Supersampling(spec.supersample, spec.pixel_filter, spec.filter_std_px)
         spacing = store.spacing

@@ -36,7 +36,7 @@ class VolumesOnTexels(Primitives):
     """Boxes that stand on the surface and may move off it."""
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
-        self.store, self.step_m = store, spec.ray_step_m
+        self.store, self.step_m = store, spec.ray_step_m * store.unit_m
         self.sampling = Supersampling(spec.supersample, spec.pixel_filter, spec.filter_std_px)
         layout = lay_boxes(store.atlas, store.spacing.numpy(), spec.box_voxels)
         for name, tensor in layout.named().items():

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.avatar.texels.length_unit import length_unit_m
 from pipeline.geometry.rotations import quaternion_from_matrix
 from pipeline.geometry.texel_surface import surface_frames
 from pipeline.geometry.texels import Atlas
@@ -49,7 +50,8 @@ def rest_normals(atlas: Atlas) -> Float[Tensor, "texels 3"]:
 
 
 SMALLEST_SPACING_M = 1e-5
-"""Spacing given to texels of degenerate triangles: a tenth of the smallest Gaussian scale (RFGCA Appendix B)."""
+"""Spacing given to texels of degenerate triangles: a tenth of the smallest Gaussian scale (RFGCA Appendix B). In units
+of `length_unit_m`."""
 
 
 def texel_spacing(atlas: Atlas) -> Float[Tensor, "texels 2"]:
@@ -69,4 +71,5 @@ def texel_spacing(atlas: Atlas) -> Float[Tensor, "texels 2"]:
     across = np.divide(area, length_u, out=np.zeros_like(area), where=length_u > 0)
     spacing = np.stack([length_u, across], -1) / atlas.size
     spacing[~usable] = 0
-    return torch.as_tensor(np.maximum(spacing[atlas.face], SMALLEST_SPACING_M).astype(np.float32))
+    smallest = SMALLEST_SPACING_M * length_unit_m(atlas)
+    return torch.as_tensor(np.maximum(spacing[atlas.face], smallest).astype(np.float32))

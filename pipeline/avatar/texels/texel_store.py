@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.avatar.texels.length_unit import length_unit_m
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.geometry.texels import Atlas, adjoining_texels, texels_side_by_side
 
@@ -25,7 +26,7 @@ class TexelStore(nn.Module):
 
     def __init__(self, atlas: Atlas, spacing: Float[Tensor, "texels 2"]) -> None:
         super().__init__()
-        self.atlas = atlas
+        self.atlas, self.unit_m = atlas, length_unit_m(atlas)
         self.register_buffer("spacing", spacing)
         adjoining = adjoining_texels(atlas)
         self.register_buffer("adjoining", torch.as_tensor(adjoining), persistent=False)

@@ -20,6 +20,8 @@ RATE_OF = {
     "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
 }  # fmt: skip
 """Which learning rate drives which texel parameter; everything else is a network."""
+EPSILON = 1e-8
+"""Added to the root of the mean squared gradient. A gradient per metre is the smaller the larger a subject is."""
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 """What Adam keeps of each parameter."""
 
@@ -46,11 +48,14 @@ def learned_parameters(module: nn.Module) -> dict[str, nn.Parameter]:
 
 
 def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> Adam:
-    """Adam with one rate per kind of parameter."""
+    """Adam with one rate per kind of parameter; that of lengths is in units of `length_unit_m`."""
     groups: dict[str, list[Tensor]] = defaultdict(list)
     for name, parameter in learned_parameters(avatar).items():
         groups[RATE_OF.get(name, "network")].append(parameter)
     rates = [{"params": group, "lr": getattr(settings, f"learning_rate_{kind}")} for kind, group in groups.items()]
+    for kind, group in zip(groups, rates, strict=True):
+        unit = avatar.unit_m if kind == "offset" else 1.0
+        group |= {"lr": unit * group["lr"], "eps": EPSILON / unit}
     for group in rates:
         group["start_rate"] = group["lr"]
     return Adam(rates, fused=True)
