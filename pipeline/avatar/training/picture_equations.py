@@ -56,10 +56,13 @@ class PictureEquations:
         errors: float,
         which: Sequence[int] | slice = slice(None),
     ) -> None:
-        """Add those of images of one half, on some of the unknowns."""
+        """Add those of images of one half, on some of the unknowns.
+
+        An unknown that is named twice, as of two lights in one place, gets the sum of both.
+        """
         at = np.arange(self.vector.shape[1])[which]
-        self.matrix[half][np.ix_(at, at)] += matrix
-        self.vector[half][at] += vector
+        np.add.at(self.matrix[half], np.ix_(at, at), matrix)
+        np.add.at(self.vector[half], at, vector)
         self.errors[half] += errors
 
     def of(self, which: slice) -> PictureEquations:
