@@ -13,6 +13,7 @@ from typing import overload
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from jaxtyping import Float32
 
 from pipeline.base.errors import InputError
 from pipeline.base.splits import TEST_FLAGS, VALIDATION
@@ -137,6 +138,16 @@ class FrameShards(Mapping[int, FrameRecord]):
         if len(twice := self.table.frame[self.table.frame.duplicated()]):
             raise InputError(f"frame {twice.iloc[0]}: expected in one frame shard, found in two of {self._rows.paths}")
         self._index = {frame: row for row, frame in enumerate(self.table.frame.tolist())}
+
+    def lights(self) -> dict[int, Float32[np.ndarray, "lit 6"]]:
+        """Places, metres, and intensities of the lights of every frame; nothing else is read."""
+        names = ("light_positions", "light_intensities")
+        stored = self._rows.columns(["frame", *names]).to_pydict()
+        self._rows.forget()
+        arrays = zip(
+            *([np.frombuffer(row, "<f4").reshape(-1, 3) for row in stored[name]] for name in names), strict=True
+        )
+        return {frame: np.concatenate(both, 1) for frame, both in zip(stored["frame"], arrays, strict=True)}
 
     def __reduce__(self) -> tuple:
         return FrameShards, (self._rows.paths,)

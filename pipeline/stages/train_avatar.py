@@ -33,6 +33,7 @@ from pipeline.avatar.training.calibration_rounds import apply_refined, refine, r
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import Processes, joined_processes
 from pipeline.avatar.training.given_geometry import take_geometry, with_given_geometry
+from pipeline.avatar.training.lacking import LookedAt, lacking_in_tables, undrawn_texels, unusual_size
 from pipeline.avatar.training.local_processes import cache_bytes, partners, suggested_processes
 from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.read_ahead import ReadAhead, Rounds, frames_in_use
@@ -151,6 +152,8 @@ def run(
         for name, why in dropped.items():
             log.info("the loss has no term %s: %s", name, why)
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
+        if processes.is_main:
+            warn_of(unusual_size(avatar) + lacking_in_tables(images.table.iloc[chosen], records))
         training = Training(avatar, settings, processes, subject, len(chosen))
         done = train(subject, training, images, chosen, inputs, out, fingerprint)
         if processes.is_main:
@@ -200,6 +203,7 @@ def train(
     schedule = Schedule(subject, frame_of_image, settings.cameras_per_step, settings.steps_together * in_step)
     rounds = Rounds(schedule, chosen, settings)
     apply_refined(frames, images, at)
+    looked_at = LookedAt()
     left, before, started = range(at.step, settings.steps), at.seconds, time.monotonic()
     with (
         StopRequests() as stop,
@@ -215,6 +219,7 @@ def train(
             steps, batches = rounds.steps(first), rounds.batches(first)
             portions = ahead.portions(batches)
             ahead.start(rounds.batches(steps.stop))
+            looked_at.look(image for portion in portions for image in portion.images)
             try:
                 values, stopping = training.take_round(first, portions, bool(stop.received))
             except BrokenStep as error:
@@ -234,7 +239,15 @@ def train(
                 if stopping:
                     done = f"stopped after {at.step} of {settings.steps} steps; the same command goes on from there"
                     raise Stopped(done, stop.received or signal.SIGTERM)
+    if processes.is_main:
+        warn_of(looked_at.lacking() + undrawn_texels(training.avatar, training.optimizer))
     return at
+
+
+def warn_of(lacks: list[str]) -> None:
+    """Log what the training images do not tell."""
+    for lack in lacks:
+        log.warning("%s", lack)
 
 
 def require_same_start(step: int, processes: Processes) -> None:

@@ -18,7 +18,13 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.training.camera_refinement import refined_cameras
 from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.avatar.training.distributed import Processes
-from pipeline.avatar.training.light_refinement import Sigmas, assembled, changes_by_moving, refined_gains
+from pipeline.avatar.training.light_refinement import (
+    Sigmas,
+    assembled,
+    changes_by_moving,
+    refined_gains,
+    told_apart,
+)
 from pipeline.avatar.training.picture_equations import PictureEquations, image_equations
 from pipeline.avatar.training.seen_surface import seen_surface
 from pipeline.base.spread import evenly
@@ -145,6 +151,10 @@ def refine_calibration(
         lights = [frames.records[n].light_positions for n in numbers]
         places, together = assembled(lights, [look.lights for look in looks], 4 if sigmas.light_m else 1)
         refined, gained, moved = refined_gains(places, together, gains, sigmas)
+        told = told_apart(together.of(slice(len(places))))
+        if told < len(places) and processes.is_main:
+            log.warning("images tell only %d of %d lights apart: the others' light is like theirs, or not seen", told,
+                        len(places))  # fmt: skip
         report_lights(gains, refined, gained, moved / max(float(together.errors.sum()), 1e-300), sigmas)
     if sigmas.shift_m:
         cameras, share = refined_cameras(by_camera(looks), sigmas)
