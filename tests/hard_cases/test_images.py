@@ -44,7 +44,7 @@ def test_srgb(case: HardCase, at: float) -> None:
         worst(found, encoded(exact), max(float(encoded(exact)), 0.04)), FLOAT32, worst(slope, by_linear), FLOAT32
     )
     assert linear_from_srgb(found.detach()).item() == pytest.approx(at, rel=1e-6)
-    if at <= 0:  # the usual approximation, and what where() leaves of the right one if the power is not kept off zero
+    if at < BREAK_LINEAR:  # the power alone, without the straight line below it
         naive = torch.tensor(at, requires_grad=True)
         (1.055 * naive ** (1 / 2.4) - 0.055).backward()
         case.naive_fails(worst(naive.grad, by_linear), "gradient")

@@ -80,6 +80,10 @@ def test_fisheye_and_its_jacobian(case, where):
     # Straight behind, the derivative across the axis grows as 1 / r, and the rounding of r with it: 1e-16 / 1e-6.
     bound = 1e-9 if "behind" in where else 1e-13
     case.check(worst(distorted, expected), 1e-14, worst(found, slopes), bound)
+    if where in ("on the axis", "1e-200 beside the axis"):
+        x, y, z = point[0]
+        with np.errstate(invalid="ignore"):
+            case.naive_fails(worst(np.arctan2(np.sqrt(x * x + y * y), z) * point[0, :2] / np.sqrt(x * x + y * y), 0.0))
     if point[0, 2] < 0:
         # The definition with atan(r / z), as OpenCV has it, ends at 90 degrees.
         r = np.linalg.norm(point[0, :2])
@@ -115,6 +119,17 @@ def test_straight_behind_is_finite_and_on_the_right_circle(case):
     assert np.isfinite(by_point).all()
     assert np.isfinite(by_terms).all()
     np.testing.assert_array_equal(FISHEYE.distort(point, TERMS), distorted)
+    r = np.linalg.norm(point[0, :2])
+    with np.errstate(invalid="ignore"):
+        case.naive_fails(worst(np.linalg.norm(radius * point[0, :2] / r), radius))
+
+
+def opencv_rays(pixels, K, terms):
+    """Unit rays by cv2.fisheye, whose first pixel centre is (0, 0): it knows a pinhole's only, up to 90 degrees."""
+    K = K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+    xy = cv2.fisheye.undistortPoints((pixels - 0.5)[:, None], K, np.array(terms))[:, 0]
+    rays = np.concatenate([xy, np.ones((len(xy), 1))], 1)
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize("focal", [1e-6, 1.0, 300.0, 1e9])
@@ -127,6 +142,7 @@ def test_rays_return_at_any_focal_length(case, focal):
     rays = FISHEYE.undistort(pixels, K, TERMS)
     # Pixels below a focal length of one are rounded at the size of the principal point.
     case.check(worst(rays, points / 2.0), 1e-13 * max(1.0, 1 / focal))
+    case.naive_fails(worst(opencv_rays(pixels, K, TERMS), points / 2.0))
 
 
 @pytest.mark.parametrize("terms", [FOLDING, np.array([0.2, -0.4, 0.1, 0.0]), np.array([0.0, 0.0, 0.0, -1.0])])
@@ -140,6 +156,8 @@ def test_far_corners_where_the_polynomial_has_turned(case, terms):
     rays = FISHEYE.undistort(np.stack([radius, 0 * radius], 1), np.eye(3), terms)
     again = FISHEYE.distort(rays, terms)[:, 0]
     case.check(worst(again, radius), 1e-14)
+    theirs = opencv_rays(np.stack([radius, 0 * radius], 1), np.eye(3), terms)
+    case.naive_fails(worst(theirs, np.stack([np.sin(before), 0 * before, np.cos(before)], 1)))
     assert (np.arctan2(rays[:, 0], rays[:, 2]) <= largest * (1 + 1e-15)).all()
     beyond = radius[-1] * np.array([1 + 1e-12, 1.5, 100.0, 1e300])
     assert np.isnan(FISHEYE.undistort(np.stack([0 * beyond, beyond], 1), np.eye(3), terms)).all()

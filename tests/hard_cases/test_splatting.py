@@ -7,7 +7,10 @@ import math
 import pytest
 import torch
 
+from pipeline.rendering import splat_comparison
+from tests.support.avatars.naive_splatter import naive_splat
 from tests.support.avatars.splat_by_names import compare_with_reference
+from tests.support.results.hard_case import HardCase
 
 VALUE_TOLERANCE = 1e-5
 GRADIENT_TOLERANCE = 1e-5
@@ -138,26 +141,37 @@ CASES = {
     "means and scales of 1e30": (gaussians(mean=(1e29, 1e29, 1e30), scales=(1e30, 1e29, 1e30)), {}),
 }  # fmt: skip
 
+NAIVE_FAILS = {
+    "needle 300 px", "needle 300 px, compensated", "needle 3000 px", "needle 3000 px, 0.01 px2",
+    "larger than the image, compensated", "scales 1e-7, no dilation", "scales 0, compensated", "scales 0, no dilation",
+    "covariance of rank 1, no dilation", "covariance of rank 1, compensated", "zero and tiny quaternions",
+    "means and scales of 1e30",
+}  # fmt: skip
+"""Cases that splatting as it is usually written down gets wrong, or no number for."""
+
 
 def check(case, scene, width, height, settings, record_property):
     K = torch.tensor([[FOCAL, 0, width / 2], [0, FOCAL, height / 2], [0, 0, 1]])
     camera = {"R": torch.eye(3), "t": torch.zeros(3), "K": K, "width": width, "height": height}
     found = compare_with_reference(**scene, **camera, **settings)
     gradient = max(found.gradients.values())
-    measured = {"value_error": found.value, "value_bound": VALUE_TOLERANCE}
-    for column, number in {**measured, "gradient_error": gradient, "gradient_bound": GRADIENT_TOLERANCE}.items():
-        record_property(column, number)
+    row = HardCase(record_property)
+    row.check(found.value, VALUE_TOLERANCE, gradient, GRADIENT_TOLERANCE)
     print(f"{case:40s} value {found.value:.1e}  gradient {gradient:.1e}  undecided {found.undecided:.1%}")
     assert found.finite
-    assert found.value < VALUE_TOLERANCE
-    assert gradient < GRADIENT_TOLERANCE, found.gradients
     assert found.undecided < 0.2
+    return row, camera
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_hard_gaussians(case, record_property):
+def test_hard_gaussians(case, record_property, monkeypatch):
     scene, settings = CASES[case]
-    check(case, scene, WIDTH, HEIGHT, settings, record_property)
+    row, camera = check(case, scene, WIDTH, HEIGHT, settings, record_property)
+    if case in NAIVE_FAILS:
+        monkeypatch.setattr(splat_comparison, "splat", naive_splat)
+        naive = compare_with_reference(**scene, **camera, **settings)
+        gradients = list(naive.gradients.values())
+        row.naive_fails(max([naive.value, *gradients]) if naive.finite else math.nan, "gradient")
 
 
 @pytest.mark.parametrize("settings", [{}, SOFT, MEDIAN])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -11,6 +12,8 @@ from pipeline.rendering.volume_march import march
 from pipeline.rendering.volume_torch import march_torch
 from pipeline.rendering.volume_types import Volumes
 from tests.support.avatars.boxes import Scene, boxes, camera, compare, one_box
+from tests.support.avatars.naive_marcher import naive_march
+from tests.support.results.hard_case import HardCase
 
 VALUE_TOLERANCE = 1e-5
 GRADIENT_TOLERANCE = 1e-5
@@ -89,19 +92,24 @@ CASES = {
     "forty at one place": (boxes(40, density=0.1, spread=0.0, grid=(2, 2, 2)), {"step_m": 0.05}),
 }  # fmt: skip
 
+NAIVE_FAILS = {
+    "ray along a face", "scale zero along one axis", "scale zero", "scale zero, nothing else", "scale 1e-12",
+    "thinner than a step", "opaque in one step, density 1e30", "no density", "density 1e-30",
+}  # fmt: skip
+"""Cases that marching as it is usually written down gets wrong, or no number for."""
+
 
 @pytest.mark.parametrize("way", [march, march_torch])
 @pytest.mark.parametrize("name", CASES)
 def test_hard_boxes(name, way, record_property):
     scene, settings = CASES[name]
     found = compare(scene, camera(WIDTH, HEIGHT), function=way, **settings)
-    gradient = max(found.gradients.values())
-    measured = {"value_error": found.value, "value_bound": VALUE_TOLERANCE}
-    for column, number in {**measured, "gradient_error": gradient, "gradient_bound": GRADIENT_TOLERANCE}.items():
-        record_property(column, number)
+    case = HardCase(record_property)
+    case.check(found.value, VALUE_TOLERANCE, max(found.gradients.values()), GRADIENT_TOLERANCE)
     assert found.finite
-    assert found.value < VALUE_TOLERANCE
-    assert gradient < GRADIENT_TOLERANCE, found.gradients
+    if name in NAIVE_FAILS:
+        naive = compare(scene, camera(WIDTH, HEIGHT), function=naive_march, **settings)
+        case.naive_fails(max(naive.gradients.values()) if naive.finite else math.nan, "gradient")
 
 
 @pytest.mark.parametrize("way", [march, march_torch])
