@@ -190,9 +190,8 @@ def test_texels_beyond_the_border_of_all_images(case: HardCase, train: Train) ->
     done = train(frames, cropped)
     case.check(done.not_finite(), 0)
     avatar = done.loaded.avatar
-    beyond = (
-        avatar.atlas.texel[:, 1] >= 13 / 16 * TEXELS
-    )  # 9 cm and more from what is seen, as wide as a footprint and a pixel are
+    # A footprint and the pixel filter reach 10 cm from what is seen, the last of them by a millionth.
+    beyond = avatar.atlas.texel[:, 1] >= 14 / 16 * TEXELS
     case.check(worst(avatar.opacity[beyond].sigmoid(), np.full(beyond.sum(), START_OPACITY)), 1e-6)
     assert re.search(
         r"\d+ of 256 texels are in no picture: they are as at the start, or as their neighbours", done.said
