@@ -92,7 +92,7 @@ def of_texels(
     """
     viewed = avatar.viewed(frame, center)
     samples, shading = avatar.samples(frame, viewed), frame.shading
-    albedo, diffuse = avatar.albedo, shading.diffuse
+    albedo, (diffuse, indirect) = avatar.albedo, avatar.leaving(frame, center)
     if frame.eyes is not None:
         albedo, diffuse = (avatar.eyes.seen_from(frame, center, color, viewed.eye_gain) for color in (albedo, diffuse))
     mirrors = samples if samples is not None else avatar.built.specular.mirrors(frame, viewed)
@@ -103,8 +103,8 @@ def of_texels(
     shadow = traced_shadow(avatar, frame) if shading.shadow is None else shading.shadow
     if shadow is not None:
         shown["shadow"] = shadow[:, None]
-    if shading.indirect is not None:
-        shown["indirect"] = shading.indirect
+    if indirect is not None:
+        shown["indirect"] = indirect
     return shown
 
 

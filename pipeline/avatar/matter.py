@@ -19,11 +19,13 @@ class Matter:
         albedo: linear RGB.
         width: alpha of GGX.
         gloss: factor on what a dielectric reflects; 0 for avatars without such a lobe.
+        coat: share of grazing light that it keeps back from what is matte.
     """
 
     albedo: Float[np.ndarray, "texels 3"]
     width: Float[np.ndarray, " texels"]
     gloss: Float[np.ndarray, " texels"]
+    coat: float = 0.0
 
 
 @torch.no_grad()
@@ -32,4 +34,5 @@ def read_matter(avatar: Avatar) -> Matter:
     albedo = avatar.albedo.cpu().numpy()
     if avatar.spec.specular_model != "ggx":
         return Matter(albedo, np.ones(len(albedo), np.float32), np.zeros(len(albedo), np.float32))
-    return Matter(albedo, *(getattr(avatar, name).exp().cpu().numpy() for name in ("log_ggx_width", "log_gloss")))
+    width, gloss = (getattr(avatar, name).exp().cpu().numpy() for name in ("log_ggx_width", "log_gloss"))
+    return Matter(albedo, width, gloss, float(avatar.coat.bounded) if avatar.spec.coated else 0.0)

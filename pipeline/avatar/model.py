@@ -180,9 +180,20 @@ class Avatar(TexelStore):
         around = (frame.parameters, frame.surface.axes, frame.surface.posed)
         return replace(samples, normals=self.built.normals.bend(*around, viewed.normal_offset))
 
+    def leaving(
+        self, frame: PreparedFrame, center: Float[Tensor, " 3"]
+    ) -> tuple[Float[Tensor, "texels 3"], Float[Tensor, "texels 3"] | None]:
+        """Diffuse and indirect light that leaves texels for a camera."""
+        diffuse, indirect = frame.shading.diffuse, frame.shading.indirect
+        passes = self.built.diffuse.passes(frame.surface, center)
+        if passes is None:
+            return diffuse, indirect
+        return diffuse * passes, None if indirect is None else indirect * passes
+
     def layers(self, frame: PreparedFrame, center: Float[Tensor, " 3"]) -> Layers:
         """Layers that are blended for one camera. Light that the shadow network dims is a layer of its own."""
-        specular, color, lobe, mirrors = self.built.specular, frame.shading.diffuse, {}, None
+        specular, lobe, mirrors = self.built.specular, {}, None
+        color, indirect = self.leaving(frame, center)
         viewed = self.viewed(frame, center)
         added, samples = specular.texel_light(frame, viewed, center), self.samples(frame, viewed)
         if frame.eyes is not None:
@@ -197,7 +208,7 @@ class Avatar(TexelStore):
                 lobe["visibility"] = samples.visibility[:, None]
             else:
                 color = color + specular.shade(samples, frame, center)
-        shadow, indirect = frame.shading.shadow, frame.shading.indirect
+        shadow = frame.shading.shadow
         if shadow is None and indirect is not None:
             color, indirect = color + indirect, None
         shadow = None if shadow is None else shadow[:, None]

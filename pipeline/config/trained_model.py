@@ -28,6 +28,7 @@ TexelFrame = Literal["tangent", "head"]
 EyeParameters = Literal["texels", "decoded"]
 Geometry = Literal["gaussians", "volumes"]
 Lids = Literal["traced", "learned"]
+Matte = Literal["coated", "lambert"]
 
 
 class TrainedModel(Settings):
@@ -125,6 +126,11 @@ class TrainedModel(Settings):
         "schlick",
         description="How a lobe about the mirror direction, or of eyes, grows towards grazing views: as on glass, or "
         "not, so that the visibility has to learn it (RFGCA 12, RGCA 8)",
+    )
+    matte: Matte = Field(
+        "coated",
+        description="Beside GGX: light that grazes the surface as it comes or goes passes its coat less, by a share "
+        "that is learned, one for the subject (Kelemen and Szirmay-Kalos 2001); or Lambert's law alone",
     )
     specular: Mode = Field("auto", description="The specular lobe (RFGCA 10-14), or GGX")
     shadow: Mode = Field("auto", description="Shadows cast by distant parts of the subject (RFGCA 15-16)")

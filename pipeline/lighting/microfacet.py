@@ -1,20 +1,17 @@
-"""Matte and glossy reflection of point lights that a surface point sees.
+"""Glossy reflection of point lights that a surface point sees.
 
-Lambert, and Cook-Torrance with GGX or, as learned lobes have it, with a Gaussian of the half vector's angle.
+Cook-Torrance with GGX or, as learned lobes have it, with a Gaussian of the half vector's angle. What is reflected
+without gloss is in `pipeline.lighting.matte`.
 
 Every pair of point and light has its own visibility bit, so a shadow has an edge, and each highlight is shadowed by
 itself: what one shadow factor per point (RFGCA 16) cannot do. Rows of bits are packed as np.packbits does
-(`pipeline.lighting.visibility_bits`). Both sums come with their derivatives, made in the same pass.
+(`pipeline.lighting.visibility_bits`). The sum comes with its derivatives, made in the same pass.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import no_type_check
 
-import numba
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -24,42 +21,7 @@ from pipeline.lighting.device_sums import sum_in_pieces, unpacked
 from pipeline.lighting.lobes import angle_between
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.reflection_kernels import DIELECTRIC_F0, LOBE_SCALE, SMALLEST_COSINE
-from pipeline.lighting.zonal_kernels import FAST_MATH, SMALLEST_DISTANCE2_M2
-
-
-def arriving_vectors(
-    points: Float[Tensor, "points 3"],
-    normals: Float[Tensor, "points 3"],
-    lights: PointLights,
-) -> Float[Tensor, "points channels 3"]:
-    """Gather vector irradiance.
-
-    Sum of I_j / d_j^2 w_j over the lights seen and above the horizon of the normal.
-
-    Its product with the normal is the irradiance sum_j V_j I_j / d_j^2 max(0, n . w_j), and it is also that sum's
-    derivative with respect to n. No gradient flows through it.
-    """
-    inputs = (points, normals, lights.positions_m, lights.intensities)
-    tensors = [tensor.detach().contiguous() for tensor in inputs]
-    if points.device.type != "cpu":
-        return arriving_vectors_in_torch(*tensors[:2], replace(lights, positions_m=tensors[2], intensities=tensors[3]))
-    out = torch.empty(len(points), lights.intensities.shape[1], 3)
-    _arriving_vectors(*(tensor.numpy() for tensor in tensors), lights.bits_for(len(points)), out.numpy())
-    return out
-
-
-def arriving_vectors_in_torch(points: Tensor, normals: Tensor, lights: PointLights) -> Tensor:
-    """`arriving_vectors` on any device, without the kernel."""
-
-    def vectors(points: Tensor, normals: Tensor, seen: Tensor | None) -> Tensor:
-        offset = lights.positions_m - points[:, None]
-        distance2 = offset.square().sum(-1).clamp_min(float(SMALLEST_DISTANCE2_M2))
-        lit = (offset * normals[:, None]).sum(-1) > 0
-        weight = 1 / (distance2 * distance2.sqrt()) * (lit if seen is None else lit & seen)
-        return torch.einsum("pn,nc,pnd->pcd", weight, lights.intensities, offset)
-
-    mask = unpacked(lights.bits_for(len(points)), len(points), points.device)
-    return sum_in_pieces(vectors, (points, normals, mask), len(lights))
+from pipeline.lighting.zonal_kernels import SMALLEST_DISTANCE2_M2
 
 
 def gather_reflections(
@@ -141,26 +103,3 @@ def gather_reflections_in_torch(
 
     mask = unpacked(lights.bits_for(len(points)), len(points), points.device)
     return sum_in_pieces(reflections, (points.detach(), normals, to_camera.detach(), alpha, mask), len(lights))
-
-
-ONE = np.float32(1.0)
-
-
-@numba.njit(parallel=True, cache=True, fastmath=FAST_MATH)
-@no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _arriving_vectors(points, normals, lights, intensities, seen, out):
-    channels = intensities.shape[1]
-    for p in numba.prange(points.shape[0]):
-        out[p] = 0
-        for j in range(lights.shape[0]):
-            if not seen[j, p >> 3] & (128 >> (p & 7)):
-                continue
-            x, y, z = lights[j, 0] - points[p, 0], lights[j, 1] - points[p, 1], lights[j, 2] - points[p, 2]
-            if x * normals[p, 0] + y * normals[p, 1] + z * normals[p, 2] <= 0:
-                continue
-            distance2 = max(x * x + y * y + z * z, SMALLEST_DISTANCE2_M2)
-            weight = ONE / (distance2 * math.sqrt(distance2))
-            for c in range(channels):
-                out[p, c, 0] += intensities[j, c] * weight * x
-                out[p, c, 1] += intensities[j, c] * weight * y
-                out[p, c, 2] += intensities[j, c] * weight * z

@@ -130,12 +130,18 @@ def _shape(prepared: PreparedFrame) -> UInt16[np.ndarray, "n 8"]:
 
 
 def surface_matter(avatar: Avatar) -> UInt16[np.ndarray, "n 8"]:
-    """Albedo, width of GGX and scale of its gloss, as float16.
+    """Albedo, width of GGX, scale of its gloss, and share of the coat, as float16.
 
     No frame changes them. An avatar without gloss has a scale of 0.
     """
     matter = read_matter(avatar)
-    return table(*(half_floats(one) for one in (matter.albedo, matter.width[:, None], matter.gloss[:, None])))
+    columns = (
+        matter.albedo,
+        matter.width[:, None],
+        matter.gloss[:, None],
+        np.full((len(matter.gloss), 1), matter.coat),
+    )
+    return table(*map(half_floats, columns))
 
 
 def texel_anchors(atlas: Atlas) -> UInt16[np.ndarray, "n 4"]:

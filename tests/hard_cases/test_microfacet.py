@@ -12,7 +12,8 @@ import torch
 
 from pipeline.avatar.appearance.penalties import GGX_WIDTH_BOUNDS
 from pipeline.lighting.lobes import LOBE_CONSTANT, unit
-from pipeline.lighting.microfacet import DIELECTRIC_F0, arriving_vectors, gather_reflections
+from pipeline.lighting.matte import arriving_vectors
+from pipeline.lighting.microfacet import DIELECTRIC_F0, gather_reflections
 from pipeline.lighting.point_lights import PointLights
 from tests.support.results.hard_case import HardCase, worst
 

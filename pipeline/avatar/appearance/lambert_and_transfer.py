@@ -47,3 +47,7 @@ class LambertAndTransfer(ZonalTransfer):
         unhidden = replace(incident, lights=replace(incident.lights, visibility_bits=None))
         learned = super().shade(parameters, surface, unhidden)
         return self.lambert.shade(parameters, surface, incident) + learned
+
+    def passes(self, surface: Surface, center: Float[Tensor, "3"]) -> Float[Tensor, "texels 1"] | None:
+        """Share that the coat lets out."""
+        return self.lambert.passes(surface, center)

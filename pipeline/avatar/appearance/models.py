@@ -45,7 +45,7 @@ class Part:
 
 
 class DiffuseModel(Part, ABC):
-    """Light that leaves texels alike in all directions.
+    """Light that leaves texels alike in all directions, or nearly so.
 
     Attributes:
         reads_harmonics: it asks for the incident light in spherical harmonics.
@@ -58,6 +58,13 @@ class DiffuseModel(Part, ABC):
         self, parameters: TexelParameters, surface: Surface, incident: IncidentLight
     ) -> Float[Tensor, "texels 3"]:
         """Linear RGB of every texel under the lamps, before any learned shadow."""
+
+    def passes(self, surface: Surface, center: Float[Tensor, "3"]) -> Float[Tensor, "texels 1"] | None:
+        """Share of light that leaves texels for a camera at `center`; None: all.
+
+        Of diffuse light, and of light by way of other surfaces.
+        """
+        return None
 
 
 class NormalModel(Part, ABC):

@@ -18,6 +18,7 @@ from pipeline.config.trained_model import (
     Kind,
     LastLayers,
     Lids,
+    Matte,
     ScreenMaps,
     ShadowInput,
     TexelFrame,
@@ -92,6 +93,7 @@ class AvatarSpec:
             "texels", or "decoded" from the pose; "": it is this avatar's own.
         harmonics_frame: frame of a highlight's harmonics: each texel's "tangent" frame, or the "head"'s.
         last_layers: of decoders, weight-"normalised" as the others, or "plain"; they start at zero.
+        matte: what is not gloss, beside GGX: as "lambert" has it, or "coated", so that grazing light passes less.
     """
 
     specular: bool
@@ -139,6 +141,7 @@ class AvatarSpec:
     given_geometry: GivenGeometry = ""
     harmonics_frame: HarmonicsFrame = "head"
     last_layers: LastLayers = "normalised"
+    matte: Matte = "lambert"
 
     @property
     def degrees(self) -> int:
@@ -152,6 +155,11 @@ class AvatarSpec:
     def analytic(self) -> bool:
         """Lambert and GGX are built."""
         return self.shading in ANALYTIC
+
+    @property
+    def coated(self) -> bool:
+        """Matte light passes a coat: what shines has one."""
+        return self.analytic and self.specular and self.matte == "coated"
 
     @property
     def head(self) -> bool:
@@ -252,7 +260,7 @@ class AvatarSpec:
     def in_words(self) -> str:
         """Sentence that says what light is simulated, for tables."""
         where = (" per pixel" if self.deferred else " per Gaussian") if self.lobe else ""
-        parts = [DIFFUSE_WORDS[self.shading]]
+        parts = [("coated " if self.coated else "") + DIFFUSE_WORDS[self.shading]]
         if self.specular_model in GLOSS_WORDS:
             parts.append(GLOSS_WORDS[self.specular_model] + where)
         if self.shadow:

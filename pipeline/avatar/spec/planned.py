@@ -65,6 +65,7 @@ def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
         "weight_transfer": transfer and spec.shading != "combined",
         "weight_leftover": spec.shading == "combined",
         "weight_gloss": spec.specular_model == "ggx",
+        "matte": spec.analytic and spec.specular,
         "highlight": spec.lobe or spec.viewed_harmonics or spec.specular_model == "tangent_harmonics",
         "harmonics_frame": spec.specular_model == "tangent_harmonics",
         "deferred": spec.lobe,

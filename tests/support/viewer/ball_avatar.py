@@ -24,7 +24,7 @@ from tests.support.captures.posed import write_posed_capture
 SPEC = {
     "specular": True, "shadow": True, "shadow_width": 4, "supersample": 2, "dilation_px2": 0.03,
     "pixel_filter": "gaussian", "filter_std_px": 0.5,
-    "shading": "microfacet", "visibility": "traced", "indirect": "bounce", "deferred": False,
+    "shading": "microfacet", "visibility": "traced", "indirect": "bounce", "deferred": False, "matte": "coated",
 }  # fmt: skip
 MIDDLE = np.array([0.0, 1.5, 0.0])
 LAMPS = {"key": (2.5, 5.0, 3.0), "rim <b>": (-3.0, 4.0, -1.0), "unlit": (0.0, 6.0, 0.5)}
@@ -61,6 +61,8 @@ def rough_avatar(atlas: Atlas, **spec) -> Avatar:
         avatar.offset += 0.003 * torch.randn_like(avatar.offset)
         avatar.log_scale += 0.15 * torch.randn_like(avatar.log_scale)
         avatar.opacity += torch.randn_like(avatar.opacity)
+        if avatar.spec.coated:
+            avatar.coat.share.fill_(0.4)
         for name, spread in (("normal_offset", 0.1), ("log_ggx_width", 0.3), ("log_gloss", 0.3)):
             if hasattr(avatar, name):
                 parameter = getattr(avatar, name)

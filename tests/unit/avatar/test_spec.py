@@ -15,7 +15,8 @@ def test_bodies_get_both_models_and_heads_the_papers_where_transport_is_called_f
     spec = resolve_spec(TrainAvatar(), EVERYTHING)
     assert (spec.shading, spec.visibility, spec.indirect) == ("combined", "traced", "bounce")
     assert spec.specular_model == "ggx" and not spec.shadow_net
-    assert spec.in_words == ("body with Lambert and zonal transfer, GGX, traced shadows, one bounce, explicit eyes")
+    words = "body with coated Lambert and zonal transfer, GGX, traced shadows, one bounce, explicit eyes"
+    assert spec.in_words == words
 
 
 def test_papers_models():
@@ -59,7 +60,7 @@ def test_analytic_shading_takes_the_place_of_learned_transport(kind):
 
 def test_specs_in_words():
     words = resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport"}, "head").in_words
-    assert words == "head with Lambert, GGX, traced shadows, one bounce, explicit eyes"
+    assert words == "head with coated Lambert, GGX, traced shadows, one bounce, explicit eyes"
     words = resolve_spec(TrainAvatar(shading="transfer", near_field="off", eyes="off"), EVERYTHING).in_words
     assert words == "body with zonal transfer, angular lobe per pixel, learned shadows, distant lights"
     plain = resolve_spec(TrainAvatar(shading="transfer"), {"articulation", "near_field"})

@@ -9,8 +9,6 @@ import torch
 from pipeline.lighting import device_sums
 from pipeline.lighting.lobes import angular_gaussian, unit
 from pipeline.lighting.microfacet import (
-    arriving_vectors,
-    arriving_vectors_in_torch,
     gather_reflections,
     gather_reflections_in_torch,
     gather_reflections_reference,
@@ -73,18 +71,6 @@ def test_without_the_kernel_it_is_the_same(scene, monkeypatch, gaussian):
             gradients.append((found, *torch.autograd.grad(found.square().sum(), (normals, alpha))))
         for single, plain in zip(*gradients, strict=True):
             assert torch.allclose(single, plain, rtol=1e-3, atol=1e-4 * plain.abs().max().item())
-        few = (points, normals.detach(), PointLights(lights, intensities, bits))
-        assert torch.allclose(arriving_vectors(*few), arriving_vectors_in_torch(*few), rtol=1e-5, atol=1e-6)
-
-
-def test_irradiance_is_the_cosine_law_over_seen_lights(scene):
-    points, normals, _, _, lights, intensities, seen = scene
-    found = (arriving_vectors(points, normals, PointLights(lights, intensities, packed(seen))) * normals[:, None]).sum(
-        -1
-    )
-    offset = lights - points[:, None]
-    cosine_over_distance2 = (offset * normals[:, None]).sum(-1).clamp_min(0) / offset.norm(dim=-1) ** 3
-    assert torch.allclose(found, (cosine_over_distance2 * seen.T) @ intensities, atol=1e-5)
 
 
 def test_gloss_reflects_no_more_than_schlicks_share():

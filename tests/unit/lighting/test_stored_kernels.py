@@ -14,7 +14,7 @@ import hashlib
 import os
 import numpy as np
 import torch
-from pipeline.lighting.microfacet import arriving_vectors
+from pipeline.lighting.matte import arriving_vectors
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import gather_light
 

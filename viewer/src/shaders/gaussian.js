@@ -46,13 +46,16 @@ Gaussian gaussian(int i) {
   return g;
 }
 
-struct Matter { vec3 albedo; float width, gloss; };
+struct Matter { vec3 albedo; float width, gloss, coat; };
 
 Matter matter(int i) {
   uvec4 m = texelFetch(t_matter, at(i), 0);
-  vec2 rg = unpackHalf2x16(m.x), bw = unpackHalf2x16(m.y);
-  return Matter(vec3(rg, bw.x), bw.y, unpackHalf2x16(m.z).x);
+  vec2 rg = unpackHalf2x16(m.x), bw = unpackHalf2x16(m.y), gc = unpackHalf2x16(m.z);
+  return Matter(vec3(rg, bw.x), bw.y, gc.x, gc.y);
 }
+
+/* Share of diffuse light that gets past the coat at an angle, see pipeline/lighting/matte.py. */
+float passes(float cosine, float coat) { return 1.0 - coat * pow(1.0 - clamp(cosine, 0.0, 1.0), 2.5); }
 `;
 
 /** A triangle over the whole target. */

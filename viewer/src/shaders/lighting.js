@@ -1,4 +1,5 @@
-// Light of every Gaussian: Lambert, one bounce and GGX, as pipeline/lighting/microfacet.py and bounces.py have them.
+// Light of every Gaussian: coated Lambert, one bounce and GGX, as matte.py, bounces.py and microfacet.py of
+// pipeline/lighting have them.
 import { GAUSSIAN, HEAD } from "./gaussian.js";
 
 /** Lamps with what hides each: bits that were traced for the frame, bits that the page traced, or nothing. */
@@ -31,6 +32,7 @@ void main() {
   int i = int(gl_FragCoord.x) + (int(gl_FragCoord.y) << 10);
   if (i >= i_count) { color = vec4(0.0); return; }
   Gaussian g = gaussian(i);
+  Matter m = matter(i);
   vec3 arriving = vec3(0.0), sent = vec3(0.0);
   for (int j = 0; j < i_lights; j++) {
     Light light = lamp(j);
@@ -38,13 +40,14 @@ void main() {
     float along = dot(offset, g.normal);
     if (along <= 0.0) continue;
     float distance2 = max(dot(offset, offset), 1e-8);
-    vec3 falling = light.intensity * (along / (distance2 * sqrt(distance2)));
+    float distance = sqrt(distance2);
+    vec3 falling = light.intensity * (along / (distance2 * distance) * passes(along / distance, m.coat));
     sent += falling;
     arriving += falling * visible(light, i);
   }
   const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
   float full = dot(sent, LUMINANCE);
-  color = vec4(matter(i).albedo / PI * arriving, full > 0.0 ? dot(arriving, LUMINANCE) / full : 0.0);
+  color = vec4(m.albedo / PI * arriving, full > 0.0 ? dot(arriving, LUMINANCE) / full : 0.0);
 }
 `;
 
@@ -120,8 +123,9 @@ void main() {
   if (i >= i_count) { color = vec4(0.0); return; }
   Gaussian g = gaussian(i);
   Matter m = matter(i);
-  vec4 diffuse = texelFetch(t_diffuse, at(i), 0);
-  vec3 bounce = texelFetch(t_bounce, at(i), 0).rgb;
+  float leaving = passes(dot(g.normal, normalize(center - g.mean)), m.coat);
+  vec4 diffuse = texelFetch(t_diffuse, at(i), 0) * vec4(vec3(leaving), 1.0);
+  vec3 bounce = texelFetch(t_bounce, at(i), 0).rgb * leaving;
   if (i_layer == 0) color.rgb = diffuse.rgb + bounce + gloss(i, g, m);
   else if (i_layer == 1) color.rgb = m.albedo;
   else if (i_layer == 2) color.rgb = 0.5 + 0.5 * g.normal;
