@@ -57,10 +57,10 @@ class TrackMesh(Settings):
         0.01, ge=0, description="typical offset of a vertex from the posed template, in refined frames; 0: none [m]"
     )
     deformation_modes: int = Field(
-        100, ge=0, description="waves of an unrigged template's surface that offsets consist of; 0: it moves rigidly"
+        200, ge=0, description="waves of an unrigged template's surface that offsets consist of; 0: it moves rigidly"
     )
     deformation_m: float = Field(
-        0.004, gt=0, description="typical offset of an unrigged template's surface from its rest shape [m]"
+        0.003, gt=0, description="typical offset of an unrigged template's surface from its rest shape [m]"
     )
     deformation_length_m: float = Field(
         0.03, gt=0, description="distance on the surface over which offsets become independent [m]"
