@@ -153,12 +153,7 @@ class _System:
         self.root = prior_system(problem.root_prior, problem.root, _pose(motion))
         rest, self.bending = prior.weights()
         self.calm = 1 / prior.acceleration**2
-        systems = [
-            normal_equations(problem.model, points, motion, term(positions(points, motion)))
-            for points, term in zip(problem.points, problem.terms, strict=True)
-        ]
-        self.blocks = sum(block for block, _ in systems)
-        self.gradient = sum(gradient for _, gradient in systems)
+        self.blocks, self.gradient = _summed(problem, motion)
         self.gradient[:, :6] += self.root.gradient
         self.gradient[:, 6:] += rest[:, None] * shape / prior.sigma**2 + self.calm * (self.bending @ shape)
         diagonal = np.einsum("fii->fi", self.blocks)
@@ -200,6 +195,19 @@ class _System:
             M=operator(precondition),
         )  # fmt: skip
         return solution.reshape(frames, count)
+
+
+def _summed(problem: SurfaceProblem, motion: SurfaceMotion) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations of all data, summed in place: those of hundreds of unknowns are a hundred megabytes."""
+    blocks, gradient = None, None
+    for points, term in zip(problem.points, problem.terms, strict=True):
+        more = normal_equations(problem.model, points, motion, term(positions(points, motion)))
+        if blocks is None:
+            blocks, gradient = more
+        else:
+            blocks += more[0]
+            gradient += more[1]
+    return blocks, gradient
 
 
 def _banded_product(system: BandedSystem, x: Float64[np.ndarray, "frames 6"]) -> Float64[np.ndarray, "frames 6"]:
