@@ -15,6 +15,9 @@ JOBS, CHANNELS = {"eyes": 1}, {"eyes": 2}
 PARAMETERS = {"specular": 2, "learned_transport": 3 * (4 * 3 + 5)}
 """Of each texel: scale and width of the gloss; zonal coefficients along three axes (RFGCA 9)."""
 
+SHARED_PARAMETERS = {"specular": 1}
+"""Of all texels together: the share of the coat."""
+
 
 def effect_cost(effect: str, texels: int) -> dict[str, int | float]:
     """Jobs, blended channels, parameters and seconds of training that an effect costs.
@@ -25,6 +28,6 @@ def effect_cost(effect: str, texels: int) -> dict[str, int | float]:
     return {
         "jobs": JOBS.get(effect, 0),
         "channels": CHANNELS.get(effect, 0),
-        "parameters": PARAMETERS.get(effect, 0) * texels,
+        "parameters": PARAMETERS.get(effect, 0) * texels + SHARED_PARAMETERS.get(effect, 0),
         "seconds": round(seconds, 1),
     }
