@@ -82,7 +82,7 @@ def main() -> None:
     for subject in args.subjects:
         for checkout in args.checkouts:
             found = run(checkout, subject, args.cores, args.settings, args.goal)
-            print(json.dumps({"subject": subject, "checkout": checkout.name, **found}), flush=True)
+            print(json.dumps({"subject": subject, "checkout": checkout.resolve().name, **found}), flush=True)
 
 
 if __name__ == "__main__":
