@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse.linalg
 from jaxtyping import Float64, Int64
 
 from pipeline.geometry.kinematics import Pose, TrackedPoints
+from pipeline.tracking.block_factor import BlockFactor
 from pipeline.tracking.deformation_basis import DeformationBasis
 from pipeline.tracking.motion_prior import DECORRELATION_S, BandedSystem, MotionPrior, prior_cost, prior_system
 from pipeline.tracking.pose_solver import CONVERGED, LEAST_DAMPING, MOST_DAMPING, START_DAMPING, DataTerm
@@ -173,12 +173,11 @@ class _System:
         diagonal[:, 6:] += np.diag(self.bending)[:, None] * self.calm
         extra = damping * np.where(diagonal > 0, diagonal, 1.0)
         diagonal += extra
-        factors = [scipy.linalg.cho_factor(block, lower=True, overwrite_a=True, check_finite=False) for block in own]
+        factors = [BlockFactor.of(block) for block in own]
 
         def precondition(flat: np.ndarray) -> np.ndarray:
             rows = flat.reshape(frames, count)
-            solved = [scipy.linalg.cho_solve(f, row, check_finite=False) for f, row in zip(factors, rows, strict=True)]
-            return np.concatenate(solved)
+            return np.concatenate([factor.solve(row) for factor, row in zip(factors, rows, strict=True)])
 
         def apply(flat: np.ndarray) -> np.ndarray:
             x = flat.reshape(frames, count)
