@@ -16,6 +16,7 @@ import torch
 from pipeline.rendering.splat import splat
 from pipeline.rendering.splat_conventions import MAX_ALPHA, MIN_ALPHA, MIN_DILATION_PX2
 from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
+from tests.support.naive.surfaces import naive_alphas
 from tests.support.results.hard_case import HardCase, worst
 
 SIZE, FOCAL, DEPTH_M, OPACITY = 24, 60.0, 2.0, 0.7
@@ -51,17 +52,6 @@ def exact_alphas(scales_px: tuple[float, float], degrees: float, dilation: float
     return np.where(alphas >= MIN_ALPHA, np.minimum(alphas, MAX_ALPHA), 0.0)
 
 
-def naive_alphas(scales_px: tuple[float, float], degrees: float, dilation: float) -> torch.Tensor:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    V = torch.tensor([[c, -s], [s, c]])
-    cov = V @ torch.diag(torch.tensor(scales_px).square()) @ V.T + dilation * torch.eye(2)
-    determinant = cov[0, 0] * cov[1, 1] - cov[0, 1] ** 2
-    y, x = torch.meshgrid(*[torch.arange(SIZE) + 0.5 - SIZE / 2] * 2, indexing="ij")
-    q = (cov[1, 1] * x * x - 2 * cov[0, 1] * x * y + cov[0, 0] * y * y) / determinant
-    alphas = OPACITY * torch.exp(-q / 2)
-    return torch.where(alphas >= MIN_ALPHA, alphas.clamp(max=MAX_ALPHA), torch.where(alphas.isnan(), alphas, 0.0))
-
-
 @pytest.mark.parametrize(
     ("long_px", "wide_px", "dilation"),
     [(300.0, 0.0, 0.1), (3000.0, 0.0, 0.1), (3000.0, 0.3, 0.0), (3e4, 0.0, 0.1), (3e4, 0.0, 0.0)],
@@ -93,4 +83,5 @@ def test_needles_of_rank_1(case: HardCase, long_px: float, wide_px: float, dilat
     by_opacity = (exact / OPACITY).sum()
     case.check(gradient_error=worst(slopes[3], [by_opacity]), gradient_bound=VALUE)
     if long_px > 1000:
-        case.naive_fails(worst(naive_alphas((long_px, wide_px), degrees, used).numpy()[decided], exact[decided], 1.0))
+        naive = naive_alphas(SIZE, OPACITY, (long_px, wide_px), degrees, used).numpy()
+        case.naive_fails(worst(naive[decided], exact[decided], 1.0))

@@ -13,6 +13,7 @@ from pipeline.lighting.distant import arriving_light, gather_harmonics
 from pipeline.lighting.environment_sh import spherical_harmonics
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.zonal import DEGREES, SMALLEST_DISTANCE2_M2, gather_light
+from tests.support.naive.shading import naive_falloff
 from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 1e-5
@@ -181,5 +182,4 @@ def test_a_light_on_the_texel_itself(case: HardCase, gather: str) -> None:
         "arriving": lambda: arriving_light(place, PointLights(light, power))[0, 0],
     }[gather]()
     case.check(worst(found, 1 / float(SMALLEST_DISTANCE2_M2)), FLOAT32)
-    naive = power / ((light - place).square().sum() + 1e-12)  # guarded, as it is usually written
-    case.naive_fails(worst(naive, 1 / float(SMALLEST_DISTANCE2_M2)))
+    case.naive_fails(worst(naive_falloff((light - place).norm()), 1 / float(SMALLEST_DISTANCE2_M2)))

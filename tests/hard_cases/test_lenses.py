@@ -17,6 +17,7 @@ from pipeline.capture.undistortion import (
 )
 from pipeline.geometry.cameras import Camera, project_with_jacobian
 from pipeline.geometry.lenses import BROWN_CONRADY, FISHEYE
+from tests.support.naive.surfaces import opencv_rays
 from tests.support.results.hard_case import worst
 
 TERMS = np.array([-0.03, 0.012, -0.005, 0.0007])
@@ -122,14 +123,6 @@ def test_straight_behind_is_finite_and_on_the_right_circle(case):
     r = np.linalg.norm(point[0, :2])
     with np.errstate(invalid="ignore"):
         case.naive_fails(worst(np.linalg.norm(radius * point[0, :2] / r), radius))
-
-
-def opencv_rays(pixels, K, terms):
-    """Unit rays by cv2.fisheye, whose first pixel centre is (0, 0): it knows a pinhole's only, up to 90 degrees."""
-    K = K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    xy = cv2.fisheye.undistortPoints((pixels - 0.5)[:, None], K, np.array(terms))[:, 0]
-    rays = np.concatenate([xy, np.ones((len(xy), 1))], 1)
-    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize("focal", [1e-6, 1.0, 300.0, 1e9])

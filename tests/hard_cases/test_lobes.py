@@ -14,6 +14,7 @@ from pipeline.lighting.lobes import LOBE_CONSTANT, SMALLEST_NORM, angle_between,
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.specular_lobes import gather_specular
 from pipeline.lighting.zonal import SMALLEST_DISTANCE2_M2
+from tests.support.naive.shading import naive_lobe_slope
 from tests.support.results.hard_case import HardCase, worst
 
 FLOAT32 = 5e-7
@@ -27,13 +28,6 @@ def lobe(p: list, q: list, sigma: mpmath.mpf) -> mpmath.mpf:
     cross = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
     angle = mpmath.atan2(mpmath.sqrt(sum(c * c for c in cross)), sum(a * b for a, b in zip(p, q, strict=True)))
     return mpmath.mpf(LOBE_CONSTANT) / sigma * mpmath.exp(-((angle / sigma) ** 2) / 2)
-
-
-def naive_slope(p: tuple, q: tuple, sigma: float) -> torch.Tensor:
-    """Derivative by p of the lobe with the angle as acos of the dot product."""
-    at = torch.tensor(p, requires_grad=True)
-    lobe = LOBE_CONSTANT / sigma * torch.exp(-0.5 * (torch.acos((at * torch.tensor(q)).sum()) / sigma).square())
-    return torch.autograd.grad(lobe, at)[0]
 
 
 def check_lobe(case: HardCase, p: tuple, q: tuple, sigma: float) -> float:
@@ -58,20 +52,20 @@ def check_lobe(case: HardCase, p: tuple, q: tuple, sigma: float) -> float:
     peak = LOBE_CONSTANT / sigma
     errors = worst(by_p, slopes, peak / sigma), worst(by_sigma, slope_sigma, peak / sigma)
     case.check(worst(value, lobe(exact_p, exact_q, exact), peak), FLOAT32, max(errors), FLOAT32)
-    return worst(naive_slope(p, q, sigma), slopes, peak / sigma)
+    return worst(naive_lobe_slope(p, q, sigma), slopes, peak / sigma)
 
 
 @pytest.mark.parametrize("sigma", ROUGHNESS_BOUNDS)
 def test_p_equals_q(case: HardCase, sigma: float) -> None:
     check_lobe(case, X, X, sigma)
-    case.naive_fails(worst(naive_slope(X, X, sigma), np.zeros(3)), "gradient")
+    case.naive_fails(worst(naive_lobe_slope(X, X, sigma), np.zeros(3)), "gradient")
 
 
 @pytest.mark.parametrize("sigma", ROUGHNESS_BOUNDS)
 def test_p_opposite_to_q(case: HardCase, sigma: float) -> None:
     """The angle has a kink there; the lobe is as good as zero, and so is its slope."""
     check_lobe(case, X, (-1.0, 0.0, 0.0), sigma)
-    case.naive_fails(worst(naive_slope(X, (-1.0, 0.0, 0.0), sigma), np.zeros(3)), "gradient")
+    case.naive_fails(worst(naive_lobe_slope(X, (-1.0, 0.0, 0.0), sigma), np.zeros(3)), "gradient")
 
 
 @pytest.mark.parametrize("angle", [1e-6, 1e-4, 1e-3])
@@ -123,7 +117,7 @@ def test_light_exactly_in_the_mirror_direction(case: HardCase, sigma: float) -> 
     peak = 4.0 / 2.5**2 * LOBE_CONSTANT / width.item()
     slopes = max(worst(by_center[0, 1:], [0, 0], peak / sigma), worst(by_width, -peak / width.item()))
     case.check(worst(out, peak), FLOAT32, slopes, FLOAT32)
-    case.naive_fails(worst(naive_slope(X, X, sigma)[1:], np.zeros(2)), "gradient")
+    case.naive_fails(worst(naive_lobe_slope(X, X, sigma)[1:], np.zeros(2)), "gradient")
 
 
 def test_glint_of_a_light_on_the_point_itself(case: HardCase) -> None:

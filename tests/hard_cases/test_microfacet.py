@@ -15,6 +15,7 @@ from pipeline.lighting.lobes import LOBE_CONSTANT, unit
 from pipeline.lighting.matte import arriving_vectors
 from pipeline.lighting.microfacet import DIELECTRIC_F0, gather_reflections
 from pipeline.lighting.point_lights import PointLights
+from tests.support.naive.shading import naive_distribution
 from tests.support.results.hard_case import HardCase, worst
 
 DIRECTION_RAD = 1e-7
@@ -66,13 +67,6 @@ def by_normal(function: Callable[[list], mpmath.mpf]) -> list:
         step = mpmath.mpf(10) ** -20
         ends = [[function([s * step * (k == 0), s * step * (k == 1), mpmath.mpf(1)]) for s in (1, -1)] for k in (0, 1)]
         return [(ahead - behind) / (2 * step) for ahead, behind in ends]
-
-
-def naive_distribution(to_camera: torch.Tensor, to_light: torch.Tensor, alpha: float) -> torch.Tensor:
-    """As it is usually written: cos^2 (alpha^2 - 1) + 1, which at a highlight is one minus nearly one."""
-    half = torch.nn.functional.normalize(to_light + to_camera, dim=-1)
-    a2 = torch.tensor(alpha) ** 2
-    return a2 / (math.pi * (half[..., 2] ** 2 * (a2 - 1) + 1) ** 2)
 
 
 def exact_distribution(to_camera: torch.Tensor, to_light: torch.Tensor, alpha: float) -> mpmath.mpf:

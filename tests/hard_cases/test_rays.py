@@ -8,15 +8,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from scipy.spatial.transform import Rotation
 
 from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.lighting.visibility import Occluders
+from tests.support.meshes.lit_meshes import ball_in_shell
+from tests.support.naive.surfaces import naive_visible
 from tests.support.results.hard_case import HardCase
-
-NAIVE_OFFSET_M = 1e-4
 
 SCALES = [1e-3, 1.0, 1e3]
 
@@ -24,35 +22,10 @@ SHIFT = np.array([20.0, -15, 10])
 """Where the scene stands, in its own size."""
 
 
-def naive_visible(
-    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, normals: np.ndarray, light: np.ndarray,
-    offset: float = NAIVE_OFFSET_M,
-) -> np.ndarray:  # fmt: skip
-    scene = EmbreeScene(robust=True)
-    TriangleMesh(scene, vertices.astype(np.float32), faces.astype(np.int32))
-    origins = points + offset * normals
-    ways = light - origins
-    lengths = np.linalg.norm(ways, axis=1)
-    hits = scene.run(
-        origins.astype(np.float32), (ways / lengths[:, None]).astype(np.float32), dists=lengths.astype(np.float32),
-        query="OCCLUDED",
-    )  # fmt: skip
-    return (hits == -1) & (((light - points) * normals).sum(1) > 0)
-
-
-def shell() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A ball in a closed shell, 2 % of its radius above it; vertices, faces, middles and normals of the faces."""
-    mesh = trimesh.creation.icosphere(3)
-    inner, faces = np.array(mesh.vertices), np.array(mesh.faces)
-    vertices = np.concatenate([inner, 1.02 * inner])
-    faces = np.concatenate([faces, faces + len(inner)])
-    return vertices, faces, vertices[faces].mean(1), unit_or(area_vectors(vertices, faces), 0.0)
-
-
 @pytest.mark.parametrize("scale", SCALES)
 def test_ball_in_a_shell(case: HardCase, scale: float) -> None:
     """Nothing reaches the ball, and the shell, convex, is lit where it faces the light: share of wrong answers."""
-    vertices, faces, points, normals = shell()
+    vertices, faces, points, normals = ball_in_shell()
     light = np.array([2.0, 3, 4])
     slope = ((light - points) * normals).sum(1)
     truth, sure = (slope > 0) & (np.arange(len(points)) >= len(points) // 2), np.abs(slope) > 1e-6
@@ -102,7 +75,7 @@ def test_rays_that_start_on_doubled_faces(case: HardCase) -> None:
 @pytest.mark.parametrize("scale", SCALES)
 def test_distance_to_the_first_surface(case: HardCase, scale: float) -> None:
     """Straight across the gap between the ball and its shell, over the gap's width."""
-    vertices, faces, points, normals = shell()
+    vertices, faces, points, normals = ball_in_shell()
     half = len(points) // 2
     placed, starts = scale * (vertices + SHIFT), scale * (points[:half] + SHIFT)
     # Along a face's own normal the shell's copy of the face is 0.02 times its plane's distance from the centre away.

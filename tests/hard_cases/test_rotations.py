@@ -17,6 +17,7 @@ from pipeline.geometry.rotations import (
     skew,
     slerp,
 )
+from tests.support.naive.motions import naive_jacobian_factor, naive_log, naive_quaternion
 from tests.support.results.hard_case import HardCase, worst
 
 ROUNDING = 1e-14
@@ -36,19 +37,6 @@ def exact_matrix(vector: np.ndarray) -> mpmath.matrix:
 
 def numbers(matrix: mpmath.matrix) -> np.ndarray:
     return np.array(matrix.tolist(), dtype=float)
-
-
-def naive_log(matrix: np.ndarray) -> np.ndarray:
-    """The textbook's: angle from the trace, axis from the antisymmetric part over its sine."""
-    angle = np.arccos((np.trace(matrix) - 1) / 2)
-    axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
-    return angle * axis / (2 * np.sin(angle))
-
-
-def naive_quaternion(matrix: np.ndarray) -> np.ndarray:
-    w = np.sqrt(1 + np.trace(matrix)) / 2
-    axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
-    return np.array([w, *axis / (4 * w)])
 
 
 @pytest.mark.parametrize("angle", SMALL)
@@ -112,7 +100,7 @@ def test_derivative_of_the_exponential(case: HardCase, angle: float) -> None:
     case.check(gradient_error=worst(left_jacobian(vector), numbers(series)), gradient_bound=1e-10)
     if angle < 1e-3:
         with np.errstate(invalid="ignore", divide="ignore"):
-            naive = (1 - np.cos(np.float64(angle))) / (np.float64(angle) * angle)
+            naive = naive_jacobian_factor(angle)
         case.naive_fails(worst(naive, 0.5), "gradient")  # the factor of [v]x, a half up to angle^2 / 24
 
 

@@ -6,6 +6,7 @@
 - `rigs`: cameras with planted poses, camera files of other programs, and a light stage with a planted log.
 - `meshes`: .glb files byte by byte, and meshes with lights around them.
 - `avatars`: small atlases, frames and images to train on, eyes, heads, and a splat viewer of its own.
+- `naive`: textbook formulas that hard cases break.
 - `results`: hand-made curves and results of subjects, and the table of hard cases.
 - `chaos`: attacks on stages and the workflow.
 - `workflow`: copies of the project, and Snakemake without its start.

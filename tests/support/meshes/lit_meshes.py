@@ -33,6 +33,15 @@ def sphere(radius: float, center: tuple[float, float, float], subdivisions: int 
     return np.array(mesh.vertices) * radius + center, np.array(mesh.faces)
 
 
+def ball_in_shell() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A ball in a closed shell, 2 % of its radius above it; vertices, faces, middles and normals of the faces."""
+    mesh = trimesh.creation.icosphere(3)
+    inner, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    vertices = np.concatenate([inner, 1.02 * inner])
+    faces = np.concatenate([faces, faces + len(inner)])
+    return vertices, faces, vertices[faces].mean(1), unit_or(area_vectors(vertices, faces), 0.0)
+
+
 def random_points(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Points inside random faces and the faces' unit normals."""
     rng = np.random.default_rng(8)
