@@ -95,6 +95,11 @@ def test_a_healthy_log_raises_no_alarm(case: HardCase, stage: Stage, log_name: s
     found = checked(brightness_model(stage, log, photograph(stage, log, rng)))
     assert found.verdict in (IN_SYNC, UNDETERMINED), found.why
     case.check(len(found.faults), 0, unit="alarms")
+    if log_name in ("never a light", "one and the same light"):
+        # How well brightness follows the log, as a correlation: neither varies but by noise.
+        seen = photograph(stage, log, rng).sum((1, 2))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            case.naive_fails(np.corrcoef(log.sum((1, 2)), seen)[0, 1])
 
 
 def test_black_images_of_a_lit_log_are_unexplained(stage: Stage) -> None:

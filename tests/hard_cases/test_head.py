@@ -61,7 +61,7 @@ def test_divergence_from_no_variance_to_far_too_much(case: HardCase, mean: float
     by_variance = (growth - 1) / 2
     gradient = max(worst(slopes[0], [at[0]], max(1, abs(at[0]))), worst(slopes[1], [by_variance], max(1, by_variance)))
     case.check(worst(standard_divergence(latent), expected, max(1, abs(expected))), FLOAT32, gradient, FLOAT32)
-    if log_variance <= -1e4:
+    if log_variance <= -100:  # the variance has few digits, or none
         deviation = (0.5 * inputs[1].detach()).exp()
         laws = torch.distributions.Normal(inputs[0].detach(), deviation, validate_args=False), STANDARD_NORMAL
         case.naive_fails(worst(torch.distributions.kl_divergence(*laws), expected, max(1, abs(expected))))
@@ -111,9 +111,8 @@ def test_latent_far_outside_the_training_set(case: HardCase, anchors: str, dista
     ratio = (prepared.gaussians.scales.log() - avatar.log_scale).abs().max().item()
     excess = max(0.0, ratio / math.log(LARGEST_FACTOR) - 1)
     case.check(excess if not not_finite else math.nan, 1e-5, 0.0 if not not_finite else math.nan, 0)
-    if distance >= 1e4:
-        unbounded = avatar.networks.decoder.decoder(code)[:, 7:10]  # log scales follow offset and rotation
-        case.naive_fails(worst((avatar.log_scale + unbounded).exp(), prepared.gaussians.scales, 1.0))
+    unbounded = avatar.networks.decoder.decoder(code)[:, 7:10]  # log scales follow offset and rotation
+    case.naive_fails(worst((avatar.log_scale + unbounded).exp(), prepared.gaussians.scales, 1.0))
 
 
 def exact_cosine_gaussian(p: list, q: list, sigma: float) -> mpmath.mpf:

@@ -47,6 +47,8 @@ def test_srgb(case: HardCase, at: float) -> None:
     assert linear_from_srgb(found.detach()).item() == pytest.approx(at, rel=1e-6)
     if at < BREAK_LINEAR:  # the power alone, without the straight line below it
         case.naive_fails(worst(naive_srgb_slope(at), by_linear), "gradient")
+    else:  # as a gamma of 2.2
+        case.naive_fails(worst(linear.detach() ** (1 / 2.2 - 1) / 2.2, by_linear), "gradient")
 
 
 def test_where_alone_does_not_protect_the_slope_of_srgb(case: HardCase) -> None:
@@ -94,6 +96,8 @@ def test_loss_of_saturated_pixels(case: HardCase, edges: str) -> None:
         exact = encoded(mpmath.mpf(50)) - 1
         by_rgb = mpmath.diff(encoded, mpmath.mpf(50)) / 243
     case.check(worst(loss, exact), 5e-6, worst(slope, np.full((9, 9, 3), float(by_rgb))), 5e-6)
+    shown = rgb.detach().clamp(0, 1)  # compared as it would be shown, where nothing pulls it back
+    case.naive_fails(worst(photometric(shown, torch.ones(9, 9, 3), torch.ones(9, 9), edges), exact))
 
 
 def test_highlights_beyond_half_precision_stay_finite(case: HardCase, tmp_path: Path) -> None:
@@ -113,6 +117,9 @@ def test_pixels_that_are_no_numbers_are_counted_and_named(case: HardCase, tmp_pa
     assert [(flaw.expected, flaw.found) for flaw in found.flaws] == [
         ("finite numbers", "2 of 48 pixels NaN or infinite")
     ]
+    case.check(abs(int(found.flaws[0].found.split()[0]) - 2), 0, unit="pixels")
+    if np.isinf(value):
+        case.naive_fails(abs(np.isnan(image).any(2).sum() - 2))
 
 
 def test_a_pixel_that_is_no_number_stays_one_pixel(case: HardCase) -> None:
@@ -151,6 +158,8 @@ def test_psnr_and_flip_of_equal_images(case: HardCase, level: float) -> None:
     image = np.full((16, 16, 3), level)
     assert psnr_db(image, image, EVERYWHERE) == np.inf
     case.check(flip(image, image), 1e-6)
+    guarded = -10 * np.log10(np.mean((image - image) ** 2) + 1e-8)  # 80 dB, and none can be better
+    case.naive_fails(abs(guarded - psnr_db(image, image, EVERYWHERE)))
 
 
 @pytest.mark.parametrize("difference", [1e-12, 1e-4, 1.0])

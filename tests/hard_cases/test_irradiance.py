@@ -14,6 +14,7 @@ from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
 from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
+from tests.support.naive.surfaces import naive_visible
 from tests.support.results.hard_case import HardCase, worst
 
 UP = np.array([0, 1.0, 0])
@@ -112,6 +113,7 @@ def test_grazing_rays_over_a_flat_floor_are_clear(case: HardCase, degrees: float
     seen, rays = Occluders(flat, faces).visible(points, np.tile(UP, (len(points), 1)), light[0])
     assert rays == len(points)
     case.check(np.mean(~seen), 0)
+    case.naive_fails(np.mean(~naive_visible(flat, faces, points, np.tile(UP, (len(points), 1)), light[0], offset=0.0)))
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
@@ -125,6 +127,9 @@ def test_scene_scales_and_places_do_not_matter(case: HardCase, scale: float, shi
     slope = ((light - points) * normals).sum(1)
     sure = np.abs(slope) > 1e-9
     case.check(np.mean(seen[sure] != (slope[sure] > 0)), 0)
+    moved = ((array + shift) * scale for array in (vertices, points, light))
+    naive = naive_visible(next(moved), faces, next(moved), normals, next(moved), offset=0.0)
+    case.naive_fails(np.mean(naive[sure] != (slope[sure] > 0)))
 
 
 def test_faces_without_area_stay_dark_and_cast_nothing(case: HardCase) -> None:

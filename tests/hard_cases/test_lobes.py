@@ -102,6 +102,8 @@ def test_direction_of_a_vector_of_any_length(case: HardCase, length: float) -> N
     least = norm * length or mpmath.mpf(SMALLEST_NORM)
     by_vector = [((i == 0) - expected[0] * expected[i]) / least for i in range(3)]
     case.check(worst(found, expected, 1.0), FLOAT32, worst(slope, by_vector), FLOAT32)
+    if length == 0:
+        case.naive_fails(worst(vector / vector.norm(), expected, 1.0))
     if length == 1e-6:
         case.naive_fails(worst(vector / (vector.norm() + 1e-8), expected, 1.0))  # guarded, as it is usually written
 

@@ -16,15 +16,20 @@ from pipeline.rendering.splat_types import CameraView, Gaussians, SplatOptions
 
 
 def naive_splat(
-    gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions = SplatOptions()
-) -> Splatted:
-    """Splat Gaussians into one image; otherwise as `pipeline.rendering.splat.splat`, without its median depth."""
+    gaussians: Gaussians, features: Float[Tensor, "g d"], view: CameraView, options: SplatOptions = SplatOptions(),
+    bounded: bool = True,
+) -> Splatted:  # fmt: skip
+    """Splat Gaussians into one image; otherwise as `pipeline.rendering.splat.splat`, without its median depth.
+
+    Not `bounded`: without a near plane, and with perspective taken for linear however far aside a Gaussian is.
+    """
     depth = gaussians.means @ view.R[2] + view.t[2]
     order = torch.argsort(depth.detach(), stable=True)
-    order = order[depth.detach()[order] >= options.near_m]
+    order = order[depth.detach()[order] >= (options.near_m if bounded else -torch.inf)]
     x, y, z = (gaussians.means[order] @ view.R.T + view.t).unbind(1)
     K, zero = view.K, torch.zeros_like(z)
-    limits = [(1 + FRUSTUM_MARGIN) * side / 2 / K[i, i] for i, side in enumerate((view.width, view.height))]
+    margin = FRUSTUM_MARGIN if bounded else torch.inf
+    limits = [(1 + margin) * side / 2 / K[i, i] for i, side in enumerate((view.width, view.height))]
     u, v = ((a / z).clamp(-limit, limit) for a, limit in ((x, limits[0]), (y, limits[1])))
     rows = [
         torch.stack([K[0, 0] / z, zero, -K[0, 0] * u / z], 1),
