@@ -8,6 +8,7 @@ from one read.
 from __future__ import annotations
 
 import io
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,8 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat, whole_blocks
+
+log = logging.getLogger(__name__)
 
 Transfer = Literal["linear", "srgb", "gamma_2.2"]
 
@@ -149,8 +152,9 @@ def read_stored(path: Path) -> np.ndarray:
 def decode_stored(content: bytes, path: Path) -> np.ndarray:
     """Stored values from a file's bytes, as `read_stored`.
 
-    An .exr must have the channels R, G, B or one channel of any name.
+    An .exr must have the channels R, G, B or one channel of any name. The log of `DEBUG` has a line of every file.
     """
+    log.debug("decode %s", path)
     if Path(path).suffix.lower() == ".exr":
         channels = _decode_exr(content, path)
         if len(channels) == 1:

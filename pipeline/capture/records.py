@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from pipeline.base.splits import VALIDATION
+
 
 @dataclass(frozen=True)
 class ImageRecord:
@@ -44,6 +46,13 @@ class ImageRecord:
     def is_test(self) -> bool:
         """True if this image is held out for testing."""
         return self.test_camera or self.test_frame or self.test_segment or self.test_pattern
+
+    @property
+    def split(self) -> str:
+        """Split that this image belongs to: one that tests in any way neither trains nor validates."""
+        if self.is_test:
+            return "test"
+        return VALIDATION if self.validation else "train"
 
 
 @dataclass(frozen=True)

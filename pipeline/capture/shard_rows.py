@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -63,16 +64,24 @@ class ShardRows:
 
 def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict], compression: str | None = None) -> int:
     """Write a shard, a row at a time; returns the number of rows."""
-    count, options = 0, pa.ipc.IpcWriteOptions(compression=compression)
+    count = 0
+    with rows_written(path, schema, compression) as write:
+        for row in rows:
+            write(row)
+            count += 1
+    return count
+
+
+@contextmanager
+def rows_written(path: Path, schema: pa.Schema, compression: str | None = None) -> Iterator[Callable[[dict], None]]:
+    """Open a shard, for what writes a row to it; the file is there once all are written."""
+    options = pa.ipc.IpcWriteOptions(compression=compression)
     with (
         written_whole(path) as temporary,
         pa.OSFile(str(temporary), "wb") as sink,
         pa.ipc.new_file(sink, schema, options=options) as out,
     ):
-        for row in rows:
-            out.write_batch(pa.RecordBatch.from_pylist([row], schema))
-            count += 1
-    return count
+        yield lambda row: out.write_batch(pa.RecordBatch.from_pylist([row], schema))
 
 
 def _shard_files(path: Path) -> list[Path]:

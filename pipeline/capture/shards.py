@@ -7,6 +7,7 @@ neighbours, so many processes can share one file through the page cache.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import overload
 
@@ -18,7 +19,7 @@ from jaxtyping import Float32
 from pipeline.base.errors import InputError
 from pipeline.base.splits import TEST_FLAGS, VALIDATION
 from pipeline.capture.records import FrameRecord, ImageRecord
-from pipeline.capture.shard_rows import ShardRows, write_rows
+from pipeline.capture.shard_rows import ShardRows, rows_written, write_rows
 from pipeline.config.pack_shards import Codec
 
 IMAGE_SCHEMA = pa.schema(
@@ -68,8 +69,32 @@ MASK_LEVELS = 255
 
 def write_image_shard(path: Path, records: Iterable[ImageRecord], codec: Codec = "float16") -> int:
     """Write one image shard, a record at a time; returns the number of images."""
-    pixels = "<f4" if codec == "float32" else "<f2"
-    return write_rows(path, IMAGE_SCHEMA, (_image_row(record, pixels) for record in records), COMPRESSION[codec])
+    return write_image_shards({"": path}, (("", record) for record in records), codec)[""]
+
+
+def write_image_shards(
+    paths: Mapping[str, Path], records: Iterable[tuple[str, ImageRecord]], codec: Codec = "float16"
+) -> dict[str, int]:
+    """Write several image shards in one pass over their records.
+
+    Args:
+        paths: of the shards, by name.
+        records: each with the name of its shard.
+        codec: of the pixels.
+
+    Returns:
+        The number of images by the shard's name.
+    """
+    pixels, count = "<f4" if codec == "float32" else "<f2", dict.fromkeys(paths, 0)
+    with ExitStack() as opened:
+        write = {
+            name: opened.enter_context(rows_written(path, IMAGE_SCHEMA, COMPRESSION[codec]))
+            for name, path in paths.items()
+        }
+        for name, record in records:
+            write[name](_image_row(record, pixels))
+            count[name] += 1
+    return count
 
 
 def write_frame_shard(path: Path, records: Iterable[FrameRecord]) -> int:

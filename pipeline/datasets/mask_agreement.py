@@ -117,12 +117,13 @@ def masked_views(root: Path, store: ImageStore, meshes: TrackedMeshes) -> list[M
     masked = store.table[store.table.mask_path.notna() & store.table.frame.isin(meshes.table.frame)]
     frames = evenly(sorted(masked.frame.unique().tolist()), PROVEN_FRAMES)
     names = evenly(sorted(masked.camera.unique().tolist()), PROVEN_CAMERAS)
-    posed, views = {frame: posed_vertices(root, meshes, frame) for frame in frames}, []
-    for row in masked[masked.frame.isin(frames) & masked.camera.isin(names)].itertuples():
+    posed = {frame: posed_vertices(root, meshes, frame) for frame in frames}
+    chosen = masked[masked.frame.isin(frames) & masked.camera.isin(names)]
+    masks = {}
+    for row in chosen.drop_duplicates("mask_path").itertuples():  # Images of a still subject share them.
         path, (width, height) = root / row.mask_path, store.sizes[row.camera]
-        mask = store.masks.fit(decode_mask(read_bytes(path), path), (height, width), path)
-        views.append(MaskedView(row.camera, mask, posed[row.frame]))
-    return views
+        masks[row.mask_path] = store.masks.fit(decode_mask(read_bytes(path), path), (height, width), path)
+    return [MaskedView(row.camera, masks[row.mask_path], posed[row.frame]) for row in chosen.itertuples()]
 
 
 def posed_vertices(root: Path, meshes: TrackedMeshes, frame: int) -> Float64[np.ndarray, "vertices 3"]:

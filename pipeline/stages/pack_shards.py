@@ -27,7 +27,8 @@ from pipeline.capture.crops import cut_crop, mesh_silhouette
 from pipeline.capture.head_data import head_motions, read_gaze, read_textures
 from pipeline.capture.images import ImageSource, read_exr_channel
 from pipeline.capture.records import FrameRecord, ImageRecord
-from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_shard
+from pipeline.capture.shards import MASK_LEVELS, write_frame_shard, write_image_shards
+from pipeline.capture.shared_masks import SharedMasks
 from pipeline.capture.undistortion import LensMaps, left_out
 from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import read_cameras
@@ -115,12 +116,12 @@ def run(
     complain_about(inputs, images, effects)
     log.info("chunk %d: %d frames, %d images; on: %s", chunk, len(booked), len(images), [n for n in EFFECTS if on[n]])
     report_left_out(inputs)
-    splits = {"train": ~test & ~images.validation, VALIDATION: images.validation, "test": test}
-    for split, rows in () if only_frames else splits.items():
-        packed = write_image_shard(
-            out / split / f"{chunk:04d}.arrow", crop_images(images[rows], inputs, settings), settings.codec
-        )
-        log.info("%s: %d images", split, packed)
+    if not only_frames:
+        paths = {split: out / split / f"{chunk:04d}.arrow" for split in ("train", VALIDATION, "test")}
+        # In one pass: the frames of a video are decoded in their order, whatever their splits.
+        crops = ((record.split, record) for record in crop_images(images, inputs, settings))
+        for split, packed in write_image_shards(paths, crops, settings.codec).items():
+            log.info("%s: %d images", split, packed)
     write_frame_shard(out / "frames" / f"{chunk:04d}.arrow", (frame_record(n, inputs) for n in booked.index.tolist()))
 
 
@@ -193,11 +194,12 @@ def crop_images(images: pd.DataFrame, inputs: Inputs, settings: PackShards) -> I
     Those without foreground are left out, with a warning.
     """
     maps, undistort = LensMaps(), inputs.on["lens_distortion"]
+    masks = SharedMasks(inputs.source, images.mask_path)
     for row in progress(list(images.itertuples()), "pack_shards"):
         image = inputs.source.read(row.path, row.frame)
         camera, mask, silhouette = inputs.cameras[row.camera], None, None
         if isinstance(row.mask_path, str):
-            mask = inputs.source.read_mask(row.mask_path, image.shape).astype(np.float32) / np.float32(MASK_LEVELS)
+            mask = masks.read(row.mask_path, image.shape).astype(np.float32) / np.float32(MASK_LEVELS)
         else:
             silhouette = mesh_silhouette(inputs.vertices[row.frame], inputs.atlas.faces, camera)
         bad = int((~np.isfinite(image).all(2)).sum())

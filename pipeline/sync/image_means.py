@@ -9,6 +9,7 @@ import pandas as pd
 
 from pipeline.base.progress import progress
 from pipeline.capture.images import ImageSource
+from pipeline.capture.shared_masks import SharedMasks
 from pipeline.sync.stored_levels import LEVELS, stored_levels
 
 SUBJECT = 128
@@ -28,12 +29,14 @@ def measure_brightness(capture: Path, images: pd.DataFrame, cameras: list[str], 
     """
     rows, source = [], ImageSource.from_index(capture, facts)
     chosen = images[images.camera.isin(cameras)]
-    for row, mask_path in progress(list(zip(chosen.itertuples(), nearest_masks(chosen), strict=True)), "book_patterns"):
+    mask_paths = nearest_masks(chosen)
+    masks = SharedMasks(source, mask_paths)
+    for row, mask_path in progress(list(zip(chosen.itertuples(), mask_paths, strict=True)), "book_patterns"):
         image = source.read(row.path, row.frame)
         subject = np.isfinite(image).all(2)
         masked = mask_path is not None
         if masked:
-            subject &= source.read_mask(mask_path, image.shape) >= SUBJECT
+            subject &= masks.read(mask_path, image.shape) >= SUBJECT
         if not subject.any():
             continue
         y, x = np.nonzero(subject)

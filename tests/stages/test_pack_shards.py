@@ -20,6 +20,7 @@ from pipeline.config.pack_shards import PackShards
 from pipeline.geometry.cameras import Camera, write_cameras
 from pipeline.geometry.texels import Atlas, write_atlas
 from pipeline.stages.pack_shards import run
+from tests.support.datasets.decodes import counted_decodes
 
 FRAMES = [10, 11, 12, 13]
 MAP = np.array([[9, 0.25], [0.5, 1]], np.float32)
@@ -104,6 +105,14 @@ def pack(stage: Path, on: tuple[str, ...] = (), **flags) -> tuple:
     run(capture=stage, index=stage / "index", lights=stage / "lights.parquet", out=stage / "shards", **paths, **options)
     shards = stage / "shards"
     return *(read_image_shards([shards / split]) for split in ("train", "test")), read_frame_shards([shards / "frames"])
+
+
+def test_each_image_and_the_mask_that_all_share_are_decoded_once_whatever_their_splits(stage):
+    with counted_decodes() as decoded:
+        pack(stage)
+    once = [f"c{camera}/{frame}.exr" for frame in FRAMES[:3] for camera in (0, 1)]
+    assert [path for _, path in decoded.files if path.endswith(".exr")] == [str(stage / path) for path in once]
+    assert [path for _, path in decoded.files if path.endswith(".png")] == [str(stage / "mask.png")]
 
 
 @pytest.mark.parametrize("flag", ["test_camera", "test_frame", "test_segment"])

@@ -57,7 +57,9 @@ def complain_of_exchanged(
         order = [(frame, camera) for frame in frames for camera in cameras]
         shape = (len(frames), len(cameras), SIDE_PX**2)
         shown = np.stack([_image(source, rows.path[key], key[0]) for key in order]).reshape(shape)
-        given = np.stack([_mask(source, rows.mask_path[key]) for key in order]).reshape(shape)
+        paths = [rows.mask_path[key] for key in order]
+        masks = {path: _mask(source, path) for path in dict.fromkeys(paths)}  # Which images may share.
+        given = np.stack([masks[path] for path in paths]).reshape(shape)
         fits = correlations(shown, given)
         pairs = exchanged(fits)
         in_pairs = {camera for pair in pairs for camera in pair}  # Which may look like the mirror image of the other.

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pandas as pd
-import pytest
 
+from pipeline.base.files import read_table
 from pipeline.capture.index.exchanged_images import FRAMES
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.import_capture import ImportCapture
@@ -26,13 +25,14 @@ from pipeline.stages import (
     calibrate_lights,
     evaluate_avatar,
     import_capture,
+    index_capture,
     pack_shards,
     plan_effects,
     track_mesh,
     train_avatar,
     unwrap_atlas,
 )
-from pipeline.stages.index_capture import run as index_capture
+from tests.support.datasets.decodes import Decodes, counted_decodes
 from tests.support.datasets.protocols import assert_kept, documented_protocols
 from tests.support.datasets.turning_head import TurningHead
 
@@ -49,11 +49,14 @@ def import_set(
     before = sorted((path, path.stat().st_size) for path in source.rglob("*"))
     import_capture.run(dataset=dataset, source=source, subject="someone", out=capture, settings=settings)
     with counted_decodes() as decoded:
-        index_capture(capture=capture, out=results / "index")
+        index_capture.run(capture=capture, out=results / "index")
     images = pd.read_parquet(results / "index/images.parquet")
-    once = len(images) + images.mask_path.nunique()
+    times = Counter(path.removeprefix(f"{capture}/") for _, path in decoded.files)
+    assert set(times) == set(images.path) | set(images.mask_path.dropna()), "each image and mask"
     compared = 2 * FRAMES * images.camera.nunique() if images.mask_path.notna().any() else 0
-    assert once <= len(decoded) <= once + compared, "again only those that tell whether cameras were exchanged"
+    assert max(times.values()) <= 2 and len(decoded.files) <= len(times) + compared, (
+        "again only those that tell whether cameras were exchanged"
+    )
     assert sorted((path, path.stat().st_size) for path in source.rglob("*")) == before, (
         "nothing is written into the set"
     )
@@ -70,20 +73,6 @@ def import_set(
     return capture, results
 
 
-@contextlib.contextmanager
-def counted_decodes() -> Iterator[list[int]]:
-    """Sizes of the files that OpenCV decodes meanwhile, one for each."""
-    sizes, decode = [], cv2.imdecode
-
-    def counted(content: np.ndarray, flags: int) -> np.ndarray | None:
-        sizes.append(len(content))
-        return decode(content, flags)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cv2, "imdecode", counted)
-        yield sizes
-
-
 def assert_provenance(imported: dict, dataset: str) -> None:
     """What the report shows: where each part comes from, by what the set gave or which stage makes it."""
     assert imported["dataset"] == dataset
@@ -95,19 +84,34 @@ def assert_provenance(imported: dict, dataset: str) -> None:
 
 
 def packed(capture: Path, results: Path, atlas: int = 32) -> dict:
-    """Files of the packed images of what `import_set` made, by the stages that need no traces and no mean textures."""
+    """Files of the packed images of what `import_set` made, by the stages that need no traces and no mean textures.
+
+    On the way it is checked of every set that none of them decodes an image or a mask twice, and that packing leaves
+    none out.
+    """
     given, calibration = {"capture": capture, "index": results / "index"}, results / "calibration"
     cameras, lights = calibration / "cameras.json", calibration / "lights.parquet"
-    book_patterns.run(**given, lights=lights, cameras=cameras, out=results)
-    unwrap_atlas.run(**given, cameras=cameras, out=results, settings=UnwrapAtlas(size=atlas))
     seen = {"atlas": results / "atlas.safetensors", "cameras": cameras, "color": calibration / "color.json",
             "patterns": results / "patterns.parquet", "lights": lights}  # fmt: skip
     tracking, booked, effects = (
         results / name for name in ("tracking/0000.safetensors", "frames.parquet", "effects.json")
     )
-    plan_effects.run(**given, **seen, tracking=(tracking,), booked=booked, out=effects)
-    pack_shards.run(**given, **seen, tracking=tracking, frames=booked, effects=effects, out=results / "shards")
+    with counted_decodes(book_patterns, plan_effects, pack_shards) as decoded:
+        book_patterns.run(**given, lights=lights, cameras=cameras, out=results)
+        unwrap_atlas.run(**given, cameras=cameras, out=results, settings=UnwrapAtlas(size=atlas))
+        plan_effects.run(**given, **seen, tracking=(tracking,), booked=booked, out=effects)
+        pack_shards.run(**given, **seen, tracking=tracking, frames=booked, effects=effects, out=results / "shards")
+    assert_decoded_once(decoded, read_table(results / "index/images.parquet"), capture)
     return {"subject": "someone", "atlas": seen["atlas"], "shards": results / "shards", "effects": effects}
+
+
+def assert_decoded_once(decoded: Decodes, images: pd.DataFrame, capture: Path) -> None:
+    """No image or mask is decoded twice by one of the stages, and packing leaves none out."""
+    times = Counter(decoded.files)
+    assert max(times.values()) == 1, f"decoded again: {times.most_common(3)}"
+    packed = {path.removeprefix(f"{capture}/") for stage, path in times if stage == "pack_shards"}
+    assert packed == set(images.path) | set(images.mask_path.dropna())
+    assert max(Counter(decoded.video_frames).values(), default=0) <= images.frame.nunique()
 
 
 def score_as_preset(

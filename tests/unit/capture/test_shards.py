@@ -13,12 +13,14 @@ import pyarrow as pa
 import pytest
 
 from pipeline.base.errors import InputError
+from pipeline.base.splits import TEST_FLAGS
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import (
     read_frame_shards,
     read_image_shards,
     write_frame_shard,
     write_image_shard,
+    write_image_shards,
 )
 from pipeline.config.pack_shards import Codec
 
@@ -93,6 +95,22 @@ def test_images_round_trip_over_several_shards(tmp_path):
     assert "image" not in images.table
     with pytest.raises(IndexError):
         images[5]
+
+
+def test_several_shards_are_written_in_one_pass_over_the_records(tmp_path):
+    """A video's frames have to be decoded in their order, whatever their splits."""
+    untested = dict.fromkeys(TEST_FLAGS, False)
+    records = [
+        replace(image_record(i), **untested | {"validation": i in (1, 3), "test_frame": i > 2}) for i in range(5)
+    ]
+    paths = {split: tmp_path / f"{split}.arrow" for split in ("train", "validation", "test", "none")}
+    written = write_image_shards(paths, ((record.split, record) for record in iter(records)))
+    assert written == {"train": 2, "validation": 1, "test": 2, "none": 0}
+    for split, frames in {"train": [0, 2], "validation": [1], "test": [3, 4], "none": []}.items():
+        images = read_image_shards([paths[split]])
+        assert [image.frame for image in images] == frames
+        for image in images:
+            assert_same(image, records[image.frame], "image")
 
 
 def test_frames_round_trip(tmp_path):
