@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.base.files import read_table
+from pipeline.base.files import read_rows, read_table
 from pipeline.capture.index.exchanged_images import FRAMES
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.import_capture import ImportCapture
@@ -101,12 +101,13 @@ def packed(capture: Path, results: Path, atlas: int = 32) -> dict:
         unwrap_atlas.run(**given, cameras=cameras, out=results, settings=UnwrapAtlas(size=atlas))
         plan_effects.run(**given, **seen, tracking=(tracking,), booked=booked, out=effects)
         pack_shards.run(**given, **seen, tracking=tracking, frames=booked, effects=effects, out=results / "shards")
-    assert_decoded_once(decoded, read_table(results / "index/images.parquet"), capture)
+    images = read_rows(results / "index/images.parquet", "frame", read_table(booked).frame)
+    assert_decoded_once(decoded, images, capture)
     return {"subject": "someone", "atlas": seen["atlas"], "shards": results / "shards", "effects": effects}
 
 
 def assert_decoded_once(decoded: Decodes, images: pd.DataFrame, capture: Path) -> None:
-    """No image or mask is decoded twice by one of the stages, and packing leaves none out."""
+    """No image or mask is decoded twice by one of the stages, and packing leaves none of the booked `images` out."""
     times = Counter(decoded.files)
     assert max(times.values()) == 1, f"decoded again: {times.most_common(3)}"
     packed = {path.removeprefix(f"{capture}/") for stage, path in times if stage == "pack_shards"}
