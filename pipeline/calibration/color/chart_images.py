@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32
 
 from pipeline.base.color import linear_from_srgb
 from pipeline.base.errors import InputError
 from pipeline.calibration.color.chart_layout import CLASSIC, ChartLayout
 from pipeline.calibration.color.color_chart import Patches, find_chart, measure_patches, place_chart
-from pipeline.calibration.color.sensor_linearity import Linearity, measure_linearity
+from pipeline.calibration.color.sensor_linearity import Linearity, looked_at, measure_linearity
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.images import BlackLevel, Transfer, decode_image, decode_stored
 from pipeline.capture.mosaic import Mosaic, spread_cells
@@ -105,20 +105,26 @@ def read_linearity(
 ) -> Linearity | None:
     """Linearity of a sensor from a series of exposures of one scene.
 
+    One image is in memory at a time, and of all those pixels that are looked at.
+
     Args:
         entries: path and exposure_s of each image.
 
     Raises:
         InputError: if images cannot be read or differ in size.
     """
-    stored = [decode_stored(read_bytes(capture / entry["path"]), capture / entry["path"]) for entry in entries]
-    if len({(image.shape, image.dtype) for image in stored}) > 1:
-        found = sorted({f"{image.shape} {image.dtype}" for image in stored})
+    kinds, counts, brightest = set(), [], []
+    for entry in entries:
+        image = decode_stored(read_bytes(capture / entry["path"]), capture / entry["path"])
+        kinds.add(f"{image.shape} {image.dtype}")
+        # A copy: a view would keep the whole image.
+        counts.append(looked_at(image.ravel()).astype(np.float64))
+        brightest.append(full_scale(image) if image.dtype.kind == "u" else float(image.max()))
+    if len(kinds) > 1:
         raise InputError(
             f"{capture / entries[0]['path']}: expected images of one size and depth in a series of exposures, found "
-            f"{' and '.join(found)}"
+            f"{' and '.join(sorted(kinds))}"
         )
-    counts: Float64[np.ndarray, "exposures pixels"] = np.stack([image.ravel() for image in stored]).astype(np.float64)
-    full = full_scale(stored[0]) if stored[0].dtype.kind == "u" else float(counts.max())
     seconds = np.array([entry["exposure_s"] for entry in entries], np.float64)
-    return measure_linearity(counts, seconds, float(np.mean(form.black_level)), full, tolerance)
+    black_level, full = float(np.mean(form.black_level)), float(np.max(brightest))
+    return measure_linearity(np.stack(counts), seconds, black_level, full, tolerance)

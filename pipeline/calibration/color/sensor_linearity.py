@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Shaped
 from numpy.lib.stride_tricks import sliding_window_view
 
 ANCHOR = 0.25
@@ -81,8 +81,7 @@ def measure_linearity(
         None if too few pixels are dark in one exposure and bright in another.
     """
     order = np.argsort(seconds)
-    step = -(-counts.shape[1] // MOST_SAMPLES)
-    counts, seconds = counts[order, ::step], seconds[order]
+    counts, seconds = looked_at(counts)[order], seconds[order]
     if len(seconds) < 2 or seconds[-1] < LEAST_LEVERAGE * seconds[0]:
         return None
     dark = (counts <= ANCHOR * full) & (counts >= black_level + DIMMEST * full)
@@ -107,6 +106,11 @@ def measure_linearity(
     found, brightest = (1 + departure) * (at - black_level) + black_level, min(float(at[-1]), full)
     limit = _first_beyond(found, departure, tolerance)
     return Linearity(full, limit, brightest, black, at, departure)
+
+
+def looked_at(counts: Shaped[np.ndarray, "*exposures pixels"]) -> Shaped[np.ndarray, "*exposures some"]:
+    """Counts of at most `MOST_SAMPLES` pixels, evenly spread; of so few, all."""
+    return counts[..., :: max(1, -(-counts.shape[-1] // MOST_SAMPLES))]
 
 
 def _first_beyond(at: np.ndarray, departure: np.ndarray, tolerance: float) -> float:

@@ -8,6 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline.base.errors import InputError
+from pipeline.calibration.color import sensor_linearity
+from pipeline.calibration.color.chart_images import ChartFormat, read_linearity
 from pipeline.calibration.color.sensor_linearity import measure_linearity
 from tests.support.shared_data import shared_data
 
@@ -59,6 +62,34 @@ def test_too_little_of_a_series_tells_nothing(seconds):
 def test_a_black_level_that_is_not_declared_shows():
     found = measure_linearity(expose(np.inf), SECONDS, 0.0, 1023.0, 0.5)
     assert found.black_level == pytest.approx(16, abs=1)
+
+
+def write_series(folder, counts, side, suffix):
+    entries = []
+    for number, (image, seconds) in enumerate(zip(counts, SECONDS, strict=True)):
+        assert cv2.imwrite(str(folder / f"{number}{suffix}"), image.reshape(side, -1))
+        entries.append({"path": f"{number}{suffix}", "exposure_s": seconds})
+    return entries
+
+
+@pytest.mark.parametrize(("kind", "suffix"), [("uint16", ".png"), ("float32", ".tif")])
+def test_series_that_is_read_image_by_image_tells_what_it_tells_as_a_whole(kind, suffix, tmp_path, monkeypatch):
+    """Of floats, full scale is the largest of all pixels, also of those that are not looked at."""
+    monkeypatch.setattr(sensor_linearity, "MOST_SAMPLES", 6000)
+    counts = (64 * expose(400)).astype(kind)
+    counts[1, 1] = 65535
+    expected = measure_linearity(counts.astype(np.float64), SECONDS, 1024.0, 65535.0, 0.02)
+    found = read_linearity(tmp_path, write_series(tmp_path, counts, 100, suffix), ChartFormat("linear", 1024.0), 0.02)
+    assert str(found) == str(expected) and found.full == expected.full
+    np.testing.assert_array_equal(found.predicted, expected.predicted)
+    np.testing.assert_array_equal(found.departure, expected.departure)
+
+
+def test_images_of_two_sizes_are_no_series(tmp_path):
+    entries = write_series(tmp_path, expose(400).astype(np.uint16), 100, ".png")
+    assert cv2.imwrite(str(tmp_path / "2.png"), np.zeros((4, 5), np.uint8))
+    with pytest.raises(InputError, match=r"0\.png: .* found \(100, 200\) uint16 and \(4, 5\) uint8"):
+        read_linearity(tmp_path, entries, ChartFormat("linear", 16.0), 0.02)
 
 
 @needs_charts
