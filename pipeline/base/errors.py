@@ -60,7 +60,15 @@ class Complaints:
             raise InputError("\n  ".join(lines))
 
 
-def listed(items: Collection[object], limit: int = 5) -> str:
-    """The items for a message, the first `limit` of them: `3, 4, 5, 6, 7 ... (12 in all)`."""
-    text = ", ".join(str(item) for item in list(items)[:limit])
-    return f"{text} ... ({len(items)} in all)" if len(items) > limit else text
+MOST_LISTED = 5
+"""Items that a message names of many."""
+
+
+def listed(items: Collection[object], limit: int = MOST_LISTED, total: int | None = None) -> str:
+    """The items for a message, the first `limit` of them: `3, 4, 5, 6, 7 ... (12 in all)`.
+
+    Args:
+        total: number of all, where `items` are only the first.
+    """
+    text, count = ", ".join(str(item) for item in list(items)[:limit]), len(items) if total is None else total
+    return f"{text} ... ({count} in all)" if count > limit else text

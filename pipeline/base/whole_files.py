@@ -37,7 +37,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with _workplace(path.parent) as place:
+    with workplace(path.parent) as place:
         temporary = place / path.name
         yield temporary
         require_own_output()
@@ -62,7 +62,7 @@ def written_folder(path: Path, writer: str) -> Iterator[Path]:
     require_own_folder(path, writer)
     target = Path(path).resolve()
     target.parent.mkdir(parents=True, exist_ok=True)
-    with _workplace(target.parent) as place:
+    with workplace(target.parent) as place:
         temporary = place / target.name
         temporary.mkdir()
         (temporary / WRITTEN_BY).write_text(f"{writer}\n")
@@ -97,8 +97,11 @@ def _shown(names: list[str]) -> str:
 
 
 @contextmanager
-def _workplace(folder: Path) -> Iterator[Path]:
-    """A hidden folder in `folder` that is gone afterwards, at the latest with the next writer."""
+def workplace(folder: Path) -> Iterator[Path]:
+    """Yield a hidden folder in `folder` that is gone afterwards.
+
+    At the latest the next writer removes it.
+    """
     _sweep(folder.absolute())
     with ExitStack() as stack:
         with _folder_locked(folder, fcntl.LOCK_SH):

@@ -13,14 +13,17 @@ of their tables is the same.
 from __future__ import annotations
 
 import logging
+import shutil
 from pathlib import Path
 
 from pipeline.base.command import run_as_command
 from pipeline.base.files import write_json, write_table
 from pipeline.base.verdicts import verdict_table
+from pipeline.base.whole_files import workplace, written_whole
 from pipeline.capture.index.detected_files import DetectedFiles
 from pipeline.capture.index.image_checks import nothing_known
 from pipeline.capture.index.inspected_images import InspectedImages, inspect_frames
+from pipeline.capture.index.keypoint_tables import KEYPOINT_FILES
 from pipeline.capture.index.validation import index_folder
 from pipeline.config.index_capture import IndexCapture
 
@@ -64,8 +67,14 @@ def run(
         if detected is not None:
             log.info("%s are those that were detected: %s", name, detected)
     known = InspectedImages(inspected) if inspected else nothing_known
-    index = index_folder(capture, settings.decode_threads, known, DetectedFiles(detected_keypoints, detected_masks))
-    if index.tables["keypoints_2d"].empty and index.tables["meshes"].empty:
+    detected = DetectedFiles(detected_keypoints, detected_masks)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with workplace(out.parent) as place:
+        index = index_folder(capture, settings.decode_threads, known, detected, place)
+        for name in KEYPOINT_FILES:
+            with written_whole(out / name) as temporary:
+                shutil.move(place / name, temporary)
+    if not index.keypoints and index.tables["meshes"].empty:
         log.warning(
             "capture.yaml: keypoints_2d: none, or empty: calibration runs, but track_mesh will refuse; after "
             "`make detect` they are looked for in the images"

@@ -50,6 +50,7 @@ def complaints_of(capture: Path, out: Path) -> str:
     with pytest.raises(InputError) as caught:
         run(capture=capture, out=out)
     assert not out.exists(), "something was written before all was checked"
+    assert not list(out.parent.glob(".*")), "rows that waited beside it are still there"
     return str(caught.value)
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.base.errors import MOST_LISTED, Complaints, InputError, listed
 from pipeline.capture.paths import locate
 
 Kind = Literal["name", "text", "whole", "number"]
@@ -128,10 +128,29 @@ def complain_rows(
 
 def complain_repeats(complaints: Complaints, path: str, table: pd.DataFrame, keys: list[str]) -> None:
     """Name the rows that repeat another row's keys."""
-    repeated = table.duplicated(keys)
-    if repeated.any():
-        named = table.loc[repeated, keys].drop_duplicates().map(str).agg(" ".join, axis=1)
-        complaints.add(path, " and ".join(keys), expected="each once", found=f"repeated: {listed(list(named))}")
+    repeated = repeated_keys(table, keys)
+    complain_of_repeated(complaints, path, repeated, len(repeated))
+
+
+def repeated_keys(table: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
+    """Keys that more than one row has, each once.
+
+    In the order and with the index of the first rows that repeat them.
+    """
+    return table.loc[table.duplicated(keys), keys].drop_duplicates()
+
+
+def complain_of_repeated(complaints: Complaints, path: str, repeated: pd.DataFrame, total: int) -> None:
+    """Name the keys of `repeated_keys`.
+
+    Args:
+        repeated: the first of them, at least as many as are listed.
+        total: number of all.
+    """
+    if total:
+        named = list(repeated[:MOST_LISTED].map(str).agg(" ".join, axis=1))
+        found = f"repeated: {listed(named, total=total)}"
+        complaints.add(path, " and ".join(repeated.columns), expected="each once", found=found)
 
 
 def complain_unknown(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Collection
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -22,7 +25,7 @@ from pipeline.capture.index.feature_views import feature_content
 from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
 from pipeline.capture.index.held_out import check_splits, images_table
 from pipeline.capture.index.image_checks import Known, gather, inspections, nothing_known
-from pipeline.capture.index.keypoint_tables import read_eye_points, read_keypoints_parquet, read_points_csv
+from pipeline.capture.index.keypoint_tables import KeypointSource, copy_keypoints, read_points_csv
 from pipeline.capture.index.light_spectra import read_light_gains, with_gains
 from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.tables import EXPOSURE_COLUMNS
@@ -39,16 +42,21 @@ class CaptureIndex:
     """Tables and JSON contents of a valid capture, and verdicts on its images.
 
     By the names of the index's files.
+
+    Attributes:
+        keypoints: number of keypoints in the images; their tables are files, as memory does not hold them.
     """
 
     tables: dict[str, pd.DataFrame]
     contents: Contents
     verdicts: list[Verdict]
+    keypoints: int
 
 
 def index_folder(
-    root: Path, threads: int = 4, known: Known = nothing_known, detected: DetectedFiles = NOTHING_DETECTED
-) -> CaptureIndex:
+    root: Path, threads: int = 4, known: Known = nothing_known, detected: DetectedFiles = NOTHING_DETECTED,
+    folder: Path | None = None,
+) -> CaptureIndex:  # fmt: skip
     """Validate a capture and index it. What is wrong in one place hides nothing that is wrong in another.
 
     Args:
@@ -56,13 +64,17 @@ def index_folder(
         threads: that decode images.
         known: inspections that were made before; all other images are inspected here.
         detected: keypoints and masks in place of the capture's own.
+        folder: for the tables of keypoints, which memory does not hold; None: they are checked, and not kept.
 
     Raises:
         InputError: naming everything that is wrong, if anything is.
     """
     complaints = Complaints(root)
     manifest = read_manifest(root, complaints)
-    found = _read_tables(root, manifest, detected, complaints)
+    found, known_keypoints = _read_tables(root, manifest, complaints)
+    with tempfile.TemporaryDirectory(prefix="index_capture_") if folder is None else nullcontext(folder) as place:
+        source = _keypoint_source(root, manifest, detected, known_keypoints.get("keypoint"), complaints)
+        keypoints = copy_keypoints(source, known_keypoints, Path(place), complaints)
     contents, expected = find_calibration(root, manifest, found["cameras"], found["lights"], complaints)
     _check_transfer(manifest.images, complaints)
     images = find_frame_images(root, manifest, found["cameras"], found["frames"], complaints)
@@ -73,9 +85,6 @@ def index_folder(
     digests = gather(progress(inspected, "images checked", total), complaints) | mask_digests
     check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
-    found["eye_points"] = read_eye_points(
-        root, manifest.keypoints_2d, manifest.keypoints_order, detected.keypoints, manifest.template.points
-    )
     facts = manifest.images
     masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
     exposures = relative_exposures(found["frames"])
@@ -91,11 +100,16 @@ def index_folder(
             found["images"], found["patterns"], len(found["lights"]), contents["capture"]["images"],
             contents["calibration_lights"],
         )  # fmt: skip
-    return CaptureIndex(found, contents, verdicts)
+    return CaptureIndex(found, contents, verdicts, keypoints)
 
 
-def _read_tables(root: Path, manifest: Capture, detected: DetectedFiles, complaints: Complaints) -> Tables:
-    """All tables but that of images; None for one that cannot be read."""
+def _read_tables(
+    root: Path, manifest: Capture, complaints: Complaints
+) -> tuple[Tables, dict[str, Collection[object] | None]]:
+    """All tables but those of images and keypoints; None for one that cannot be read.
+
+    Beside them the values that frame, camera and keypoint of a table of keypoints may have.
+    """
     found: Tables = dict.fromkeys(("cameras", "frames", "lights", "patterns"))
     if manifest.cameras:
         downsample = manifest.images.downsample_from_sensor if manifest.images else None
@@ -129,15 +143,22 @@ def _read_tables(root: Path, manifest: Capture, detected: DetectedFiles, complai
     known = {name: list(found[f"{name}s"][name]) for name in ("frame", "camera") if found[f"{name}s"] is not None}
     if keypoints is not None:
         known["keypoint"] = keypoints
+    return found, known
+
+
+def _keypoint_source(
+    root: Path, manifest: Capture, detected: DetectedFiles, names: Collection[str] | None, complaints: Complaints
+) -> KeypointSource:
+    """The table of keypoints that is indexed.
+
+    Args:
+        names: keypoints of the template; None where that is in doubt.
+    """
     if detected.keypoints is not None:
-        folder, name = detected.keypoints.parent, detected.keypoints.name
-        found["keypoints_2d"] = read_keypoints_parquet(folder, name, known, complaints)
-    else:
-        path, order = manifest.keypoints_2d, manifest.keypoints_order
-        given = manifest.template.points if manifest.template else None
-        points = read_points_csv(root, given, keypoints or [], complaints)
-        found["keypoints_2d"] = read_keypoints_parquet(root, path, known, complaints, order, points)
-    return found
+        return KeypointSource(detected.keypoints.parent, detected.keypoints.name, detected=True)
+    given = manifest.template.points if manifest.template else None
+    points = read_points_csv(root, given, names or [], complaints)
+    return KeypointSource(root, manifest.keypoints_2d, manifest.keypoints_order, points, given)
 
 
 def _check_transfer(images: Images | None, complaints: Complaints) -> None:

@@ -13,6 +13,7 @@ from pipeline.base.errors import InputError
 from pipeline.capture.images import ImageSource
 from pipeline.capture.index.detected_files import DetectedFiles
 from pipeline.capture.index.validation import index_folder
+from pipeline.capture.keypoint_orders import EYE_COLUMNS
 from tests.support.captures.builder import HEIGHT, WIDTH, build_capture, edit_manifest, write_lines
 
 
@@ -37,11 +38,12 @@ def in_order(root, order, **template):
     edit_manifest(root, edit)
 
 
-def test_numbers_of_an_order_become_the_templates_names(capture):
+def test_numbers_of_an_order_become_the_templates_names(capture, tmp_path):
     write_keypoints(capture, ["8", "0", "17"])  # BODY_25: the middle of the hips, the nose, an ear.
     write_lines(capture / "template/points.csv", "keypoint,point", "kp7,nose")
     in_order(capture, "openpose_body_25", points="template/points.csv")
-    found = index_folder(capture).tables["keypoints_2d"]
+    assert index_folder(capture, folder=tmp_path).keypoints == 2
+    found = pd.read_parquet(tmp_path / "keypoints_2d.parquet")
     assert [(row.keypoint, row.x) for row in found.itertuples()] == [("kp7", 2.0), ("mid_hip", 1.0)]
 
 
@@ -76,8 +78,12 @@ def test_detected_keypoints_and_masks_stand_in_for_the_captures(capture, tmp_pat
     row = {"camera": "left", "frame": 0, "mask_path": "left/000000.png", "digest": "abc", "share": 0.1}
     pd.DataFrame([row]).to_parquet(folder / "masks.parquet", index=False)
     write_keypoints(folder, ["kp7"])
-    index = index_folder(capture, detected=DetectedFiles(folder / "keypoints_2d.parquet", folder / "masks.parquet"))
-    assert index.tables["keypoints_2d"]["keypoint"].tolist() == ["kp7"]
+    eyes = pd.DataFrame([(0, "left", "left_pupil", 1.0, 2.0, 0.5)], columns=list(EYE_COLUMNS))
+    eyes.to_parquet(folder / "eye_points.parquet", index=False)
+    detected = DetectedFiles(folder / "keypoints_2d.parquet", folder / "masks.parquet")
+    index = index_folder(capture, detected=detected, folder=tmp_path)
+    assert pd.read_parquet(tmp_path / "keypoints_2d.parquet")["keypoint"].tolist() == ["kp7"]
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "eye_points.parquet"), eyes)
     images = index.tables["images"].set_index(["camera", "frame"])
     assert images.mask_path.notna().sum() == 1 and images.mask_digest[("left", 0)] == "abc"
     source = ImageSource.from_index(capture, index.contents["capture"]["images"])

@@ -6,6 +6,7 @@ import logging
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pipeline.capture.index.eye_tables import between_directions
@@ -99,11 +100,12 @@ def test_between_opposite_or_equal_directions_is_one_of_them() -> None:
 
 def test_keypoints_that_template_points_calls_pupils_are_points_of_eyes(tmp_path: Path) -> None:
     root = build_capture(tmp_path / "tiny")
-    assert index_folder(root).tables["eye_points"].empty
+    index_folder(root, folder=tmp_path)
+    assert pd.read_parquet(tmp_path / "eye_points.parquet").empty
     write_lines(root / "template/points.csv", "keypoint,point", "head,left_pupil", "hip,mid_hip")
     edit_manifest(root, lambda m: m["template"].update(points="template/points.csv"))
-    index = index_folder(root)
-    heads = index.tables["keypoints_2d"].query("keypoint == 'head'").reset_index(drop=True)
-    points = index.tables["eye_points"]
+    index_folder(root, folder=tmp_path)
+    heads = pd.read_parquet(tmp_path / "keypoints_2d.parquet").query("keypoint == 'head'").reset_index(drop=True)
+    points = pd.read_parquet(tmp_path / "eye_points.parquet")
     assert len(points) == len(heads) > 0 and set(points.point) == {"left_pupil"}
     np.testing.assert_array_equal(points[["x", "y"]], heads[["x", "y"]])
