@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float32, Float64
 
 from pipeline.base.color import corrected
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays, read_json, read_table
+from pipeline.base.files import read_arrays, read_json, read_rows, read_table
 from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means
 from pipeline.geometry.cameras import Camera
@@ -121,6 +121,10 @@ def read_tracked_capture(
     chunks = [_read_chunk(path, template, targets) for path in tracking]
     tables, *arrays = zip(*chunks, strict=True)
     vertices, keypoints, triangulated = map(np.concatenate, arrays)
+    detected = [
+        _detected(index / "keypoints_2d.parquet", list(cameras), table.frame.to_numpy(), targets.names)
+        for table in tables
+    ]
     synced = read_table(patterns)
     frames = pd.concat([table.assign(chunk=number) for number, table in enumerate(tables)], ignore_index=True)
     frames = frames.merge(read_table(index / "frames.parquet"), on="frame", how="left", validate="one_to_one")
@@ -129,8 +133,8 @@ def read_tracked_capture(
     return TrackedCapture(
         described["subject"], ImageSource.from_index(capture, described["images"]), template, cameras,
         frozenset(images.camera[images.test_camera]), frames, vertices, targets.names, keypoints, triangulated,
-        _detected(read_table(index / "keypoints_2d.parquet"), list(cameras), frames.frame.to_numpy(), targets.names),
-        images.set_index(["camera", "frame"]).sort_index(), read_table(calibration / "lights.parquet"), synced,
+        np.concatenate(detected, axis=1), images.set_index(["camera", "frame"]).sort_index(),
+        read_table(calibration / "lights.parquet"), synced,
         {name: np.asarray(matrix, np.float64) for name, matrix in colors.items()},
     )  # fmt: skip
 
@@ -156,8 +160,10 @@ def _read_chunk(
     return table, tracked.vertices, keypoints, arrays["keypoints"]
 
 
-def _detected(table: pd.DataFrame, cameras: list[str], frames: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    table = table[table.camera.isin(cameras) & table.frame.isin(frames) & table.keypoint.isin(names)]
+def _detected(path: Path, cameras: list[str], frames: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Detected keypoints of the frames of a chunk, pixels; NaN where not."""
+    table = read_rows(path, "frame", frames)
+    table = table[table.camera.isin(cameras) & table.keypoint.isin(names)]
     rows = tuple(
         pd.Index(values).get_indexer(table[column])
         for values, column in ((cameras, "camera"), (frames, "frame"), (list(names), "keypoint"))

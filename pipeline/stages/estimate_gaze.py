@@ -17,7 +17,7 @@ from jaxtyping import Float32, Float64, Int64
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays, read_json, read_table, write_table
+from pipeline.base.files import read_arrays, read_json, read_rows, read_table, write_table
 from pipeline.base.progress import progress
 from pipeline.base.spread import evenly
 from pipeline.base.verdicts import log_verdicts, verdict_table
@@ -79,7 +79,7 @@ def run(
             pixels.append(join_views([picture[name] for picture in seen]))
     shapes = {name: usual_shape(float(sphere[3])) for name, sphere in spheres.items()}
     found = {name: estimate_gaze(pixels, shapes[name]) for name, pixels in shown.items()}
-    points = read_table(index / "eye_points.parquet")
+    points = read_rows(index / "eye_points.parquet", "frame", lit)
     points = points[points.camera.isin(images.camera)]
     if len(points):
         log.info("irises and contours of eyes in %d images", len(points.groupby(["frame", "camera"])))

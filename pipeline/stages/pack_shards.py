@@ -107,7 +107,9 @@ def run(
         cameras={n: c.downsampled(float(facts["downsample_from_sensor"])) for n, c in read_cameras(cameras).items()},
         colors={n: np.array(m) for n, m in read_json(color)["cameras"].items()} if on.get("color_correction") else {},
         atlas=read_atlas(atlas),
-        patterns=read_table(patterns).merge(read_table(lights)[["light", "x", "y", "z"]], on="light", how="left"),
+        patterns=read_rows(patterns, "frame", booked.index).merge(
+            read_table(lights)[["light", "x", "y", "z"]], on="light", how="left"
+        ),
         irradiance=irradiance,
         heads=head_motions(tracked) if described["kind"] == "head" else {},
         gazes=read_gaze(estimated_gaze or index / "gaze.parquet"),
@@ -136,9 +138,10 @@ def report_left_out(inputs: Inputs) -> None:
 
 @dataclass(frozen=True)
 class Inputs:
-    """Everything read before the images; `patterns` carry the positions of their lights.
+    """Everything read before the images.
 
-    `heads`, `gazes` and `textures` are by frame, as in `FrameRecord`; empty if there are none.
+    `patterns` are those of the chunk, with the positions of their lights. `heads`, `gazes` and `textures` are by frame,
+    as in `FrameRecord`; empty if there are none.
     """
 
     source: ImageSource
@@ -171,8 +174,7 @@ def complain_about(inputs: Inputs, images: pd.DataFrame, effects: Path) -> None:
             complaints.add("--color", camera, expected="a matrix, as colour correction is on", found="none")
     for frame in [n for n in inputs.booked.index.tolist() if n not in inputs.vertices]:
         complaints.add("--tracking", f"frame {frame}", expected="tracked vertices", found="none")
-    here = inputs.patterns[inputs.patterns.frame.isin(inputs.booked.index)]
-    for light in sorted(here.light[here.x.isna()].unique()):
+    for light in sorted(inputs.patterns.light[inputs.patterns.x.isna()].unique()):
         complaints.add("--lights", light, expected="a position, as it is lit", found="none")
     for frame in inputs.booked.index.tolist() if inputs.irradiance else []:
         if not irradiance_file(inputs.irradiance, frame).exists():
