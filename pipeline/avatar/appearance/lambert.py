@@ -28,8 +28,8 @@ class Coat(nn.Module):
 
     @property
     def bounded(self) -> Float[Tensor, ""]:
-        """The share, within `COAT_SHARES`."""
-        return self.share.clamp(*COAT_SHARES)
+        """The share, within `COAT_SHARES`; beyond them its slope still leads back."""
+        return self.share + (self.share.clamp(*COAT_SHARES) - self.share).detach()
 
 
 class Lambert(DiffuseModel):

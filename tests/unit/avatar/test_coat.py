@@ -57,6 +57,8 @@ def test_a_share_beyond_all_counts_as_all():
         found = sent_to_camera(avatar).numpy()
     assert found.min() > 0
     np.testing.assert_allclose(found[:, 0], printed(1.0), rtol=1e-4)
+    sent_to_camera(avatar).sum().backward()
+    assert avatar.coat.share.grad < 0  # more light asks for less of a coat: it does not get stuck
 
 
 def test_what_has_no_gloss_or_is_asked_for_as_lambert_has_no_coat():

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from pipeline.lighting import device_sums
-from pipeline.lighting.lobes import unit
 from pipeline.lighting.matte import (
     arriving_vectors,
     arriving_vectors_in_torch,
@@ -14,24 +13,13 @@ from pipeline.lighting.matte import (
     grazing_irradiance_in_torch,
 )
 from pipeline.lighting.point_lights import PointLights
-
-COUNT, LIGHTS = 40, 9
+from tests.support.lighting.seen_lights import COUNT, LIGHTS, packed, points_under_lights
 
 
 @pytest.fixture
 def scene():
-    generator = torch.Generator().manual_seed(3)
-
-    def random(*shape):
-        return torch.randn(*shape, generator=generator)
-
-    lights, power = 2 * unit(random(LIGHTS, 3)), torch.rand(LIGHTS, 3, generator=generator)
-    seen = torch.rand(LIGHTS, COUNT, generator=generator) < 0.7
-    return 0.3 * random(COUNT, 3), unit(random(COUNT, 3)), lights, power, seen
-
-
-def packed(seen):
-    return np.packbits(seen.numpy(), axis=1)
+    points, normals, _, _, lights, power, seen = points_under_lights()
+    return points, normals, lights, power, seen
 
 
 def cosines(points, normals, lights):

@@ -14,26 +14,12 @@ from pipeline.lighting.microfacet import (
     gather_reflections_reference,
 )
 from pipeline.lighting.point_lights import PointLights
-
-COUNT, LIGHTS = 40, 9
+from tests.support.lighting.seen_lights import COUNT, LIGHTS, packed, points_under_lights
 
 
 @pytest.fixture
 def scene():
-    generator = torch.Generator().manual_seed(3)
-
-    def random(*shape):
-        return torch.randn(*shape, generator=generator)
-
-    normals, to_camera = unit(random(COUNT, 3)), unit(random(COUNT, 3))
-    lights = 2 * unit(random(LIGHTS, 3))
-    alpha = 0.05 + 0.9 * torch.rand(COUNT, generator=generator)
-    seen = torch.rand(LIGHTS, COUNT, generator=generator) < 0.7
-    return 0.3 * random(COUNT, 3), normals, to_camera, alpha, lights, torch.rand(LIGHTS, 3, generator=generator), seen
-
-
-def packed(seen):
-    return np.packbits(seen.numpy(), axis=1)
+    return points_under_lights()
 
 
 BOTH = pytest.mark.parametrize("gaussian", [False, True], ids=["GGX", "Gaussian"])

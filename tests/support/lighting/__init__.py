@@ -1,0 +1,1 @@
+"""Light: `seen_lights`, points under lights that some of them see."""
