@@ -8,6 +8,8 @@ from pydantic import Field
 
 from pipeline.config.settings import Settings
 
+Axis = Literal["x", "y", "z", "negative_x", "negative_y", "negative_z"]
+
 
 class TrackMesh(Settings):
     """Fit of poses to keypoints and masks."""
@@ -24,6 +26,10 @@ class TrackMesh(Settings):
     )
     rest_rotation: float = Field(
         1.0, gt=0, description="typical rotation of a joint away from the rest pose; much larger ones are allowed [rad]"
+    )
+    hinges: dict[str, Axis] = Field(
+        {},
+        description="joints of the template that only bend, one way, as elbows do, and about which axis of their frame",
     )
     max_iterations: int = Field(30, ge=1, description="Gauss-Newton steps per solve; it mostly converges in ten")
     outline_rounds: int = Field(

@@ -16,9 +16,8 @@ from jaxtyping import Float64
 
 from pipeline.base.errors import InputError, listed
 from pipeline.base.files import read_arrays, read_json
-from pipeline.geometry.gltf import GltfFile
 from pipeline.geometry.kinematics import Pose
-from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.skin import Template, read_joint_names, read_template
 
 log = logging.getLogger(__name__)
 
@@ -77,6 +76,4 @@ def read_rigged_motion(
         return np.stack([row_of[number][0][name][row_of[number][1]] for number in frames]).astype(np.float64)
 
     pose = Pose(rows("root_rotation"), rows("root_translation"), rows("joint_rotations"))
-    nodes = GltfFile(path).document.nodes
-    names = [nodes[node].name or f"joint {joint}" for joint, node in enumerate(template.joint_nodes.tolist())]
-    return RiggedMotion(template, names, list(frames), pose, rows("offsets"))
+    return RiggedMotion(template, read_joint_names(path, template), list(frames), pose, rows("offsets"))

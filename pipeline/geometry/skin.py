@@ -81,6 +81,12 @@ def read_template(path: Path, scale_to_m: float) -> Template:
         return _read_template(path, scale_to_m)
 
 
+def read_joint_names(path: Path, template: Template) -> list[str]:
+    """Names of a template's joints, in the skin's order; a joint without one is `joint 3`."""
+    nodes = GltfFile(path).document.nodes
+    return [nodes[node].name or f"joint {joint}" for joint, node in enumerate(template.joint_nodes.tolist())]
+
+
 def _read_template(path: Path, scale_to_m: float) -> Template:
     file = GltfFile(path)
     primitives = file.primitives()

@@ -28,13 +28,14 @@ from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.capture.images import ImageSource
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.signed_distance import View, silhouette_overlap
-from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.skin import Template, read_joint_names, read_template
 from pipeline.geometry.surface_points import spread_vertices
 from pipeline.lighting.frame_lights import read_frame_lights
 from pipeline.tracking.color_views import read_color_views
 from pipeline.tracking.cues import Rounds, posed_vertices
 from pipeline.tracking.fit_verdicts import complain_of_misfits, fit_verdicts
 from pipeline.tracking.given_meshes import GivenTracking, read_given
+from pipeline.tracking.hinges import hinge_axes
 from pipeline.tracking.image_cameras import CAMERA_COLUMNS, image_cameras
 from pipeline.tracking.keypoint_targets import read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
@@ -77,7 +78,8 @@ def run(
         raise InputError(f"chunk: expected 0 to {(len(frames) - 1) // chunk_size}, found {chunk}; {len(frames)} frames")
     start = max(first - settings.context_frames, 0)
     with_context = frames.iloc[start : last + settings.context_frames]
-    template = read_template(capture / content["template"]["mesh"], float(content["template"]["scale_to_m"]))
+    mesh = capture / content["template"]["mesh"]
+    template = read_template(mesh, float(content["template"]["scale_to_m"]))
     source, table = ImageSource.from_index(capture, content["images"]), index / "images.parquet"
     downsample, every = float(content["images"]["downsample_from_sensor"]), read_distinct(table, CAMERA_COLUMNS)
     # Of the tables of all images and keypoints, what the job looks at: not all frames of the capture.
@@ -126,7 +128,7 @@ def run(
         )  # fmt: skip
     prior = MotionPrior(
         times_s, settings.rotation_acceleration, settings.translation_acceleration, settings.rest_rotation,
-        takes=takes.astype(np.int64),
+        hinges=hinge_axes(settings.hinges, read_joint_names(mesh, template), mesh), takes=takes.astype(np.int64),
     )  # fmt: skip
     schedule = [Rounds("silhouettes", silhouettes, settings.outline_rounds)] if silhouettes else []
     if template.rigged:

@@ -1,7 +1,8 @@
 """The prior on motion: small accelerations, and local rotations near the rest pose.
 
-The twist of a round limb is seen by no keypoint and no silhouette: there it is the rest pose that decides. Its loss is
-Cauchy's, because a joint far from rest says nothing about its twist; the frames in which it is near say it for all.
+The twist of a round limb is seen by no keypoint and no silhouette: there it is the rest pose that decides, and hinges
+where they are known. The rest pose's loss is Cauchy's, because a joint far from rest says nothing about its twist; the
+frames in which it is near say it for all.
 
 Rotations are differenced on the manifold: the velocity between two frames is log(R_f^T R_{f+1}) / dt, and its
 derivatives are the inverse Jacobians of the exponential map (Sola et al. 2018, "A micro Lie theory", eqs. 143-146).
@@ -28,6 +29,9 @@ DECORRELATION_S = 1 / 24
 """Time over which accelerations count as independent. Costs are integrals over time divided by it, so that a capture
 at 90 frames per second is not smoothed more than one at 24."""
 
+HINGE_PLAY_RAD = 0.1
+"""Standard deviation of what a hinge turns about other axes, or backwards: an elbow's or a knee's is some degrees."""
+
 SERIES_BELOW_RAD = 1e-2
 """Angle below which the coefficient in `inverse_right_jacobian` is taken from its series; the error is below 1e-12."""
 
@@ -42,6 +46,8 @@ class MotionPrior:
         translation_acceleration: of the root's pivot [m/s^2].
         rest_rotation: of every local rotation from its rest [rad]; its tails are heavy, as Cauchy's.
         expected: local rotations to expect in each frame instead of the rest pose's.
+        hinges: axis, of length one, that a joint bends about from its rest, in the joint's frame, one way; 0 where it
+            is free.
         takes: number of the take that each frame belongs to: across a cut, no motion is expected at all. None: one.
     """
 
@@ -50,6 +56,7 @@ class MotionPrior:
     translation_acceleration: float
     rest_rotation: float
     expected: Float64[np.ndarray, "frames joints 4"] | None = None
+    hinges: Float64[np.ndarray, "joints 3"] | None = None
     takes: Int64[np.ndarray, " frames"] | None = None
 
     def at(self, frames: np.ndarray) -> MotionPrior:
@@ -106,22 +113,49 @@ def _accelerations(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tup
     return np.diff(velocity, axis=0) * scale[..., None], change, dt, scale
 
 
+def _share(prior: MotionPrior, pose: Pose) -> float:
+    """What a frame counts: the time it stands for, in `DECORRELATION_S`.
+
+    It is the median, since a frame beside a gap or a cut says no more about its pose than any other.
+    """
+    return float(np.median(np.diff(prior.times_s)) / DECORRELATION_S) if len(pose) > 1 else 1.0
+
+
+def _off_hinges(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation vectors from the rest pose [F, free, 3], and the precision of what no hinge allows [F, free, 3, 3].
+
+    That is a turn about another axis, and bending backwards.
+    """
+    axis = prior.hinges[points.free]
+    rest = conjugate_quaternion(points.template.rest_rotations[points.free])
+    turned = rotation_vector_from_quaternion(multiply_quaternions(rest[None], pose.joint_rotations[:, points.free]))
+    along = axis[:, :, None] * axis[:, None, :]
+    is_hinge = (axis != 0).any(-1)[:, None, None]
+    backwards = ((turned * axis).sum(-1) < 0)[..., None, None]
+    stiff = np.where(is_hinge, np.eye(3) - along, 0.0) + np.where(backwards, along, 0.0)
+    return turned, _share(prior, pose) / HINGE_PLAY_RAD**2 * stiff
+
+
 def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray, float]:
     """Rotation vectors from rest [F, free, 3], robust precision [F, free], and half their cost."""
     rest = points.template.rest_rotations[None] if prior.expected is None else prior.expected
     away = rotation_vector_from_quaternion(
         multiply_quaternions(conjugate_quaternion(rest[:, points.free]), pose.joint_rotations[:, points.free])
     )
-    # The median, since a frame beside a gap or a cut says no more about its pose than any other.
-    spacing = np.full(len(pose), np.median(np.diff(prior.times_s)) if len(pose) > 1 else DECORRELATION_S)
-    share = spacing[:, None] / DECORRELATION_S
+    share = _share(prior, pose)
     losses, weight = cauchy((away**2).sum(-1) / prior.rest_rotation**2)
     return away, share * weight / prior.rest_rotation**2, float((share * losses).sum())
 
 
 def prior_cost(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> float:
-    """Cost of a motion: half its squared whitened accelerations, and robust distance from rest."""
+    """Cost of a motion: accelerations, distance from rest, and turns that no hinge allows.
+
+    Half the squares of whitened ones; of the distance from rest, Cauchy's loss.
+    """
     cost = _from_rest(prior, points, pose)[2]
+    if prior.hinges is not None:
+        off, precision = _off_hinges(prior, points, pose)
+        cost += 0.5 * np.einsum("fpa,fpab,fpb->", off, precision, off)
     if len(pose) > 2:
         cost += 0.5 * (_accelerations(prior, points, pose)[0] ** 2).sum()
     return float(cost)
@@ -138,6 +172,12 @@ def prior_system(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> Bande
     carried = precision[..., None, None] * jacobian.swapaxes(-1, -2)
     blocks[0][:, 2:] += carried @ jacobian
     gradient[:, 2:] += (carried @ away[..., None])[..., 0]
+    if prior.hinges is not None:
+        off, stiffness = _off_hinges(prior, points, pose)
+        jacobian = inverse_right_jacobian(off)
+        carried = jacobian.swapaxes(-1, -2) @ stiffness
+        blocks[0][:, 2:] += carried @ jacobian
+        gradient[:, 2:] += (carried @ off[..., None])[..., 0]
     if frames > 2:
         residual, change, dt, scale = _accelerations(prior, points, pose)
         onward = inverse_right_jacobian(change)

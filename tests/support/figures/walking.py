@@ -103,7 +103,7 @@ def write_template(path: Path, units_per_m: float = 1.0, rigged: bool = True, fl
     nodes: list[dict] = [{"children": [1]}]
     for bone in range(len(BONES)):
         children = [child + 1 for child, parent in enumerate(PARENTS) if parent == bone]
-        node = {"translation": (units_per_m * STARTS[bone]).tolist()}
+        node = {"name": BONES[bone][0], "translation": (units_per_m * STARTS[bone]).tolist()}
         nodes.append(node | ({"children": children} if children else {}))
     file.content["nodes"] = [*nodes, body]
     file.content["meshes"] = [{"primitives": [{"attributes": attributes, "indices": indices}]}]

@@ -27,6 +27,7 @@ class Varied(Settings):
     empty: str = Field("")
     absent: int | None = Field(None)
     sizes: tuple[int, ...] = Field((1, 2, 3))
+    named: dict[str, Literal["x", "negative_x"]] = Field({})
     inner: Inner = Inner(depth=4)
 
 
@@ -41,7 +42,17 @@ def read_back(model, words):
     "settings",
     [
         Varied(),
-        Varied(is_on=False, is_off=True, small=123456789.123, negative=0, mode="off", empty="x", absent=3, sizes=(9,)),
+        Varied(
+            is_on=False,
+            is_off=True,
+            small=123456789.123,
+            negative=0,
+            mode="off",
+            empty="x",
+            absent=3,
+            sizes=(9,),
+            named={},
+        ),
     ],
 )
 def test_flags_of_every_kind_read_back(settings):

@@ -140,8 +140,9 @@ def dense(points: TrackedPoints, prior: MotionPrior, pose: Pose) -> tuple[np.nda
     return matrix, system.gradient.ravel()
 
 
-def test_gradient_of_the_prior_matches_differences(points: TrackedPoints) -> None:
-    prior, pose = uneven_prior(5), random_pose(5, seed=2, size=0.3)
+@pytest.mark.parametrize("hinges", [None, np.eye(len(BONES))[:, :3]], ids=["free", "hinges"])
+def test_gradient_of_the_prior_matches_differences(points: TrackedPoints, hinges: np.ndarray | None) -> None:
+    prior, pose = replace(uneven_prior(5), hinges=hinges), random_pose(5, seed=2, size=0.3)
     _, gradient = dense(points, prior, pose)
     rng = np.random.default_rng(0)
     for _ in range(20):
