@@ -1,13 +1,13 @@
 """Irradiance maps against the rays alone, against trimesh, and against visibility bits: one JSON line per result.
 
-    python -m benchmarks.bench_irradiance [--repeats 5] [--threads 2] [--frames 64]
+    python -m benchmarks.bench_irradiance [--repeats 5] [--threads 2] [--frames 64] [--page docs/irradiance.md]
 
 Sides are timed alternately in one process, wall clock, frames spread over `--threads` threads. `raw embreex` answers
 the very rays of the job, made beforehand, in trees built beforehand; `whole` makes them, traces them and adds up. The
 jobs of the next lines begin with posed vertices, texels and trees included; `trimesh` is the plain loop of
 `intersects_any` over frames. `bits` lines give the cost of tracing and of visibility bits, and what the cost model of
-pipeline.lighting.visibility_bits chose. The last lines are the memory of the largest map, and a projection to 5,000
-frames of 1024 x 1024 texels.
+pipeline.lighting.visibility_bits chose. `packets` asks the same rays of Mitsuba's vectorised Embree, on one thread. The
+last lines are the memory of the largest map, and a projection to 5,000 frames of 1024 x 1024 texels.
 """
 
 from __future__ import annotations
@@ -21,11 +21,15 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import trimesh
 from scipy.spatial import KDTree
 
+from benchmarks.irradiance_page import bits_lines, throughput_lines
+from benchmarks.marked_page import write_between
+from benchmarks.packet_rays import packet_tracer
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas
@@ -151,7 +155,13 @@ def interleaved(sides: dict[str, Callable[[], object]], repeats: int) -> dict[st
     return seconds
 
 
+TOLD: list[dict[str, object]] = []
+"""All that was told, for the page."""
+
+
 def tell(result: str, **facts: object) -> None:
+    """Print a result, and keep it."""
+    TOLD.append({"result": result, **facts})
     rounded = {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in facts.items()}
     print(json.dumps({"result": result, **rounded}), flush=True)
 
@@ -175,6 +185,25 @@ def against_raw_rays(pool: ThreadPoolExecutor, threads: int, repeats: int) -> di
         tell(f"end to end / raw embreex, {name}", value=ratio, rays=count, threads=threads, **millions)
         cost[name] = statistics.median(seconds["whole"]) * threads / count * 1e9
     return cost
+
+
+def against_packets(repeats: int) -> None:
+    """Embree's answers through embreex over those through Mitsuba's packets: the same rays, one thread."""
+    lights = dome(24)
+    for name, samples, side in (("1 sample", 1, 512), ("all lights", None, 256)):
+        pose = make_pose(side)
+        occluders, rays = rays_of(pose, lights, samples)
+        packets = packet_tracer(occluders.scaled(pose.vertices), pose.faces, rays)
+        if packets is None:
+            print("no LLVM library that is fit for Mitsuba: no packets", flush=True)
+            return
+        embreex = functools.partial(answer, (occluders, rays))
+        differ = sum(int(((a == -1) == b).sum()) for a, b in zip(embreex(), packets(), strict=True))
+        seconds = interleaved({"embreex": embreex, "packets": packets}, repeats)
+        ratio = statistics.median(e / p for e, p in zip(seconds["embreex"], seconds["packets"], strict=True))
+        count = sum(len(each.rows) for each in rays)
+        millions = {f"{k}_Mray_s": count / statistics.median(s) / 1e6 for k, s in seconds.items()}
+        tell(f"packets / embreex, {name}", value=ratio, rays=count, differ=differ, **millions)
 
 
 def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None:
@@ -280,14 +309,19 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, help="timed runs of each side")
     parser.add_argument("--threads", type=int, default=2, help="threads of each side")
     parser.add_argument("--frames", type=int, default=64, help="frames of the job that trimesh is compared on")
+    parser.add_argument("--page", type=Path, help="page with the marks throughput and bits")
     arguments = parser.parse_args()
     memory_of_the_largest()
     with ThreadPoolExecutor(arguments.threads) as pool:
         cost = against_raw_rays(pool, arguments.threads, arguments.repeats)
         against_trimesh(pool, arguments.frames, max(1, arguments.repeats // 2))
+    against_packets(arguments.repeats)
     shared_against_all(arguments.repeats)
     bits_against_rays(arguments.repeats)
     projection(cost)
+    if arguments.page:
+        write_between(arguments.page, "throughput", throughput_lines(TOLD))
+        write_between(arguments.page, "bits", bits_lines(TOLD))
 
 
 if __name__ == "__main__":

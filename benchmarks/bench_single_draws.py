@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import torch
 
+from benchmarks.marked_page import write_between
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import read_plan, resolve_spec
@@ -125,6 +126,7 @@ def main() -> None:
     parser.add_argument("--results", type=Path, required=True, help="folder results/SUBJECT")
     parser.add_argument("--steps", type=int, default=150, help="of each training")
     parser.add_argument("--few", action="store_true", help="the first and the last row also with fewer frames")
+    parser.add_argument("--page", type=Path, help="page with the marks single draws: begin and end")
     options = parser.parse_args()
     results, atlas = options.results, read_atlas(options.results / "atlas.safetensors")
     shards = {name: read_image_shards([results / "shards" / name]) for name in ("train", "validation")}
@@ -142,7 +144,20 @@ def main() -> None:
         rows.append((name, "third" if few else "all", *scores, scores[0] - scores[1]))
         print(rows[-1], flush=True)
     columns = ["network", "frames", "traced_db", "single_rays_db", "lit_by_all_db", "lost_db"]
-    print(pd.DataFrame(rows, columns=columns).round(2).to_string(index=False))
+    table = pd.DataFrame(rows, columns=columns).round(2)
+    print(table.to_string(index=False))
+    if options.page:
+        head = [
+            "shadow network",
+            "frames",
+            "traced, dB",
+            "single rays, dB",
+            "the same, lit by all, dB",
+            "lost, dB",
+        ]
+        lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+        lines += ["| " + " | ".join(map(str, row)) + " |" for row in table.itertuples(index=False)]
+        write_between(options.page, "single draws", lines)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
 """Distance of tracked vertices from the truth of a synthetic capture: what stays the same, and what changes.
 
-    python -m benchmarks.bench_true_tracking --results results/head60 --change deformation_modes=100 deformation_m=0.004
+    python -m benchmarks.bench_true_tracking --results results/subjectA --change hinges={} --change image_rounds=15
 
-prints a line of JSON for the subject's own tracking, and one for each `--change`, which tracks anew with these
-settings. `always_p95_mm` is the part of a vertex's error that is the same in all frames, seen from the surface: a
-texture that is learned on the mesh goes along with it, and no image can tell it. `changing_*` is the rest, root mean
-squares in millimetres along the normal and along the surface, and the distance that 95 % stay within: it blurs what is
-learned.
+prints a line of JSON for the subject's own tracking, and one for each `--change`, which tracks anew with the subject's
+settings but for these. `always_p95_mm` is the part of a vertex's error that is the same in all frames, seen from the
+surface: a texture that is learned on the mesh goes along with it, and no image can tell it. `changing_*` is the rest,
+root mean squares in millimetres along the normal and along the surface, and the distance that 95 % stay within: it
+blurs what is learned.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+import yaml
 from jaxtyping import Float64, Int64
 
 from pipeline.base.files import read_arrays
+from pipeline.base.yaml_files import read_yaml
+from pipeline.config.loading import load_project
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh import unit_or, vertex_normals, weld_vertices
@@ -85,7 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--results", type=Path, required=True, help="results/SUBJECT of a finished run")
     parser.add_argument("--capture", type=Path, help="captures/SUBJECT")
-    parser.add_argument("--change", nargs="+", action="append", default=[], help="NAME=VALUE of track_mesh")
+    parser.add_argument("--change", nargs="+", action="append", default=[], help="NAME=YAML of track_mesh")
     args = parser.parse_args()
     capture = args.capture or args.results.parents[1] / "captures" / args.results.name
 
@@ -94,8 +97,11 @@ def main() -> None:
         print(json.dumps({"subject": args.results.name, "settings": what, "seconds": seconds, **errors}), flush=True)
 
     said("of the results", args.results / "tracking", None)
+    project = load_project(read_yaml(Path("config/config.yaml")), {}, Path("config/subjects"))
+    own = project.subject(args.results.name).track_mesh.model_dump()
     for change in args.change:
-        settings = TrackMesh.model_validate(dict(each.split("=", 1) for each in change))
+        words = (each.split("=", 1) for each in change)
+        settings = TrackMesh.model_validate(own | {name: yaml.safe_load(value) for name, value in words})
         with tempfile.TemporaryDirectory() as folder:
             started = time.monotonic()
             track(args.results, capture, Path(folder), settings)
