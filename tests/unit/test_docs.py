@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from docs.generate import comparison_table
+from docs.generate import comparison_table, error_budget_table
 from docs.generate.flowchart import FLOW, PLACES
 from docs.generate.pages import PAGES
 from docs.generate.pictures import evening
@@ -199,6 +199,34 @@ def test_comparison_has_a_row_for_each_avatar_and_none_for_their_mean(tmp_path):
         "| `ann` | `full` | 7 | 31.00 ± 0.25 | 30.00 ± 0.25 |  | 0.900 | 0.100 |",
         "| `ann` | `pbr` | 7 | 29.50 ± 0.25 | 28.50 ± 0.25 | -1.50 ± 0.50 | 0.900 | 0.100 |",
     ]
+
+
+def test_error_budgets_have_a_row_and_a_picture_per_subject(tmp_path):
+    folders = []
+    for name, lost in {"ann": 1.0, "bob": 0.25}.items():
+        folders.append(tmp_path / "results" / name)
+        budget = {
+            "step": ["all true", "our color"],
+            "test_all_db": [33.0, 33.0 - lost],
+            "test_partial_db": [31.0, 30.5],
+        }
+        write_table(folders[-1] / "error_budget/error_budget.csv", pd.DataFrame(budget))
+        (folders[-1] / "error_budget/error_budget.png").write_bytes(name.encode())
+    (tmp_path / "docs/pictures").mkdir(parents=True)
+    page = tmp_path / "docs/page.md"
+    page.write_text("<!-- error budgets: begin -->\n<!-- error budgets: end -->\n")
+    error_budget_table.run(results=tuple(folders), page=page)
+    assert page.read_text().splitlines()[1:-1] == [
+        "| subject | all true | our color | lost |",
+        "|---|---|---|---|",
+        "| `ann` | 33.00 (31.00) | 32.00 (30.50) | 1.00 |",
+        "| `bob` | 33.00 (31.00) | 32.75 (30.50) | 0.25 |",
+        "",
+        "![ann: what each input costs](pictures/error_budget_ann.png)",
+        "",
+        "![bob: what each input costs](pictures/error_budget_bob.png)",
+    ]
+    assert (tmp_path / "docs/pictures/error_budget_bob.png").read_bytes() == b"bob"
 
 
 def test_row_of_results_repeats_the_scores_of_all_held_out_images(tmp_path):
