@@ -23,6 +23,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from benchmarks.bench_irradiance import dome
+from benchmarks.irradiance_figure import draw_irradiance
 from benchmarks.marked_page import write_between
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.files import read_arrays
@@ -165,6 +166,7 @@ def main() -> None:
     if args.page:
         pixels = sum(int((seen >= 0).sum()) for seen in body.seen)
         write_between(args.page, "irradiance", page_lines(rows, len(atlas.texel), pixels))
+        draw_irradiance(args.page.parent / "pictures/irradiance_cost.png", rows)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,12 @@ import re
 import subprocess
 import unicodedata
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
-from docs.generate import comparison_table, error_budget_table
+from docs.generate import comparison_table, effects_table, error_budget_table, scaling_table
 from docs.generate.flowchart import FLOW, PLACES
 from docs.generate.pages import PAGES
 from docs.generate.pictures import evening
@@ -227,6 +228,43 @@ def test_error_budgets_have_a_row_and_a_picture_per_subject(tmp_path):
         "![bob: what each input costs](pictures/error_budget_bob.png)",
     ]
     assert (tmp_path / "docs/pictures/error_budget_bob.png").read_bytes() == b"bob"
+
+
+def test_effects_are_compared_by_scene_and_in_the_median(tmp_path):
+    rows = [
+        ("dull", "everything", "specular shadow", 30.0, 0.0, 1.0), ("dull", "full", None, 30.25, -0.25, 0.5),
+        ("dull", "auto", None, 31.0, -1.0, 0.05),
+        ("shiny", "everything", "specular shadow", 28.0, 0.0, 1.0),
+        ("shiny", "full", "specular near_field", 27.75, 0.25, 0.7),
+        ("shiny", "auto", "specular near_field", 29.0, -1.0, 0.25),
+    ]  # fmt: skip
+    columns = ["scene", "avatar", "effects", "psnr_db", "psnr_lost_db", "cpu_ratio"]
+    pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "table.csv")
+    page = tmp_path / "page.md"
+    page.write_text("<!-- effects comparison: begin -->\n<!-- effects comparison: end -->\n")
+    effects_table.run(comparison=tmp_path / "table.csv", page=page)
+    assert page.read_text().splitlines()[3:-1] == [
+        "| dull | none | 30.00 dB | +0.25 dB | 50 % | +1.00 dB | 5.0 % |",
+        "| shiny | specular, near field | 28.00 dB | -0.25 dB | 70 % | +1.00 dB | 25 % |",
+        "| median |  |  | +0.00 dB | 60 % | +1.00 dB | 15 % |",
+    ]
+
+
+def test_scaling_has_a_row_per_cost_and_no_exponent_where_none_is_told(tmp_path):
+    row = {"stage": "track_mesh", "varied": "frames", "cost": "CPU seconds", "smallest": 8, "largest": 4096.0,
+           "predicted": 1.0, "exponent": 0.98, "low": 0.9, "high": 1.06, "verdict": "as predicted"}  # fmt: skip
+    flat = row | {"cost": "peak MB", "predicted": 0.0, "exponent": np.nan, "verdict": "cannot tell"}
+    write_table(tmp_path / "scaling/exponents.csv", pd.DataFrame([row, flat]))
+    (tmp_path / "scaling/scaling.png").write_bytes(b"png")
+    (tmp_path / "pictures").mkdir()
+    page = tmp_path / "page.md"
+    page.write_text("<!-- scaling: begin -->\n<!-- scaling: end -->\n")
+    scaling_table.run(results=tmp_path / "scaling", page=page)
+    assert page.read_text().splitlines()[3:-1] == [
+        "| `track_mesh` | frames | CPU seconds | 8 | 4,096 | 1 | 0.98 (0.90 to 1.06) | as predicted |",
+        "| `track_mesh` | frames | peak MB | 8 | 4,096 | 0 |  | cannot tell |",
+    ]
+    assert (tmp_path / "pictures/scaling.png").exists()
 
 
 def test_row_of_results_repeats_the_scores_of_all_held_out_images(tmp_path):
