@@ -19,7 +19,7 @@ MAKEFLAGS += --no-builtin-rules
 .SUFFIXES:
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help test slurm slurm-test storage-test left hard-cases chaos mutants verdicts audit scaling growth effects time lint docs detect schema curves presets lock viewer FORCE
+.PHONY: help test slurm slurm-test storage-test left evidence hard-cases chaos mutants verdicts audit scaling growth effects time lint docs detect schema curves presets lock viewer FORCE
 
 help:
 	@echo 'make results/SUBJECT/metrics.csv   run the workflow for a subject, e.g. subjectA'
@@ -35,6 +35,7 @@ help:
 	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make time                          measure where the time goes, and write that page; TIMED=results/SUBJECT ...'
+	@echo 'make evidence                      measure again what docs/evidence.md shows; an hour and a half'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make docs                          build the documentation into build/docs'
 	@echo 'make detect                        install what finds keypoints and masks in photographs, into .venv-detect'
@@ -112,6 +113,18 @@ time: $(READY)
 	$(foreach subject,$(TIMED),$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_training_parts \
 	    --results $(subject) --out results/time/training_$(notdir $(subject)).json &&) true
 	$(BIN)/python -m docs.generate.where_time_goes --results $(TIMED) --measured results/time
+
+# All that docs/evidence.md names but attacks and planted bugs, and the pages that it is written to.
+evidence: results/subjectA/metrics.csv hard-cases effects scaling
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_irradiance_cost --results results/subjectA \
+	    --page docs/irradiance.md
+	$(QUIET) $(BIN)/python -m benchmarks.bench_irradiance --page docs/irradiance.md
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_single_draws --results results/subjectA \
+	    --page docs/irradiance.md
+	$(BIN)/python -m docs.generate.hard_case_table
+	$(BIN)/python -m docs.generate.effects_table
+	$(BIN)/python -m docs.generate.scaling_table
+	$(MAKE) time
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -3,8 +3,9 @@
     python -m benchmarks.bench_single_draws --results results/subjectA --steps 150
 
 Asks for a finished run of a body. Trains the same avatar anew for each row, in this process and on the run's own
-shards: with traced irradiance, and with one ray per texel. Scores are of validation images, in dB over the subject;
-`lit_by_all` scores the avatar that learned from single rays with the traced maps, so that only training was noisy.
+shards: with traced irradiance, with one ray per texel, and with one that neighbours share. Scores are of validation
+images, in dB over the subject; `lit_by_all` scores the avatar that learned from single rays with the traced maps, so
+that only training was noisy.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ from pipeline.metrics.images import psnr_db
 TRACED = TraceIrradiance()
 SINGLE = TraceIrradiance(samples="1", sampling="uniform", spread="random", share_rays=False)
 """A.3 to the letter: any of the lit lights, with the same probability, for each texel by itself."""
+
+SHARED = TraceIrradiance(samples="1")
+"""One ray per texel, and what its neighbours' rays found."""
 
 ROWS: Mapping[str, Mapping[str, object]] = {
     "starts at the cosine's share, sees 7 texels": {"shadow_input": "cosine", "shadow_levels": 0},
@@ -134,16 +138,21 @@ def main() -> None:
     planned = read_plan(results / "effects.json") | {"shadow", "articulation", "specular"}
     scene = Scene(results.name, atlas, planned, images["train"], images["validation"], options.steps)
     frames = dict(read_frame_shards([results / "shards/frames"]).items())
-    traced, single = (with_maps(results, atlas, frames, settings) for settings in (TRACED, SINGLE))
+    traced, single, shared = (with_maps(results, atlas, frames, settings) for settings in (TRACED, SINGLE, SHARED))
     rows = []
     with_few = [(name, True) for name in (next(iter(ROWS)), next(reversed(ROWS)))] if options.few else []
     for name, few in [(name, False) for name in ROWS] + with_few:
-        clear, noisy = (blinded(maps) if name == BLIND else maps for maps in (traced, single))
-        full, drawn = (scene.trained(maps, few, ROWS[name]) for maps in (clear, noisy))
-        scores = scene.score(full, clear), scene.score(drawn, noisy), scene.score(drawn, clear)
-        rows.append((name, "third" if few else "all", *scores, scores[0] - scores[1]))
+        clear, noisy, lent = (blinded(maps) if name == BLIND else maps for maps in (traced, single, shared))
+        full, drawn, sharing = (scene.trained(maps, few, ROWS[name]) for maps in (clear, noisy, lent))
+        scores = (
+            scene.score(full, clear),
+            scene.score(drawn, noisy),
+            scene.score(drawn, clear),
+            scene.score(sharing, lent),
+        )
+        rows.append((name, "third" if few else "all", *scores))
         print(rows[-1], flush=True)
-    columns = ["network", "frames", "traced_db", "single_rays_db", "lit_by_all_db", "lost_db"]
+    columns = ["network", "frames", "traced_db", "single_rays_db", "lit_by_all_db", "shared_db"]
     table = pd.DataFrame(rows, columns=columns).round(2)
     print(table.to_string(index=False))
     if options.page:
