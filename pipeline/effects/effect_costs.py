@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pipeline.config.train_avatar import TrainAvatar
 
-STEP_US = {"specular": 0.5, "learned_transport": 1.3}
-"""Microseconds of a training step per texel on one core, with an effect less without it, all others on: medians over 24
-steps of two images, in five measurements (30,626 and 51,206 texels, 5 to 64 lights), good to 0.5. Shadows, what bounces
-off other texels, and where lights are as seen from texels are found once per frame: a step shows nothing of them."""
+STEP_US = {"specular": 0.4, "learned_transport": 1.7}
+"""Microseconds of a training step per texel on one core, with an effect less without it, all others on, by
+`benchmarks.bench_effect_steps`: 0.2 and 1.8 on 30,626 texels, 0.6 and 1.6 on 51,206. Shadows, what bounces off other
+texels, and where lights are as seen from texels are found once per frame: a step shows nothing of them."""
 
 JOBS, CHANNELS = {"eyes": 1}, {"eyes": 2}
 """Jobs, and channels that are blended per pixel on top of colour: what eyes mirror, and how sharply."""
