@@ -31,7 +31,10 @@ class CalibrateCameras(Settings):
         "over that of ordinary lenses",
     )
     most_views: int | None = Field(
-        None, ge=1, description="Views used, evenly spread over those recorded; null: all of them [views]"
+        None,
+        ge=1,
+        description="Views used, evenly spread over those recorded; of views with times, those where the board rests; "
+        "null: all of them [views]",
     )
     # Each has its own points; beyond some, error bars fall by their root, and time rises with their number.
     feature_moments: int = Field(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -44,6 +45,27 @@ def test_two_drawn_cameras(calibrated):
         assert camera.K[:2, 2] == pytest.approx([160, 120], abs=2)
     baseline = np.linalg.norm(cameras["left"].center - cameras["right"].center)
     assert baseline == pytest.approx(BASELINE_M, abs=2e-3)
+
+
+@pytest.mark.parametrize("use", ["known", "refine"])
+def test_given_lenses_stay_or_are_refined(tmp_path, use):
+    """Lenses that are 1.5 % too long, and no wider: refined ones are as good as those that boards alone tell."""
+    wrong = 1.015 * FOCAL
+    lens = Camera(np.eye(3), np.zeros(3), np.array([[wrong, 0, 160], [0, wrong, 120], [0, 0, 1.0]]), np.zeros(5), *SIZE)
+    given = {"intrinsics": use, "lenses_from": {"format": "cameras_json", "path": "lenses.json"}}
+    arguments = write_capture(tmp_path, record(), board_keys={**vars(BOARD), **given})
+    write_cameras(tmp_path / "lenses.json", dict.fromkeys(RIG, lens))
+    run(**arguments)
+    cameras, quality = read_cameras(tmp_path / "out/rig.json"), read_table(tmp_path / "out/quality_cameras.parquet")
+    for camera, sigma in zip(cameras.values(), quality.focal_sigma, strict=True):
+        if use == "known":
+            assert camera.K.tolist() == lens.K.tolist() and sigma == 0
+        else:
+            assert camera.K[0, 0] == pytest.approx(FOCAL, rel=5e-3)
+            assert abs(camera.K[0, 0] / FOCAL - 1) < 4 * sigma < 0.01
+    baseline = np.linalg.norm(cameras["left"].center - cameras["right"].center)
+    # A lens that is 1.5 % too long has cameras farther away, and their distance with it.
+    assert baseline == pytest.approx((1.015 if use == "known" else 1) * BASELINE_M, abs=2e-3)
 
 
 def test_a_residual_for_every_corner(calibrated):
@@ -136,6 +158,13 @@ def known(folder, size):
     write_cameras(folder / "given.json", {"a": camera, "b": camera, "spare": camera})
     write_json(folder / "index/calibration_cameras.json", {"method": "known", "path": "given.json", "digest": ""})
     return paths
+
+
+@pytest.mark.parametrize("asked", [{"share": 0, "shares": 2}, {"found": (Path("0000.parquet"),)}])
+def test_shares_of_cameras_without_boards_are_refused(tmp_path, asked):
+    with pytest.raises(InputError, match=r"json: method: expected one with boards .* found known; leave --share and"):
+        run(**known(tmp_path, SIZE), **asked)
+    assert not (tmp_path / "out").exists()
 
 
 def test_known_cameras_pass(tmp_path):

@@ -17,9 +17,9 @@ from benchmarks.photographed_rigs import (
 )
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table
+from pipeline.calibration.cameras import board_calibration
 from pipeline.calibration.cameras.board_search import find_boards
 from pipeline.geometry.cameras import read_cameras
-from pipeline.stages import calibrate_cameras
 from pipeline.stages.calibrate_cameras import run
 from tests.support.shared_data import shared_data
 
@@ -39,7 +39,7 @@ def boards_found_once():
         return found[images]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibrate_cameras, "find_boards", find_once)
+        patch.setattr(board_calibration, "find_boards", find_once)
         yield
 
 
