@@ -126,6 +126,20 @@ def test_rig_whose_lenses_are_estimated_is_as_far_off_as_it_says(capture, plante
     assert np.linalg.norm(size[0]) == pytest.approx(np.linalg.norm(size[1]), rel=BALL_ERROR)
 
 
+def test_the_same_images_give_the_same_cameras_on_one_core_and_on_two(capture, planted):
+    """COLMAP draws at random, and sums in any order unless told otherwise."""
+    names = ("cam2", "cam3", "cam4")
+    views = [view for view in capture[1] if view["camera"] in names]
+    distance = {"first": "cam2", "second": "cam4", "metres": 1.0}
+    content = {"method": "features", "intrinsics": "estimate", "views": views, "images": FACTS, "distance": distance}
+    sizes = dict.fromkeys(names, SENSOR)
+    one, two = (calibrate_from_features(capture[0], content, sizes, CalibrateCameras(), n) for n in (1, 2))
+    for name in names:
+        assert one.cameras[name].K.tolist() == two.cameras[name].K.tolist()
+        assert one.cameras[name].t.tolist() == two.cameras[name].t.tolist()
+    assert one.quality.equals(two.quality) and one.residuals.equals(two.residuals)
+
+
 def test_cameras_that_share_nothing_are_named(capture, tmp_path):
     """The outermost two are 112 degrees apart; of the others there are no images."""
     views = [view for view in capture[1] if view["camera"] in ("cam0", "cam7")]

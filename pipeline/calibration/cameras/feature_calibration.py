@@ -65,7 +65,7 @@ def calibrate_from_features(
     with tempfile.TemporaryDirectory() as folder:
         features = write_features(source, views, Path(folder), threads)
         keys = join_moments(features, _lenses(sizes, factor, known), Path(folder))
-        rig = map_rig(Path(folder), not known.fixed, known.lenses is None, threads)
+        rig = map_rig(Path(folder), not known.fixed, known.lenses is None)
     found = sum(map(len, features.values()))
     _complain_of_missing(capture, rig, sizes, {name: sum(len(features[k]) for k in keys[name]) for name in sizes})
     in_units = {name: _at_sensor(camera, factor) for name, camera in rig.cameras.items()}
