@@ -107,8 +107,7 @@ def calibrate_from_boards(
         taken = {(c, int(v)): times[name, v] for c, name in enumerate(held) for v in chosen.shots_for(c)}
         chosen = chosen.moving(taken).resting(settings.most_views)
     calibrated = calibrate_rig(chosen.observations, chosen.corners_m, held_sizes, settings.distortion, lens, known)
-    if times is not None:
-        calibrated = with_spread(calibrated, chosen)
+    calibrated = with_spread(calibrated, chosen.shot)
     rig, squared = calibrated.rig, (calibrated.rig.residual**2).sum(1)
     report(calibrated, held)
     quality, judged = judge(calibrated, chosen, held, held_sizes, settings, complaints)

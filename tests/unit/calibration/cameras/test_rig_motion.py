@@ -67,7 +67,9 @@ def calibrated(filmed):
     cameras, views, times, _ = filmed
     moving = views.moving(times)
     known = RigPriors(cameras, 0.0)
-    return with_spread(calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=known), moving)
+    return with_spread(
+        calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=known), moving.shot
+    )
 
 
 def test_lags_and_jitter_are_those_planted(filmed, calibrated):
