@@ -27,8 +27,8 @@ class CalibrateCameras(Settings):
     given_lens_error: float = Field(
         0.01,
         gt=0,
-        description="With intrinsics: refine, standard deviation of the given lenses: of f over itself, of all else "
-        "over that of ordinary lenses",
+        description="With intrinsics: refine, standard deviation of the given focal lengths over themselves; principal "
+        "points are known to as many pixels, distortion to a tenfold share of that of ordinary lenses",
     )
     most_views: int | None = Field(
         None,

@@ -10,7 +10,7 @@ import scipy.stats
 
 from pipeline.calibration.cameras.rig import adjust_rig
 from pipeline.calibration.cameras.rig_inputs import RigPriors
-from pipeline.calibration.cameras.rig_model import intrinsics_prior_sigma
+from pipeline.calibration.cameras.rig_model import given_prior_sigma
 from tests.support.rigs.cameras import (
     BOARD,
     boards_in_stage,
@@ -23,14 +23,13 @@ from tests.support.rigs.cameras import (
 RIGS, CAMERAS, VIEWS, NOISE_PX = 20, 3, 5, 0.3
 
 GIVEN = 0.01
-"""Error of a given lens: of f over itself, of all else over that of ordinary lenses."""
+"""Error of a given focal length over itself, by which go those of all else."""
 
 
 def misremembered(camera, random):
     """The camera with a lens that is off by as much as `given_lens_error` says."""
-    sigma = intrinsics_prior_sigma(camera)
-    sigma[0] = camera.K[0, 0]
-    f, aspect, cx, cy, *terms = camera.intrinsics() + GIVEN * sigma * random.normal(size=len(sigma))
+    sigma = given_prior_sigma(camera, GIVEN)
+    f, aspect, cx, cy, *terms = camera.intrinsics() + sigma * random.normal(size=len(sigma))
     return replace(camera, K=np.array([[f, 0, cx], [0, f * aspect, cy], [0, 0, 1]]), dist=np.array(terms))
 
 
@@ -74,6 +73,16 @@ def test_refined_lenses_are_as_far_off_as_their_error_bars_say(errors):
     low, high = scipy.stats.chi2.ppf([5e-4, 1 - 5e-4], RIGS) / RIGS
     assert low < rms(focal / sigma) ** 2 < high
     assert low < rms(center / center_sigma[..., None]) ** 2 < high
+
+
+def test_given_lenses_are_known_no_less_well_than_ordinary_ones():
+    (camera,) = planted_cameras(1, np.random.default_rng(0))
+    f = camera.K[0, 0]
+    ordinary = [np.inf, 0.01, 0.03 * 640, 0.03 * 640, 0.5, 0.5, 0.01, 0.01, 0.5]
+    assert given_prior_sigma(camera, 0.01) == pytest.approx(
+        [0.01 * f, 1e-3, 0.01 * f, 0.01 * f, 0.05, 0.05, 1e-3, 1e-3, 0.05]
+    )
+    assert given_prior_sigma(camera, 0.5) == pytest.approx([0.5 * f, *ordinary[1:]])
 
 
 def test_known_lenses_stay(errors):

@@ -100,16 +100,14 @@ def test_lenses_can_be_estimated_along(filmed):
         assert found.K[0, 0] == pytest.approx(camera.K[0, 0], rel=max(4 * sigma, 2e-3))
 
 
-def test_given_lenses_stay_or_are_a_prior(filmed):
+def test_given_lenses_stay(filmed):
     cameras, views, times, _ = filmed
     moving = views.moving(times)
     wrong = [replace(c, K=c.K * np.array([[1.01], [1.01], [1.0]])) for c in cameras]
     known = calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=RigPriors(wrong, 0.0)).rig
-    refined = calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=RigPriors(wrong, 0.01)).rig
-    for given, kept, found, true in zip(wrong, known.cameras, refined.cameras, cameras, strict=True):
+    for given, kept in zip(wrong, known.cameras, strict=True):
         assert pytest.approx(given.K) == kept.K
         assert kept.dist == pytest.approx(given.dist)
-        assert abs(found.K[0, 0] / true.K[0, 0] - 1) < 0.5 * abs(given.K[0, 0] / true.K[0, 0] - 1)
 
 
 def test_velocities_are_those_of_a_parabola():
