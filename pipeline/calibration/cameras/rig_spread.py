@@ -35,6 +35,8 @@ RIDGE = 1e-12
 def with_spread(calibrated: Calibrated, shot: Int64[np.ndarray, " views"]) -> Calibrated:
     """The calibration with error bars of its rig that are no smaller than its spread.
 
+    Of boards that rest, than the spread of all cameras together.
+
     Args:
         shot: of each view, its number in the order in which they were recorded.
     """
@@ -50,11 +52,24 @@ def with_spread(calibrated: Calibrated, shot: Int64[np.ndarray, " views"]) -> Ca
     centers = steps @ (shape_projection(rig.cameras) @ rig.model.center_jacobian(rig.parameters)).T
     focal_sigma = np.linalg.norm(focal, axis=0) / np.array([camera.K[0, 0] for camera in rig.cameras])
     center_sigma = np.sqrt((centers**2).sum(0).reshape(-1, 3).mean(1))
+    if not moving:
+        factor = _common_factor(rig, focal_sigma, center_sigma)
+        focal_sigma, center_sigma = factor * rig.focal_sigma, factor * rig.center_sigma_m
     wider = replace(
         rig, focal_sigma=np.maximum(rig.focal_sigma, focal_sigma),
         center_sigma_m=np.maximum(rig.center_sigma_m, center_sigma),
     )  # fmt: skip
     return replace(calibrated, rig=wider)
+
+
+def _common_factor(rig: Rig, focal_sigma: np.ndarray, center_sigma: np.ndarray) -> float:
+    """Spread over error bars, root mean square over the rig: what an image's corners share is much alike in all.
+
+    A camera's own spread is good to a fifth alone, and would make one in ten look uncertain by chance.
+    """
+    spread, own = np.append(focal_sigma, center_sigma), np.append(rig.focal_sigma, rig.center_sigma_m)
+    known = own > 0  # Lenses that are given have none, nor has the shape of one camera.
+    return float(np.sqrt(np.mean((spread[known] / own[known]) ** 2))) if known.any() else 1.0
 
 
 def _steps_without(
