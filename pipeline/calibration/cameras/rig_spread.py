@@ -23,10 +23,9 @@ a while loses no more than a twelfth of that."""
 
 TAKEN, TAKEN_MOVING = 0.5, 0.999
 """Share of a group's information that is taken away along with its pull. With half of it, errors over error bars of
-independent shots are 1; with none they are too large in small rigs, with all of it, the jackknife, too small (CR2, CR0
-and CR3: Bell and McCaffrey 2002). Neighbours of a moving board are not independent: there it is all but what keeps
-poses of views determined."""
-
+independent shots are 1; with none they are too large in small rigs, with all of it, the jackknife (Tukey 1958), too
+small (CR2, CR0 and CR3: Bell and McCaffrey 2002). Neighbours of a moving board are not independent: there it is all but
+what keeps poses of views determined."""
 
 RIDGE = 1e-12
 """Of each parameter's information, which is added: what nothing determines stays where it is."""
