@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_table, write_json
+from pipeline.base.files import read_json, read_table, write_json
 from pipeline.calibration.cameras import board_search
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
@@ -131,6 +131,28 @@ def test_shares_of_the_cameras_give_the_same_bytes(tmp_path, monkeypatch, printe
         run(**joined, **words, found=tables[:2])
     with pytest.raises(InputError, match=r"expected columns image, board, variant, .* found camera"):
         run(**joined, **words, found=(arguments["out"] / "residuals_cameras.parquet",))
+
+
+def test_of_views_with_times_those_where_the_board_rests_are_used(tmp_path):
+    """It rests for three images at a time and then jumps; jobs that share the cameras find the same."""
+    images = {(name, v): image for (name, place), image in record().items() for v in range(3 * place, 3 * place + 3)}
+    arguments = write_capture(tmp_path, images)
+    path = tmp_path / "index/calibration_cameras.json"
+    content = read_json(path)
+    for entry in content["views"]:
+        entry["time_s"] = 0.1 * entry["view"] + 0.02 * (entry["camera"] == "right")
+    write_json(path, content)
+    words = {"settings": CalibrateCameras(distortion=0, most_views=5)}
+    run(**arguments, **words)
+    residuals = read_table(tmp_path / "out/residuals_cameras.parquet")
+    assert sorted(set(residuals.view)) == [0, 4, 7, 10, 13]
+    cameras = read_cameras(tmp_path / "out/rig.json")
+    baseline = np.linalg.norm(cameras["left"].center - cameras["right"].center)
+    assert baseline == pytest.approx(BASELINE_M, abs=2e-3)
+    joined, tables = in_shares(arguments, 2, **words)
+    run(**joined, **words, found=tables)
+    for written in sorted(arguments["out"].iterdir()):
+        assert written.read_bytes() == (joined["out"] / written.name).read_bytes(), written.name
 
 
 @pytest.mark.parametrize("images", [{("a", 0): "blank", ("b", 0): "blank"}, {("a", 0): "large", ("b", 0): "large"}])
