@@ -23,7 +23,8 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import log_verdicts, verdict_table
-from pipeline.calibration.cameras.board_calibration import calibrate_from_boards, search_share
+from pipeline.calibration.cameras.board_calibration import calibrate_from_boards
+from pipeline.calibration.cameras.board_tables import search_share
 from pipeline.calibration.cameras.camera_calibration import CameraCalibration, given_calibration
 from pipeline.capture.cameras.known_cameras import read_known_cameras
 from pipeline.capture.schema.camera_schema import KnownCameras

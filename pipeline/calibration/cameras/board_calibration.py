@@ -13,9 +13,9 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints, listed
 from pipeline.base.verdicts import Verdict
-from pipeline.calibration.cameras.board_search import BoardSearch, check_search, find_boards, search_images
-from pipeline.calibration.cameras.board_tables import places_of_cameras, read_searches, write_search
-from pipeline.calibration.cameras.board_views import BoardViews, choose_shots, explain_nothing, gather_views
+from pipeline.calibration.cameras.board_search import BoardSearch, check_search, find_boards
+from pipeline.calibration.cameras.board_tables import read_searches
+from pipeline.calibration.cameras.board_views import BoardViews, explain_nothing, gather_views
 from pipeline.calibration.cameras.boards import Board
 from pipeline.calibration.cameras.camera_calibration import RESIDUAL_COLUMNS, CameraCalibration
 from pipeline.calibration.cameras.declared_boards import (
@@ -24,6 +24,7 @@ from pipeline.calibration.cameras.declared_boards import (
     known_beforehand,
     lens_for,
     times_from_index,
+    views_to_search,
 )
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, calibrate_rig, inspect_rig
@@ -44,30 +45,6 @@ log = logging.getLogger("calibrate_cameras")
 Sizes = Mapping[str, tuple[int, int]]
 WHERE = "calibration.cameras"
 """Section of capture.yaml that complaints name."""
-
-
-def search_share(
-    capture: Path, calibration: Mapping[str, Any], path: Path, share: int, shares: int, settings: CalibrateCameras,
-    threads: int,
-) -> None:  # fmt: skip
-    """Look for boards in the images of every `shares`-th camera, from `share`.
-
-    Writes a table of them.
-    """
-    boards, views = boards_from_index(calibration), views_to_search(calibration, settings)
-    complain_of_symmetry(capture, boards, len({view["camera"] for view in views}))
-    searched = search_images(capture, views, places_of_cameras(views, share, shares), boards, threads)
-    write_search(path, searched, boards)
-    log.info("share %d of %d: boards looked for in %d images", share, shares, len(searched.images))
-
-
-def views_to_search(calibration: Mapping[str, Any], settings: CalibrateCameras) -> list[dict]:
-    """Views in which boards are looked for.
-
-    All of them where there are times: where a moving board rests is yet to be found.
-    """
-    most = settings.most_views if times_from_index(calibration) is None else None
-    return choose_shots(calibration["views"], most)
 
 
 def calibrate_from_boards(

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 
 from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.calibration.cameras.board_views import choose_shots
 from pipeline.calibration.cameras.boards import Board, dictionary_names
 from pipeline.calibration.cameras.charuco import CharucoBoard
 from pipeline.calibration.cameras.plain_grids import Checkerboard, CircleGrid
@@ -62,6 +63,15 @@ def times_from_index(calibration: Mapping[str, Any]) -> dict[tuple[str, int], fl
     if not views or any("time_s" not in view for view in views):
         return None
     return {(view["camera"], view["view"]): view["time_s"] for view in views}
+
+
+def views_to_search(calibration: Mapping[str, Any], settings: CalibrateCameras) -> list[dict]:
+    """Views in which boards are looked for.
+
+    All of them where there are times: where a moving board rests is yet to be found.
+    """
+    most = settings.most_views if times_from_index(calibration) is None else None
+    return choose_shots(calibration["views"], most)
 
 
 def complain_of_symmetry(capture: Path, boards: Sequence[Board], cameras: int) -> None:
