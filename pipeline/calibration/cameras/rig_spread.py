@@ -31,6 +31,10 @@ RIDGE = 1e-12
 """Of each parameter's information, which is added: what nothing determines stays where it is."""
 
 
+NOTHING = 1e-12
+"""Error bar up to which there is none: of lenses that are given, and, but for rounding, of the shape of one camera."""
+
+
 def with_spread(calibrated: Calibrated, shot: Int64[np.ndarray, " views"]) -> Calibrated:
     """The calibration with error bars of its rig that are no smaller than its spread.
 
@@ -67,7 +71,7 @@ def _common_factor(rig: Rig, focal_sigma: np.ndarray, center_sigma: np.ndarray) 
     A camera's own spread is good to a fifth alone, and would make one in ten look uncertain by chance.
     """
     spread, own = np.append(focal_sigma, center_sigma), np.append(rig.focal_sigma, rig.center_sigma_m)
-    known = own > 0  # Lenses that are given have none, nor has the shape of one camera.
+    known = own > NOTHING
     return float(np.sqrt(np.mean((spread[known] / own[known]) ** 2))) if known.any() else 1.0
 
 
