@@ -1,12 +1,14 @@
 """Gaze from images against the truth of a synthesised head, and how much of an iris skin seems to show.
 
 Of a head that has been through the workflow up to book_patterns and track_mesh, whatever gaze it declares:
-`python -m benchmarks.bench_gaze --capture captures/subjectB --results results/subjectB`
+`python -m benchmarks.bench_gaze --capture captures/subjectB --results results/subjectB --irises 0.5`
+With `--irises`, also with irises as a detector finds them that is so many pixels off.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -14,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.true_eyes import read_true_eyes
-from pipeline.base.files import read_arrays, read_json, read_table
+from pipeline.base.files import read_arrays, read_json, read_table, write_table
 from pipeline.capture.head_data import head_motions
 from pipeline.capture.images import ImageSource
 from pipeline.eyes.eye_pixels import join_views, seen_pixels
@@ -33,22 +35,33 @@ PATCHES_M = {
 
 RADIUS_M = 0.0125
 
+TURNED_DEG = 60.0
+"""Angle between an eye's axis and the way to a camera up to which a detector finds its iris."""
+
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--capture", type=Path, required=True, help="folder of the capture, with its truth")
     parser.add_argument("--results", type=Path, required=True, help="its results")
+    parser.add_argument("--irises", type=float, help="standard deviation of detected irises, image pixels")
     options = parser.parse_args()
+    index = options.results / "index"
     with tempfile.TemporaryDirectory() as folder:
-        print(errors(options.capture, options.results, Path(folder) / "gaze.parquet").to_string(index=False))
+        print(errors(options.capture, options.results, index, Path(folder)).to_string(index=False))
+        if options.irises is not None:
+            shutil.copytree(index, Path(folder) / "index")
+            write_table(Path(folder) / "index/eye_points.parquet", irises(options.capture, index, options.irises))
+            found = errors(options.capture, options.results, Path(folder) / "index", Path(folder))
+            print(f"with irises {options.irises:g} px off:", found.to_string(index=False), sep="\n")
     print(skin(options.capture, options.results).to_string(index=False))
 
 
-def errors(capture: Path, results: Path, out: Path) -> pd.DataFrame:
+def errors(capture: Path, results: Path, index: Path, folder: Path) -> pd.DataFrame:
     """Angles to the truth, degrees, by eye, of estimated frames and of those in between."""
+    out = folder / "gaze.parquet"
     run(
-        capture=capture, index=results / "index", atlas=results / "atlas.safetensors", cameras=_cameras(results),
+        capture=capture, index=index, atlas=results / "atlas.safetensors", cameras=_cameras(results),
         tracking=_chunks(results), frames=results / "frames.parquet", out=out,
     )  # fmt: skip
     true, table = read_true_eyes(capture), read_table(out)
@@ -58,6 +71,25 @@ def errors(capture: Path, results: Path, out: Path) -> pd.DataFrame:
     by = table.groupby(["eye", "interpolated"]).angle
     found = by.agg(frames="count", rms_deg=lambda a: np.sqrt((a**2).mean()), median_deg="median", largest_deg="max")
     return found.round(2).reset_index()
+
+
+def irises(capture: Path, index: Path, error_px: float) -> pd.DataFrame:
+    """Detected middles of irises: of eyes that look at a camera within `TURNED_DEG` and whose iris no skin hides."""
+    true, random, rows = read_true_eyes(capture), np.random.default_rng(0), []
+    factor = float(read_json(index / "capture.json")["images"]["downsample_from_sensor"])
+    images = read_table(index / "images.parquet")
+    for frame, name in zip(images.frame, images.camera, strict=True):
+        camera = true.cameras[name].downsampled(factor)
+        for eye, shape in true.shapes.items():
+            center, axis = true.placed(eye, int(frame), true.looks(int(frame)))
+            iris = center + shape.radius_m * np.cos(shape.limbus_angle) * axis
+            toward = (camera.center - iris) / np.linalg.norm(camera.center - iris)
+            hidden = not true.passing(iris, axis, int(frame), (camera.center,), 0.1 * shape.radius_m)[0]
+            if hidden or toward @ axis < np.cos(np.radians(TURNED_DEG)):
+                continue
+            pixel = camera.project(iris[None])[0][0] + random.normal(0, error_px, 2)
+            rows.append((int(frame), name, f"{eye}_pupil", *pixel, 0.9))
+    return pd.DataFrame(rows, columns=["frame", "camera", "point", "x", "y", "confidence"])
 
 
 def skin(capture: Path, results: Path) -> pd.DataFrame:

@@ -58,8 +58,8 @@ Videos of 111 frames, from mprib/caliscope (`tests/sessions/charuco_calibration`
 {squares_y} squares, printed white on black, which the capture does not say. Six images a second; the images of one
 moment are up to a tenth of a second apart, and the hand moves. *At once* takes them for simultaneous, as the authors
 did (refused by default: a camera seems to have been knocked). *Times* estimates each camera's lag and each image's
-error. *Known*, *refine* and *estimate* say what becomes of the authors' lenses. Error bars are standard deviations,
-with times no smaller than the spread when a sixth of the shots is left out.
+error. *Known*, *refine* and *estimate* say what becomes of the authors' lenses. Error bars are standard deviations, no
+smaller than the spread when groups of shots are left out; those of *known* take the authors' lenses for true.
 """
 
 
@@ -94,7 +94,7 @@ def caliscope_section(data: Path, folder: Path) -> str:
                            for name, row in quality[label].iterrows()}}
             for label in found
         ]),
-        _pairs(authors, found),
+        _pairs(authors, found, quality),
         "![Detected corners as circles, projected ones as crosses](pictures/rig_caliscope.jpg)\n",
         wrapped(
             "*The four cameras' views of one moment: circles are detected corners, crosses those of the calibrated rig "
@@ -115,13 +115,16 @@ def _table(title: str, authors: Mapping[str, Camera], rows: list[dict], first: d
     return "\n".join(lines) + "\n"
 
 
-def _pairs(authors: Mapping[str, Camera], found: Mapping[str, Mapping[str, Camera]]) -> str:
+def _pairs(
+    authors: Mapping[str, Camera], found: Mapping[str, Mapping[str, Camera]], quality: Mapping[str, pd.DataFrame]
+) -> str:
     lines = [f"| cameras | authors, mm | {' | '.join(found)} |", "|---" * (2 + len(found)) + "|"]
     for a, b in itertools.combinations(authors, 2):
         cells = [
-            f"{1000 * np.linalg.norm(cameras[a].center - cameras[b].center):.1f} mm, "
+            f"{1000 * np.linalg.norm(cameras[a].center - cameras[b].center):.1f} "
+            f"± {1000 * np.hypot(*quality[label].center_sigma_m[[a, b]]):.1f} mm, "
             f"{angle_deg(cameras[a], cameras[b], authors[a], authors[b]):.2f}°"
-            for cameras in found.values()
+            for label, cameras in found.items()
         ]
         base = 1000 * np.linalg.norm(authors[a].center - authors[b].center)
         lines.append(f"| {a}, {b} | {base:.1f} | {' | '.join(cells)} |")

@@ -101,8 +101,9 @@ def transfer_alarm(fault: str | None, seed: int, size: float = 2.2) -> bool:
     return transfer_verdict(model, declared(log), SIGMAS).grade == "failed"
 
 
-MIRRORED, AXES, FEET, TURNED, SHIFTED = (
+MIRRORED, AXES, FEET, TURNED, SHIFTED, NAMES = (
     "survey mirrored", "y and z exchanged", "survey in feet", "survey turned about y", "survey shifted along x",
+    "names of two lights exchanged",
 )  # fmt: skip
 
 
@@ -116,13 +117,23 @@ def survey_alarm(fault: str | None, seed: int, size: float | None = None) -> boo
         AXES: lambda lights: lights[:, [0, 2, 1]], FEET: lambda lights: lights / 0.3048,
         TURNED: lambda lights: lights @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T,
         SHIFTED: lambda lights: lights + np.array([1.0 if size is None else size, 0, 0]),
+        NAMES: lambda lights: lights[_exchange(lights, seed)],
     }  # fmt: skip
     rig = Rig(ways[fault](here.lights), here.cameras, STAND_IN)
     model = moved_lights(brightness_model(here, log, seen), rig, rig.lights)
     return survey_verdict(model, declared(log), rig, SIGMAS).grade != "good"
 
 
+def _exchange(lights: np.ndarray, seed: int) -> np.ndarray:
+    """An order of the lights in which two that are more than their distance from the middle apart change places."""
+    apart = np.linalg.norm(lights[:, None] - lights, axis=2)
+    pairs = np.argwhere(np.triu(apart) > np.median(np.linalg.norm(lights, axis=1)))
+    order, pair = np.arange(len(lights)), pairs[np.random.default_rng(seed).integers(len(pairs))]
+    order[pair] = pair[::-1]
+    return order
+
+
 GAIN = Judged("gain_changes.find_gain_changes", (FRAME, IMAGE, CAMERA, ALL), gain_alarm)
 LEVEL = Judged("stored_levels.level_flaws", (OVER, UNDER), level_alarm)
 TRANSFER = Judged("log_alternatives.transfer_verdict", (FORGOTTEN, DOUBLED), transfer_alarm)
-SURVEY = Judged("log_alternatives.survey_verdict", (MIRRORED, AXES, FEET, TURNED, SHIFTED), survey_alarm)
+SURVEY = Judged("log_alternatives.survey_verdict", (MIRRORED, AXES, FEET, TURNED, SHIFTED, NAMES), survey_alarm)

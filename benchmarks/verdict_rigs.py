@@ -11,6 +11,7 @@ from benchmarks.verdict import Judged
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig, inspect_rig
 from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_quality import judge_cameras, quality_table, rough_shots
+from pipeline.calibration.cameras.rig_spread import with_spread
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from tests.support.rigs.cameras import BOARD, SIZE, boards_in_stage, observe, planted_cameras, without_small_views
 
@@ -47,7 +48,7 @@ def camera_alarm(fault: str | None, seed: int, size: float = 0.01) -> bool:
     names, sizes = [f"cam{c}" for c in range(len(cameras))], [SIZE] * len(cameras)
     settings = CalibrateCameras(good_center_m=0.02)  # For few views of so small a board.
     try:
-        calibrated = calibrate_rig(chosen, BOARD.corners_m(), sizes, 5)
+        calibrated = with_spread(calibrate_rig(chosen, BOARD.corners_m(), sizes, 5), shots)
         inspection = inspect_rig(calibrated, BOARD.corners_m(), sizes, shots)
     except (ValueError, np.linalg.LinAlgError):
         return True  # Refused: nothing is judged good.

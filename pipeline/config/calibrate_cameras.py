@@ -27,11 +27,14 @@ class CalibrateCameras(Settings):
     given_lens_error: float = Field(
         0.01,
         gt=0,
-        description="With intrinsics: refine, standard deviation of the given lenses: of f over itself, of all else "
-        "over that of ordinary lenses",
+        description="With intrinsics: refine, standard deviation of the given focal lengths over themselves; principal "
+        "points are known to as many pixels, distortion to a tenfold share of that of ordinary lenses",
     )
     most_views: int | None = Field(
-        None, ge=1, description="Views used, evenly spread over those recorded; null: all of them [views]"
+        None,
+        ge=1,
+        description="Views used, evenly spread over those recorded; of views with times, those where the board rests; "
+        "null: all of them [views]",
     )
     # Each has its own points; beyond some, error bars fall by their root, and time rises with their number.
     feature_moments: int = Field(

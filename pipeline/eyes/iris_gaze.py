@@ -2,7 +2,7 @@
 
 A detector's iris is the circle where cornea and eyeball meet. Its middle lies on the eye's axis, at a distance from the
 eye's centre that the eye's shape gives: each image of it is a direction. The mean over images is weighed against what
-the pixels say, by the variances of both; where pixels say nothing, irises stand in.
+the pixels say, by the variances of both, which grow where the two disagree; where pixels say nothing, irises stand in.
 """
 
 from __future__ import annotations
@@ -105,7 +105,10 @@ def combine_irises(estimate: GazeEstimate, views: list[IrisView], gaps: list[flo
         return replace(estimate, status="estimated", direction=mean, sigma_deg=sigma, views=len(views))
     weights = np.array([estimate.sigma_deg, sigma]) ** -2.0
     joint = weights @ np.stack([estimate.direction, mean])
-    return replace(estimate, direction=joint / np.linalg.norm(joint), sigma_deg=float(weights.sum() ** -0.5))
+    apart = np.degrees(np.arctan2(np.linalg.norm(np.cross(estimate.direction, mean)), estimate.direction @ mean))
+    # Chi-square of two angles over its mean: what is farther apart than both say is known less well than they say.
+    wider = max(1.0, apart / np.sqrt(2 * (weights**-1).sum()))
+    return replace(estimate, direction=joint / np.linalg.norm(joint), sigma_deg=float(wider * weights.sum() ** -0.5))
 
 
 def add_irises(

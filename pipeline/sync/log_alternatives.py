@@ -44,6 +44,9 @@ GAMMA = 2.2
 WEAKEST_LIGHT = 0.05
 """Brightness, over the usual, below which frames say more about stray light than about the transfer function."""
 
+PAIRS = 8
+"""Pairs of lights whose exchange is confirmed by a fit of its own: those that gain most while weights stay."""
+
 AXES = "xyz"
 
 
@@ -59,7 +62,8 @@ class Rig:
 def survey_verdict(model: BrightnessModel, patterns: Patterns, rig: Rig, sigmas: float) -> Verdict:
     """Judge where the lights are said to be.
 
-    Failed if another survey explains the images better by `sigmas`, or if lights are in another unit than cameras.
+    Failed if another survey explains the images better by `sigmas`, or two lights in each other's place, or if
+    lights are in another unit than cameras.
     """
     farther = _median_distance(rig.lights, rig) / _median_distance(rig.cameras, rig)
     apart = max(farther, 1 / farther)
@@ -67,11 +71,17 @@ def survey_verdict(model: BrightnessModel, patterns: Patterns, rig: Rig, sigmas:
         grade: Grade = "failed" if apart > TOO_FAR else "weak"
         found = f"lights {farther:.3g} times as far from the subject as cameras: are both in metres?"
         return Verdict("survey", "lights", grade, found)
-    here = Fit(model, patterns).score
+    fit = Fit(model, patterns)
+    here = fit.score
     best, ahead = "", -np.inf
     for name, lights in _other_surveys(rig):
         gained = Fit(moved_lights(model, rig, lights), patterns).score - here
         best, ahead = (name, gained) if gained > ahead else (best, ahead)
+    for i, j in _likely_exchanges(fit):
+        gained = Fit(_exchanged(model, i, j), patterns).score - here
+        # Neighbours can hardly be told apart: that they cannot is no news.
+        if gained > max(ahead, sigmas**2 / 2):
+            best, ahead = f"exchanged, {model.log.lights[i]} with {model.log.lights[j]},", gained
     behind = np.sqrt(2 * abs(ahead))
     if ahead > sigmas**2 / 2:
         found = f"the images fit lights that are {best} better by {behind:.0f} sigma; check x, y, z and the names"
@@ -101,6 +111,35 @@ def _other_surveys(rig: Rig) -> Iterator[tuple[str, np.ndarray]]:
     far = SHIFT * _median_distance(rig.lights, rig)
     for axis, sign in product(range(3), (-1, 1)):
         yield f"shifted by {sign * far:.2f} m along {AXES[axis]}", rig.lights + sign * far * np.eye(3)[axis]
+
+
+def _likely_exchanges(fit: Fit) -> list[tuple[int, int]]:
+    """Pairs of lights whose exchange gains most, by the weights of the fit as it is.
+
+    Exchanging i and j adds D = (x_i - x_j) (g_j - g_i)^T to what is predicted (x: levels, g: response), and
+    tr(K^-1 R^T S^-1 D) - tr(K^-1 D^T S^-1 D) / 2 to the log-likelihood (`led_faults`).
+    """
+    levels, response = fit.levels, fit.model.response
+    pulled, weighted = fit.inverse @ levels, fit.model.precision @ response
+    cross = pulled.T @ fit.residuals @ weighted
+    own = np.diag(cross)
+    gained = cross + cross.T - own[:, None] - own
+    gained -= _squared_differences(levels.T @ pulled) * _squared_differences(response.T @ weighted) / 2
+    first, second = np.triu_indices(len(gained), 1)
+    order = np.argsort(-gained[first, second], kind="stable")[:PAIRS]
+    return [(int(first[k]), int(second[k])) for k in order if gained[first[k], second[k]] > 0]
+
+
+def _squared_differences(products: Float64[np.ndarray, "n n"]) -> Float64[np.ndarray, "n n"]:
+    """(a - b)^T M (a - b) of all pairs, from a^T M b."""
+    return np.diag(products)[:, None] + np.diag(products) - products - products.T
+
+
+def _exchanged(model: BrightnessModel, i: int, j: int) -> BrightnessModel:
+    """The model if two lights were in each other's place."""
+    order = np.arange(len(model.light_directions))
+    order[[i, j]] = j, i
+    return replace(model, response=model.response[:, order], light_directions=model.light_directions[order])
 
 
 def _median_distance(places: np.ndarray, rig: Rig) -> float:

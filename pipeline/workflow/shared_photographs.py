@@ -51,9 +51,10 @@ def board_photographs(files: JobFiles, calibration: str | Path) -> Photographs:
 
     None of a capture that is not indexed yet.
     """
-    shots, cameras, images = _counted_views(Path(calibration), _changed(calibration))
+    shots, cameras, images, timed = _counted_views(Path(calibration), _changed(calibration))
     most = files.settings.calibrate_cameras.most_views
-    return Photographs(images if most is None or most >= shots else images * most // shots, cameras)
+    # Where a moving board rests shows once it is found in all of them.
+    return Photographs(images if timed or most is None or most >= shots else images * most // shots, cameras)
 
 
 def measured_lights(files: JobFiles) -> list[str]:
@@ -114,14 +115,18 @@ def _tables(files: JobFiles, pattern: str, photographs: Photographs) -> list[str
 
 
 @functools.lru_cache(maxsize=256)
-def _counted_views(path: Path, _changed: tuple[int, int]) -> tuple[int, int, int]:
-    """Numbers of shots, cameras and images; none of a file that cannot be read. Each of many jobs asks."""
+def _counted_views(path: Path, _changed: tuple[int, int]) -> tuple[int, int, int, bool]:
+    """Numbers of shots, cameras and images, and whether they have times; none of a file that cannot be read.
+
+    Each of many jobs asks.
+    """
     try:
         calibration = json.loads(path.read_text())
     except (OSError, ValueError):
-        return 0, 0, 0
+        return 0, 0, 0, False
     views = calibration.get("views", []) if calibration.get("method") in BOARD_METHODS else []
-    return len({view["view"] for view in views}), len({view["camera"] for view in views}), len(views)
+    timed = bool(views) and all("time_s" in view for view in views)
+    return len({view["view"] for view in views}), len({view["camera"] for view in views}), len(views), timed
 
 
 def _changed(path: str | Path) -> tuple[int, int]:

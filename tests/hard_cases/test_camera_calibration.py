@@ -263,6 +263,16 @@ def test_a_camera_refocused_halfway_through(tmp_path, caplog):
     assert "camera a: good" in caplog.text and "camera c: good" in caplog.text
 
 
+def test_hot_pixels_in_all_images_of_a_camera(case, tmp_path):
+    """One pixel in 500 at full scale, always the same: some lie on corners and on markers."""
+    images = record(dict.fromkeys(RIG, range(12)))
+    hot = np.random.default_rng(6).random(SIZE[::-1]) < 1 / 500
+    images |= {("b", v): np.where(hot, np.uint8(255), images["b", v]) for v in range(12)}
+    cameras = calibrate(tmp_path, images)
+    assert set(pd.read_csv(tmp_path / "out/verdicts_cameras.csv").grade) == {"good"}
+    case.check(abs(cameras["b"].K[0, 0] / FOCAL - 1), 5e-3)
+
+
 def test_motion_blur_of_some_images(case, tmp_path):
     """5 px of 320 along the rows in a third of the images of one camera."""
     images = record(dict.fromkeys(RIG, range(12)))

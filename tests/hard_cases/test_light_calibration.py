@@ -142,6 +142,23 @@ def test_a_window_in_all_images_is_no_light(case, folder, caplog):
     case.check(distances_off(lights, list(sure)), 0.05, unit="m")
 
 
+def test_hot_pixels_are_no_highlights(case, folder):
+    """One pixel in 5000 at full scale, the same in all of a camera's images: brighter than the highlights."""
+    plain, _ = calibrate(folder)
+    for number, camera in enumerate(("east", "north", "west")):
+        hot = np.random.default_rng(number).random((300, 300)) < 1 / 5000
+        for path in folder.glob(f"{camera}_*.png"):
+            cv2.imwrite(str(path), np.where(hot, np.uint8(255), cv2.imread(str(path), 0)))
+    lights, _ = calibrate(folder)
+    measured = plain.index[plain.status == "measured"]
+    assert (lights.status[measured] == "measured").all()
+    places = [table.loc[measured, ["x", "y", "z"]].to_numpy(np.float64) for table in (plain, lights)]
+    moved = np.linalg.norm(places[1] - places[0], axis=1) / lights.sigma_m[measured].to_numpy()
+    # Those that lie on a highlight or on an outline move a light within its error bars.
+    assert np.median(moved) < 0.1
+    case.check(moved.max(), 3 * np.sqrt(3), unit="sigma")
+
+
 def test_swapped_names(folder):
     def swap(table):
         rows = [table.index[table.light == name][0] for name in ("L3", "L7")]

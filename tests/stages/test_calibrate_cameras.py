@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_table, write_json
+from pipeline.base.files import read_json, read_table, write_json
 from pipeline.calibration.cameras import board_search
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
@@ -44,6 +45,27 @@ def test_two_drawn_cameras(calibrated):
         assert camera.K[:2, 2] == pytest.approx([160, 120], abs=2)
     baseline = np.linalg.norm(cameras["left"].center - cameras["right"].center)
     assert baseline == pytest.approx(BASELINE_M, abs=2e-3)
+
+
+@pytest.mark.parametrize("use", ["known", "refine"])
+def test_given_lenses_stay_or_are_refined(tmp_path, use):
+    """Lenses that are 1.5 % too long, and no wider: refined ones are as good as those that boards alone tell."""
+    wrong = 1.015 * FOCAL
+    lens = Camera(np.eye(3), np.zeros(3), np.array([[wrong, 0, 160], [0, wrong, 120], [0, 0, 1.0]]), np.zeros(5), *SIZE)
+    given = {"intrinsics": use, "lenses_from": {"format": "cameras_json", "path": "lenses.json"}}
+    arguments = write_capture(tmp_path, record(), board_keys={**vars(BOARD), **given})
+    write_cameras(tmp_path / "lenses.json", dict.fromkeys(RIG, lens))
+    run(**arguments)
+    cameras, quality = read_cameras(tmp_path / "out/rig.json"), read_table(tmp_path / "out/quality_cameras.parquet")
+    for camera, sigma in zip(cameras.values(), quality.focal_sigma, strict=True):
+        if use == "known":
+            assert camera.K.tolist() == lens.K.tolist() and sigma == 0
+        else:
+            assert camera.K[0, 0] == pytest.approx(FOCAL, rel=5e-3)
+            assert abs(camera.K[0, 0] / FOCAL - 1) < 4 * sigma < 0.01
+    baseline = np.linalg.norm(cameras["left"].center - cameras["right"].center)
+    # A lens that is 1.5 % too long has cameras farther away, and their distance with it.
+    assert baseline == pytest.approx((1.015 if use == "known" else 1) * BASELINE_M, abs=2e-3)
 
 
 def test_a_residual_for_every_corner(calibrated):
@@ -111,6 +133,28 @@ def test_shares_of_the_cameras_give_the_same_bytes(tmp_path, monkeypatch, printe
         run(**joined, **words, found=(arguments["out"] / "residuals_cameras.parquet",))
 
 
+def test_of_views_with_times_those_where_the_board_rests_are_used(tmp_path):
+    """It rests for three images at a time and then jumps; jobs that share the cameras find the same."""
+    images = {(name, v): image for (name, place), image in record().items() for v in range(3 * place, 3 * place + 3)}
+    arguments = write_capture(tmp_path, images)
+    path = tmp_path / "index/calibration_cameras.json"
+    content = read_json(path)
+    for entry in content["views"]:
+        entry["time_s"] = 0.1 * entry["view"] + 0.02 * (entry["camera"] == "right")
+    write_json(path, content)
+    words = {"settings": CalibrateCameras(distortion=0, most_views=5)}
+    run(**arguments, **words)
+    residuals = read_table(tmp_path / "out/residuals_cameras.parquet")
+    assert sorted(set(residuals.view)) == [0, 4, 7, 10, 13]
+    cameras = read_cameras(tmp_path / "out/rig.json")
+    baseline = np.linalg.norm(cameras["left"].center - cameras["right"].center)
+    assert baseline == pytest.approx(BASELINE_M, abs=2e-3)
+    joined, tables = in_shares(arguments, 2, **words)
+    run(**joined, **words, found=tables)
+    for written in sorted(arguments["out"].iterdir()):
+        assert written.read_bytes() == (joined["out"] / written.name).read_bytes(), written.name
+
+
 @pytest.mark.parametrize("images", [{("a", 0): "blank", ("b", 0): "blank"}, {("a", 0): "large", ("b", 0): "large"}])
 def test_what_one_job_refuses_is_refused_in_the_same_words_where_shares_are_joined(tmp_path, images):
     """Shares of images without a board, or of another size, are no error by themselves."""
@@ -136,6 +180,13 @@ def known(folder, size):
     write_cameras(folder / "given.json", {"a": camera, "b": camera, "spare": camera})
     write_json(folder / "index/calibration_cameras.json", {"method": "known", "path": "given.json", "digest": ""})
     return paths
+
+
+@pytest.mark.parametrize("asked", [{"share": 0, "shares": 2}, {"found": (Path("0000.parquet"),)}])
+def test_shares_of_cameras_without_boards_are_refused(tmp_path, asked):
+    with pytest.raises(InputError, match=r"json: method: expected one with boards .* found known; leave --share and"):
+        run(**known(tmp_path, SIZE), **asked)
+    assert not (tmp_path / "out").exists()
 
 
 def test_known_cameras_pass(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.photographed_targets import read_series
 from pipeline.base.files import read_json, read_table, write_json, write_table
 from pipeline.capture.images import write_png
 from pipeline.stages.calibrate_color import run
@@ -99,16 +100,10 @@ def test_a_wrong_black_level_is_named(tmp_path):
     assert "expected a black level of 0, found 1e+03 by the series of exposures" in verdicts.reason["cam1"]
 
 
-def photographs(band):
-    """Exposure in milliseconds to the mosaic behind one filter."""
-    paths = CHARTS.glob(f"*_{band}nm_*.tif")
-    return {int(re.search(r"_(\d+)ms_", p.name)[1]): cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in paths}
-
-
 @needs_charts
 def test_photographed_mosaics_give_the_response_that_their_labels_say(tmp_path):
     """A mosaic of three filters, against colours of half the exposure by the published outlines of the patches."""
-    red, green, blue = photographs(600), photographs(550), photographs(450)
+    red, green, blue = (read_series(CHARTS, band) for band in (600, 550, 450))
     shown = to_mosaic(np.stack([red[100], green[50], blue[50]], -1))
     labels = cv2.imread(str(CHARTS / "labels_bayer.png"), cv2.IMREAD_UNCHANGED)
     half, values = to_mosaic(np.stack([red[50], green[25], blue[25]], -1)), np.empty((24, 3))

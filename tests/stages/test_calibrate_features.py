@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +11,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_json, write_table
 from pipeline.calibration.cameras.feature_calibration import calibrate_from_features
 from pipeline.calibration.cameras.feature_rig import fit_similarity
+from pipeline.calibration.lights.length_units import BALL_ERROR
 from pipeline.capture.images import write_png
 from pipeline.config.calibrate_cameras import CalibrateCameras
 from pipeline.geometry.cameras import read_cameras, write_cameras
@@ -81,12 +83,37 @@ def test_rig_with_given_lenses_and_a_distance(capture, planted, tmp_path):
     assert quality.rms_px.max() < 2.0
 
 
+def photograph_ball(folder, cameras, radius_m=0.15, middle=(0.05, -0.1, 0.02)):
+    """Silhouettes of a mirror ball at sensor resolution, each the outline of its cone of tangents."""
+    entries = []
+    for name, camera in cameras.items():
+        toward = np.array(middle) - camera.center
+        far = np.linalg.norm(toward)
+        axis = toward / far
+        side = np.cross(axis, [0.0, 1.0, 0.0])
+        side /= np.linalg.norm(side)
+        around = np.linspace(0, 2 * np.pi, 720, endpoint=False)[:, None]
+        ring = np.cos(around) * side + np.sin(around) * np.cross(axis, side)
+        sine = radius_m / far
+        rim = camera.center + toward * (1 - sine**2) + radius_m * np.sqrt(1 - sine**2) * ring
+        # Four samples a pixel along each axis; OpenCV's rim is half a sample too wide.
+        outline = camera.project(rim)[0]
+        outline -= 0.125 * (outline - outline.mean(0)) / np.linalg.norm(outline - outline.mean(0), axis=1)[:, None]
+        fine = np.full((4 * camera.height, 4 * camera.width), 200, np.uint8)
+        cv2.fillPoly(fine, [np.round(16 * (4 * outline - 0.5)).astype(np.int32)], 10, cv2.LINE_8, 4)
+        gray = fine.reshape(camera.height, 4, camera.width, 4).mean((1, 3))
+        cv2.imwrite(str(folder / f"ball_{name}.png"), np.round(gray).astype(np.uint8))
+        entries.append({"position": "0", "camera": name, "path": f"ball_{name}.png", "digest": ""})
+    return {"silhouettes": entries, "radius_m": radius_m}
+
+
 def test_rig_whose_lenses_are_estimated_is_as_far_off_as_it_says(capture, planted, tmp_path):
-    distance = {"first": "cam0", "second": "cam7", "metres": apart(planted)}
+    """Its size is that of a mirror ball in four of the cameras."""
     folder, every = capture
+    ball = photograph_ball(folder, {name: at_sensor(planted)[name] for name in ("cam1", "cam3", "cam4", "cam6")})
     # Without masks: what surrounds the subject is black.
     bare = [{key: view[key] for key in ("camera", "view", "path", "digest")} for view in every]
-    content = {"method": "features", "intrinsics": "estimate", "views": bare, "images": FACTS, "distance": distance}
+    content = {"method": "features", "intrinsics": "estimate", "views": bare, "images": FACTS, **ball}
     done = calibrate_from_features(folder, content, dict.fromkeys(planted, SENSOR), CalibrateCameras(), 2)
     quality = done.quality.set_index("camera")
     focal = np.array([done.cameras[n].K[0, 0] / at_sensor(planted)[n].K[0, 0] - 1 for n in planted])
@@ -95,6 +122,22 @@ def test_rig_whose_lenses_are_estimated_is_as_far_off_as_it_says(capture, plante
     off = errors(done.cameras, planted) / quality.center_sigma_m[list(planted)].to_numpy()[:, None]
     assert np.sqrt(np.mean(off**2)) < 2
     assert {verdict.name for verdict in done.verdicts} == set(planted)
+    size = [np.std([rig[name].center for name in planted], axis=0) for rig in (done.cameras, planted)]
+    assert np.linalg.norm(size[0]) == pytest.approx(np.linalg.norm(size[1]), rel=BALL_ERROR)
+
+
+def test_the_same_images_give_the_same_cameras_on_one_core_and_on_two(capture, planted):
+    """COLMAP draws at random, and sums in any order unless told otherwise."""
+    names = ("cam2", "cam3", "cam4")
+    views = [view for view in capture[1] if view["camera"] in names]
+    distance = {"first": "cam2", "second": "cam4", "metres": 1.0}
+    content = {"method": "features", "intrinsics": "estimate", "views": views, "images": FACTS, "distance": distance}
+    sizes = dict.fromkeys(names, SENSOR)
+    one, two = (calibrate_from_features(capture[0], content, sizes, CalibrateCameras(), n) for n in (1, 2))
+    for name in names:
+        assert one.cameras[name].K.tolist() == two.cameras[name].K.tolist()
+        assert one.cameras[name].t.tolist() == two.cameras[name].t.tolist()
+    assert one.quality.equals(two.quality) and one.residuals.equals(two.residuals)
 
 
 def test_cameras_that_share_nothing_are_named(capture, tmp_path):

@@ -20,7 +20,8 @@ from docs.generate.references import entries
 from docs.generate.results_table import run
 from pipeline.base.files import write_json, write_table
 from pipeline.base.verdicts import COLUMNS as VERDICT_COLUMNS
-from pipeline.calibration.cameras.rig_quality import COLUMNS as QUALITY_COLUMNS
+from pipeline.calibration.cameras.camera_calibration import QUALITY_COLUMNS
+from pipeline.calibration.cameras.camera_calibration import RESIDUAL_COLUMNS as CORNER_RESIDUAL_COLUMNS
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS
 from pipeline.config.effects import EFFECTS
 from pipeline.config.project import SECTIONS
@@ -28,7 +29,6 @@ from pipeline.figures.calibration import RESIDUAL_COLUMNS as ALL_RESIDUAL_COLUMN
 from pipeline.lighting.environment import Environment
 from pipeline.metrics.ablation_table import COLUMNS as COMPARISON_COLUMNS
 from pipeline.metrics.cost import COLUMNS as COST_COLUMNS
-from pipeline.stages.calibrate_cameras import RESIDUAL_COLUMNS as CORNER_RESIDUAL_COLUMNS
 from pipeline.stages.check_budget import COLUMNS as BUDGET_COLUMNS
 
 FILE = re.compile(r"(?<![\w/.<>{}$*-])((?:[\w.-]+/)*[\w.-]+\.(?:md|py|smk|yaml|yml|toml|cff|bib|rst))\b(?![\w/<{*])")

@@ -1,6 +1,6 @@
 """Motion of boards in images that were not taken at once.
 
-How fast each corner moves, and when it was seen.
+How fast each corner moves, when it was seen, and where a board rests.
 """
 
 from __future__ import annotations
@@ -9,12 +9,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
-from pipeline.calibration.cameras.rig_inputs import Motion, Observations
+from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Motion, Observations
 
 LONGEST_GAP_S = 0.5
 """Time between two images of a camera above which they say nothing of a velocity: a hand turns round in it."""
+
+CORNER_PX = 0.2
+"""Noise of a corner to begin with, as detectors have it: what a moving corner's error is compared with."""
 
 
 def with_motion(
@@ -53,9 +56,33 @@ def with_motion(
     acceleration = np.zeros_like(velocity)
     acceleration[order] = np.nan_to_num(2 * (after - before) / (gap_before + gap_after))
     moving = replace(observations, motion=Motion(np.nan_to_num(velocity), acceleration, time - mean))
-    images = np.unique(np.stack([camera, observations.view], 1), axis=0)
-    shared = np.bincount(images[:, 1], minlength=len(shot))[observations.view] > 1
-    return moving.select(~shared | np.isfinite(velocity).all(1))
+    return moving.select(~_shared(observations) | np.isfinite(velocity).all(1))
+
+
+def restful_shots(
+    observations: Observations, shot: Int64[np.ndarray, " views"], most: int
+) -> Int64[np.ndarray, " shots"]:
+    """At most so many shots: of each stretch of successive ones that whose corners tell most.
+
+    A corner's error grows with its speed, by what ordinary cameras' times are off. Views of one camera alone say
+    nothing of where cameras stand, and count only where a stretch has no others.
+
+    Args:
+        observations: with their motion.
+        shot: of each view.
+    """
+    speed = np.linalg.norm(observations.motion.velocity, axis=1)
+    worth = _shared(observations) / (1 + (speed * NOTHING_KNOWN.clock_sigma_s / CORNER_PX) ** 2)
+    shots, place = np.unique(shot[observations.view], return_inverse=True)
+    worth_of, corners = np.bincount(place, worth), np.bincount(place)
+    stretches = np.array_split(np.arange(len(shots)), min(most, len(shots)))
+    return shots[[max(stretch, key=lambda k: (worth_of[k], corners[k])) for stretch in stretches]]
+
+
+def _shared(observations: Observations) -> Bool[np.ndarray, " observations"]:
+    """True for corners of views that several cameras see."""
+    images = np.unique(np.stack([observations.camera, observations.view], 1), axis=0)
+    return np.bincount(images[:, 1])[observations.view] > 1
 
 
 def _mean_of_view(time: Float64[np.ndarray, " n"], observations: Observations) -> Float64[np.ndarray, " n"]:

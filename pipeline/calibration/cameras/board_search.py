@@ -52,23 +52,15 @@ class BoardSearch:
     boards: list[Board]
     images: Mapping[int, SearchedImage]
 
-
-@dataclass(frozen=True)
-class FoundBoards:
-    """Boards as they are printed, and where they are.
-
-    Attributes:
-        boards: as declared, or a variant of that: inverted, of the legacy pattern.
-        detections: per image, each board's corners in it.
-    """
-
-    boards: list[Board]
-    detections: list[list[Detection]]
+    @property
+    def detections(self) -> list[list[Detection]]:
+        """Each board's corners in each of the images, in the order of the views."""
+        return [self.images[place].detections for place in sorted(self.images)]
 
 
 def find_boards(
     capture: Path, views: Sequence[dict], sizes: dict[str, tuple[int, int]], boards: Sequence[Board], threads: int
-) -> FoundBoards:
+) -> BoardSearch:
     """Find each board in each image.
 
     A board that was printed in another way is found as it is, and that is logged.
@@ -81,7 +73,8 @@ def find_boards(
         InputError: if an image has not the sensor's size, or if there is no board in any of them.
     """
     searched = search_images(capture, views, range(len(views)), boards, threads)
-    return check_search(capture, views, sizes, boards, searched)
+    check_search(capture, views, sizes, boards, searched)
+    return searched
 
 
 def search_images(
@@ -122,10 +115,8 @@ def search_images(
 def check_search(
     capture: Path, views: Sequence[dict], sizes: dict[str, tuple[int, int]], boards: Sequence[Board],
     searched: BoardSearch,
-) -> FoundBoards:  # fmt: skip
-    """Boards in all images, by a search of them all.
-
-    Boards that are printed in another way are logged.
+) -> None:  # fmt: skip
+    """Check a search of all images, and log boards that are not printed as declared.
 
     Args:
         boards: as they are declared.
@@ -136,19 +127,18 @@ def check_search(
     for b, (board, printed) in enumerate(zip(boards, searched.boards, strict=True)):
         if printed != board:
             log.info("board %d: declared %s; found: %s", b, board.describe(), printed.describe())
-    found = [searched.images[place] for place in range(len(views))]
     complaints = Complaints(capture)
-    for view, image in zip(views, found, strict=True):
+    for place, view in enumerate(views):
+        image = searched.images[place]
         if image.size != sizes[view["camera"]]:
             expected, size = ("x".join(map(str, each)) for each in (sizes[view["camera"]], image.size))
             complaints.add(view["path"], "size", expected=f"the sensor's {expected}", found=size)
     complaints.raise_if_any()
-    detections = [image.detections for image in found]
+    detections = searched.detections
     if not any(len(detection.ids) for each in detections for detection in each):
         raise InputError(
             f"{capture}: calibration.cameras: {explain_nothing(capture, views, searched.boards, detections)}"
         )
-    return FoundBoards(searched.boards, detections)
 
 
 def _is_seen(detection: Detection) -> bool:

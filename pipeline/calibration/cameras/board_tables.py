@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
-from pipeline.calibration.cameras.board_search import BoardSearch, SearchedImage
+from pipeline.calibration.cameras.board_search import BoardSearch, SearchedImage, search_images
 from pipeline.calibration.cameras.boards import Board, Detection
+from pipeline.calibration.cameras.declared_boards import boards_from_index, complain_of_symmetry, views_to_search
+from pipeline.config.calibrate_cameras import CalibrateCameras
+
+log = logging.getLogger("calibrate_cameras")
 
 COLUMNS = ("image", "board", "variant", "width", "height", "markers", "corners", "x", "y")
 """Of a table: a row for each board in each image, with lists of its corners.
@@ -23,6 +29,21 @@ def places_of_cameras(views: Sequence[dict], share: int, shares: int) -> list[in
     """Places in the list of views: of the images of every `shares`-th camera, from `share`."""
     chosen = set(sorted({view["camera"] for view in views})[share::shares])
     return [place for place, view in enumerate(views) if view["camera"] in chosen]
+
+
+def search_share(
+    capture: Path, calibration: Mapping[str, Any], path: Path, share: int, shares: int, settings: CalibrateCameras,
+    threads: int,
+) -> None:  # fmt: skip
+    """Look for boards in the images of every `shares`-th camera, from `share`.
+
+    Writes a table of them.
+    """
+    boards, views = boards_from_index(calibration), views_to_search(calibration, settings)
+    complain_of_symmetry(capture, boards, len({view["camera"] for view in views}))
+    searched = search_images(capture, views, places_of_cameras(views, share, shares), boards, threads)
+    write_search(path, searched, boards)
+    log.info("share %d of %d: boards looked for in %d images", share, shares, len(searched.images))
 
 
 def write_search(path: Path, searched: BoardSearch, boards: Sequence[Board]) -> None:

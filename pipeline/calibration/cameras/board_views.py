@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int64, UInt8
 
 from pipeline.base.spread import evenly
 from pipeline.calibration.cameras.board_identity import identify_board
-from pipeline.calibration.cameras.board_motion import with_motion
+from pipeline.calibration.cameras.board_motion import restful_shots, with_motion
 from pipeline.calibration.cameras.boards import Board, BoardPhoto, Detection
 from pipeline.calibration.cameras.rig_inputs import Observations
 from pipeline.calibration.cameras.rig_start import usable_views
@@ -52,6 +52,14 @@ class BoardViews:
         """The views with their corners' velocities; `times_s`: when each (camera, shot) was taken."""
         moving = with_motion(self.observations, self.shot, self.board, times_s)
         return replace(self, observations=moving).for_cameras(range(int(self.observations.camera.max()) + 1))
+
+    def resting(self, most: int | None) -> BoardViews:
+        """At most so many shots of moving views, evenly spread, where boards rest; None: all."""
+        if most is None:
+            return self
+        kept = np.isin(self.shot, restful_shots(self.observations, self.shot, most))
+        still = replace(self, observations=self.observations.select(kept[self.observations.view]))
+        return still.for_cameras(range(int(self.observations.camera.max()) + 1))
 
     def shots_for(self, camera: int) -> Int64[np.ndarray, " shots"]:
         """Numbers of the shots in which a camera sees a board."""

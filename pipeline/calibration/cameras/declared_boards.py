@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 
 from pipeline.base.errors import Complaints, InputError, listed
+from pipeline.calibration.cameras.board_views import choose_shots
 from pipeline.calibration.cameras.boards import Board, dictionary_names
 from pipeline.calibration.cameras.charuco import CharucoBoard
 from pipeline.calibration.cameras.plain_grids import Checkerboard, CircleGrid
@@ -33,7 +34,7 @@ KINDS: Mapping[str, type[Board]] = {
 """Class of each list of boards of method `boards`; boards are counted in this order."""
 
 
-def boards_from_index(calibration: dict[str, Any]) -> list[Board]:
+def boards_from_index(calibration: Mapping[str, Any]) -> list[Board]:
     """Boards of the index's calibration_cameras.json.
 
     They are the lists of method `boards`; of method `charuco` its list, or the one board whose keys stand there.
@@ -56,12 +57,21 @@ def _board(kind: type[Board], entry: Mapping[str, Any]) -> Board:
     return kind(**{field.name: entry[field.name] for field in fields(kind) if field.name in entry})
 
 
-def times_from_index(calibration: dict[str, Any]) -> dict[tuple[str, int], float] | None:
+def times_from_index(calibration: Mapping[str, Any]) -> dict[tuple[str, int], float] | None:
     """Time of each (camera, view), seconds; None where images of a view were taken at once."""
     views = calibration["views"]
     if not views or any("time_s" not in view for view in views):
         return None
     return {(view["camera"], view["view"]): view["time_s"] for view in views}
+
+
+def views_to_search(calibration: Mapping[str, Any], settings: CalibrateCameras) -> list[dict]:
+    """Views in which boards are looked for.
+
+    All of them where there are times: where a moving board rests is yet to be found.
+    """
+    most = settings.most_views if times_from_index(calibration) is None else None
+    return choose_shots(calibration["views"], most)
 
 
 def complain_of_symmetry(capture: Path, boards: Sequence[Board], cameras: int) -> None:
@@ -82,7 +92,7 @@ def complain_of_symmetry(capture: Path, boards: Sequence[Board], cameras: int) -
 
 
 def known_beforehand(
-    capture: Path, calibration: dict[str, Any], sizes: dict[str, tuple[int, int]], settings: CalibrateCameras
+    capture: Path, calibration: Mapping[str, Any], sizes: dict[str, tuple[int, int]], settings: CalibrateCameras
 ) -> RigPriors:
     """Lenses that the capture gives to the cameras of `sizes`, and whether they stay.
 
@@ -100,7 +110,7 @@ def known_beforehand(
     return RigPriors([lenses[name] for name in sizes], sigma)
 
 
-def lens_for(calibration: dict[str, Any], settings: CalibrateCameras) -> Lens:
+def lens_for(calibration: Mapping[str, Any], settings: CalibrateCameras) -> Lens:
     """Lens model of the index's calibration_cameras.json.
 
     Raises:

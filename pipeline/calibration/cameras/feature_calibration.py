@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,11 @@ import pycolmap
 from pipeline.base.errors import Complaints, InputError
 from pipeline.base.spread import evenly
 from pipeline.base.verdicts import Verdict
+from pipeline.calibration.cameras.camera_calibration import (
+    QUALITY_COLUMNS,
+    RESIDUAL_COLUMNS,
+    CameraCalibration,
+)
 from pipeline.calibration.cameras.declared_boards import known_beforehand
 from pipeline.calibration.cameras.feature_matches import Key, join_moments, write_features
 from pipeline.calibration.cameras.feature_rig import FeatureRig, map_rig
@@ -39,22 +44,9 @@ USUAL_FOCAL = 1.2
 Sizes = Mapping[str, tuple[int, int]]
 
 
-@dataclass(frozen=True)
-class FeatureCalibration:
-    """Cameras at sensor resolution, in metres; residuals and quality as of boards, and verdicts.
-
-    Views are frames, corners the points of the subject, of one board.
-    """
-
-    cameras: dict[str, Camera]
-    residuals: pd.DataFrame
-    quality: pd.DataFrame
-    verdicts: list[Verdict]
-
-
 def calibrate_from_features(
     capture: Path, calibration: dict[str, Any], sizes: Sizes, settings: CalibrateCameras, threads: int
-) -> FeatureCalibration:
+) -> CameraCalibration:
     """Calibrate the cameras of calibration_cameras.json, method features.
 
     Args:
@@ -73,7 +65,7 @@ def calibrate_from_features(
     with tempfile.TemporaryDirectory() as folder:
         features = write_features(source, views, Path(folder), threads)
         keys = join_moments(features, _lenses(sizes, factor, known), Path(folder))
-        rig = map_rig(Path(folder), not known.fixed, known.lenses is None, threads)
+        rig = map_rig(Path(folder), not known.fixed, known.lenses is None)
     found = sum(map(len, features.values()))
     _complain_of_missing(capture, rig, sizes, {name: sum(len(features[k]) for k in keys[name]) for name in sizes})
     in_units = {name: _at_sensor(camera, factor) for name, camera in rig.cameras.items()}
@@ -82,7 +74,17 @@ def calibrate_from_features(
     cameras = {name: _at_sensor(replace(c, t=scale * c.t), factor, sizes[name]) for name, c in rig.cameras.items()}
     residuals = _residual_table(rig, keys, features, factor)
     quality = _quality(rig, residuals, cameras, scale, known)
-    return FeatureCalibration(cameras, residuals, quality, [_judge(row, settings) for row in quality.itertuples()])
+    verdicts = [_judge(row, settings) for row in quality.itertuples()]
+    return CameraCalibration(cameras, residuals, quality, verdicts, _failures(capture, verdicts))
+
+
+def _failures(capture: Path, verdicts: Sequence[Verdict]) -> Complaints:
+    complaints = Complaints(capture)
+    for verdict in verdicts:
+        if verdict.grade == "failed":
+            expected = "a focal length known to calibrate_cameras.largest_focal_error"
+            complaints.add("calibration.cameras", f"camera {verdict.name}", expected=expected, found=verdict.reason)
+    return complaints
 
 
 def _lenses(sizes: Sizes, factor: float, known: RigPriors) -> dict[str, pycolmap.Camera]:
@@ -161,8 +163,7 @@ def _residual_table(rig: FeatureRig, keys: Mapping[str, list[Key]], features: Ma
         parts.append(rows.assign(view=frames[np.searchsorted(ends, rows.feature, side="right")]))
     table = pd.concat(parts, ignore_index=True).assign(board=0, weight=1.0).rename(columns={"point": "corner"})
     table[["x", "y", "residual_x", "residual_y"]] *= factor
-    columns = ["camera", "view", "board", "corner", "x", "y", "residual_x", "residual_y", "weight"]
-    return table[columns].sort_values(["camera", "view", "corner"], ignore_index=True)
+    return table[RESIDUAL_COLUMNS].sort_values(["camera", "view", "corner"], ignore_index=True)
 
 
 def _quality(
@@ -176,10 +177,7 @@ def _quality(
         covered = covered_share(mine[["x", "y"]].to_numpy(np.float64), camera.width, camera.height)
         terms = int(np.count_nonzero(camera.dist)) if known.lenses is not None else 1
         rows.append((name, mine.view.nunique(), len(mine), rms, focal[c], center[c], covered, np.nan, terms))
-    columns = [
-        "camera", "views", "corners", "rms_px", "focal_sigma", "center_sigma_m", "coverage", "tilt_deg", "distortion",
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=QUALITY_COLUMNS)
 
 
 def _judge(row: Any, limits: CalibrateCameras) -> Verdict:

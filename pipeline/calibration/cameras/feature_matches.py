@@ -29,6 +29,9 @@ RIM = 100
 """A hundredth of an image's longer side within a mask's outline is left out: there, what lies behind shows, and an
 outline is no point of the surface."""
 
+SEED = 1
+"""Of what COLMAP draws at random."""
+
 Key = tuple[str, int]
 """Camera and moment."""
 
@@ -104,7 +107,9 @@ def join_moments(
                     joined.write_matches(i, j, np.concatenate(shared).astype(np.uint32))
     pairs = folder / "rig.txt"
     pairs.write_text("".join(f"{a} {b}\n" for a, b in combinations(cameras, 2)))
-    pycolmap.verify_matches(folder / "rig.db", pairs)
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = SEED
+    pycolmap.verify_matches(folder / "rig.db", pairs, options)
     return keys
 
 

@@ -15,6 +15,7 @@ import pandas as pd
 import pycolmap
 from jaxtyping import Float64
 
+from pipeline.calibration.cameras.feature_matches import SEED
 from pipeline.capture.cameras.colmap_cameras import read_image_camera
 from pipeline.geometry.cameras import Camera
 
@@ -55,14 +56,16 @@ class FeatureRig:
         return np.sqrt((GROUPS - 1) / GROUPS * ((self.focals / own - 1) ** 2).sum(0))
 
 
-def map_rig(folder: Path, refine_focal: bool, refine_terms: bool, threads: int) -> FeatureRig | None:
+def map_rig(folder: Path, refine_focal: bool, refine_terms: bool) -> FeatureRig | None:
     """Map what `join_moments` wrote into `folder`; None if no two cameras share enough.
+
+    On one thread, whose sums always come in one order: the same images give the same cameras.
 
     Args:
         refine_focal, refine_terms: whether focal lengths, and distortion, are found.
     """
     options = pycolmap.IncrementalPipelineOptions(
-        num_threads=threads, extract_colors=False, multiple_models=False, min_model_size=2, random_seed=1,
+        num_threads=1, extract_colors=False, multiple_models=False, min_model_size=2, random_seed=SEED,
         ba_refine_focal_length=refine_focal, ba_refine_extra_params=refine_terms,
     )  # fmt: skip
     (folder / "models").mkdir(exist_ok=True)
@@ -70,13 +73,13 @@ def map_rig(folder: Path, refine_focal: bool, refine_terms: bool, threads: int) 
     if not models:
         return None
     model = max(models.values(), key=lambda each: each.num_reg_images())
-    _adjust(model, refine_focal, refine_terms, threads)
+    _adjust(model, refine_focal, refine_terms)
     cameras = _cameras(model)
-    centers, focals = _without_parts(model, cameras, refine_focal, refine_terms, threads)
+    centers, focals = _without_parts(model, cameras, refine_focal, refine_terms)
     return FeatureRig(cameras, centers, focals, _residuals(model))
 
 
-def _adjust(model: pycolmap.Reconstruction, focal: bool, terms: bool, threads: int) -> None:
+def _adjust(model: pycolmap.Reconstruction, focal: bool, terms: bool) -> None:
     config = pycolmap.BundleAdjustmentConfig()
     for number in model.reg_image_ids():
         config.add_image(number)
@@ -86,7 +89,7 @@ def _adjust(model: pycolmap.Reconstruction, focal: bool, terms: bool, threads: i
     )
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = LOSS_PX
-    options.ceres.solver_options.num_threads = threads
+    options.ceres.solver_options.num_threads = 1
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
 
 
@@ -96,7 +99,7 @@ def _cameras(model: pycolmap.Reconstruction) -> dict[str, Camera]:
 
 
 def _without_parts(
-    model: pycolmap.Reconstruction, cameras: Mapping[str, Camera], focal: bool, terms: bool, threads: int
+    model: pycolmap.Reconstruction, cameras: Mapping[str, Camera], focal: bool, terms: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centres and focal lengths when each tenth of the points is left out."""
     own = np.stack([camera.center for camera in cameras.values()])
@@ -107,7 +110,7 @@ def _without_parts(
         rest = copy.deepcopy(model)
         for point in points[part == k]:
             rest.delete_point3D(int(point))
-        _adjust(rest, focal, terms, threads)
+        _adjust(rest, focal, terms)
         found = _cameras(rest)
         centers.append(fit_similarity(np.stack([found[name].center for name in cameras]), own))
         focals.append([found[name].K[0, 0] for name in cameras])

@@ -138,12 +138,22 @@ def robust_inflation(scaled: Float64[np.ndarray, "observations 2"], fitted: int)
         scaled: residuals over their noise.
         fitted: number of parameters, which shrink the residuals.
     """
-    squared = (scaled**2).sum(1) * scaled.size / max(scaled.size - fitted, 1)
-    weight = 1.0 / (1.0 + squared / CAUCHY**2)
+    squared, weight = _squared_and_weight(scaled, fitted)
     influence = (weight**2 * squared).mean() / 2
-    slope = (weight - weight**2 * squared / CAUCHY**2).mean()
+    slope = robust_slope(scaled, fitted)
     # More than half of the corners gross errors: no slope is left, and nothing is known.
     return float(influence * weight.mean() / slope**2) if slope > 0 else float(len(scaled))
+
+
+def robust_slope(scaled: Float64[np.ndarray, "observations 2"], fitted: int) -> float:
+    """Mean derivative of the influence by a residual: E psi' of `robust_inflation`."""
+    squared, weight = _squared_and_weight(scaled, fitted)
+    return float((weight - weight**2 * squared / CAUCHY**2).mean())
+
+
+def _squared_and_weight(scaled: np.ndarray, fitted: int) -> tuple[np.ndarray, np.ndarray]:
+    squared = (scaled**2).sum(1) * scaled.size / max(scaled.size - fitted, 1)
+    return squared, 1.0 / (1.0 + squared / CAUCHY**2)
 
 
 def _clock_sigma(

@@ -24,6 +24,10 @@ PRIOR_SIGMA = {"f": np.inf, "aspect": 0.01, "cx": 0.03, "cy": 0.03}
 """Standard deviations of the priors of `PINHOLE_TERMS`: about the spread of ordinary cameras, cx and cy in units of the
 longer side, none for f. Those of a lens's terms are its own."""
 
+GIVEN_TERMS = 10.0
+"""Error of a given lens's distortion and aspect, over that of ordinary lenses, over the error of f, over itself: where
+two people fitted the same photographs, f agrees to a fraction of a per cent, and k1 to some hundredths."""
+
 LAG_SIGMA_S = 0.1
 """Standard deviation of the prior of a camera's lag behind the others: three images of an ordinary camera wait for the
 computer. All lags together are open, as they move all boards alike."""
@@ -136,9 +140,7 @@ class RigModel:
             mean[at] = [camera.K[0, 0], 1, camera.width / 2, camera.height / 2, *flawless]
             if self.known.lenses is not None and not self.known.fixed:
                 given = self.known.lenses[np.flatnonzero(self.lens_index == c)[0]]
-                mean[at] = given.intrinsics()
-                sigma[at][0] = given.K[0, 0]
-                sigma[at] *= self.known.lens_sigma
+                mean[at], sigma[at] = given.intrinsics(), given_prior_sigma(given, self.known.lens_sigma)
         if len(self.clocked[0]):
             mean[self.times_columns], sigma[self.times_columns] = self._measured_times(), self.known.clock_sigma_s
             sigma[self.lag_columns] = LAG_SIGMA_S
@@ -267,6 +269,18 @@ def intrinsics_prior_sigma(camera: Camera) -> Float64[np.ndarray, " intrinsics"]
     scale = {"cx": longer, "cy": longer}
     pinhole = [PRIOR_SIGMA[name] * scale.get(name, 1) for name in PINHOLE_TERMS]
     return np.array([*pinhole, *camera.lens.prior_sigma])
+
+
+def given_prior_sigma(camera: Camera, lens_sigma: float) -> Float64[np.ndarray, " intrinsics"]:
+    """Standard deviations of the priors of a given lens's `Camera.intrinsics`.
+
+    f is known to `lens_sigma` over itself, the principal point to as many pixels, as it mostly is where lenses are
+    calibrated, and no term less well than that of an ordinary lens.
+    """
+    ordinary = intrinsics_prior_sigma(camera)
+    f = lens_sigma * camera.K[0, 0]
+    terms = GIVEN_TERMS * lens_sigma * ordinary
+    return np.minimum(np.array([f, terms[1], f, f, *terms[len(PINHOLE_TERMS) :]]), ordinary)
 
 
 def _rotations(pose: np.ndarray, start: np.ndarray) -> np.ndarray:

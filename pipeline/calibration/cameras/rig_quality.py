@@ -10,6 +10,7 @@ from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import listed
 from pipeline.base.verdicts import Verdict
+from pipeline.calibration.cameras.camera_calibration import QUALITY_COLUMNS
 from pipeline.calibration.cameras.image_coverage import covered_share
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection, Movement, choose_distortion
@@ -27,10 +28,6 @@ DECISIVE = 5.0
 
 OPEN_SHARE = 0.5
 """Standard deviation over its prior's, above which a term is said not to be determined."""
-
-COLUMNS = [
-    "camera", "views", "corners", "rms_px", "focal_sigma", "center_sigma_m", "coverage", "tilt_deg", "distortion",
-]  # fmt: skip
 
 
 def quality_table(calibrated: Calibrated, names: Sequence[str], shot: Int64[np.ndarray, " views"]) -> pd.DataFrame:
@@ -50,7 +47,7 @@ def quality_table(calibrated: Calibrated, names: Sequence[str], shot: Int64[np.n
             rig.center_sigma_m[c], covered_share(observations.pixel[mine], camera.width, camera.height),
             largest_turn(camera.R @ rig.rig_from_board[views, :3, :3]), calibrated.distortion[c],
         ))  # fmt: skip
-    return pd.DataFrame(rows, columns=COLUMNS)
+    return pd.DataFrame(rows, columns=QUALITY_COLUMNS)
 
 
 def largest_turn(cam_from_board_R: Float64[np.ndarray, "views 3 3"]) -> float:

@@ -1,45 +1,63 @@
-"""Error bars of a rig from its spread when groups of shots are left out: the jackknife.
+"""Error bars of a rig from its spread when groups of shots are left out.
 
-Error bars of a least-squares fit take the errors of all corners for independent. Where the images of a view were not
-taken at once, they are not: the corners of an image share its time, images that follow each other share velocities, and
-a hand does not move on parabolas. What all of that does to the result shows when some of the shots are left out.
+Error bars of a least-squares fit take the errors of all corners for independent, and they are not: the corners of an
+image share its blur, its board's bend, and what no lens model has. Where the images of a view were not taken at once,
+they share its time, too; images that follow each other share velocities, and a hand does not move on parabolas. What
+all of that does to the result shows when some of the shots are left out: by one Newton step, since little changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.calibration.cameras.board_views import BoardViews
-from pipeline.calibration.cameras.rig import Rig, adjust_rig, shape_projection
+from pipeline.calibration.cameras.rig import Rig, robust_slope, shape_projection
 from pipeline.calibration.cameras.rig_calibration import Calibrated
-from pipeline.calibration.cameras.rig_start import connected_groups
-from pipeline.geometry.cameras import Camera
 
-GROUPS = 6
-"""Groups of successive shots that are left out in turn; the spread of so many is good to a third."""
+GROUPS, MOVING_GROUPS = 12, 6
+"""Groups of shots that are left out in turn; the spread of twelve is good to a fifth, of six to a third. Of boards that
+move they are successive shots, longer than what these share. Otherwise every twelfth: a camera that sees the board for
+a while loses no more than a twelfth of that."""
+
+TAKEN, TAKEN_MOVING = 0.5, 0.999
+"""Share of a group's information that is taken away along with its pull. With half of it, errors over error bars of
+independent shots are 1; with none they are too large in small rigs, with all of it, the jackknife (Tukey 1958), too
+small (CR2, CR0 and CR3: Bell and McCaffrey 2002). Neighbours of a moving board are not independent: there it is all but
+what keeps poses of views determined."""
+
+RIDGE = 1e-12
+"""Of each parameter's information, which is added: what nothing determines stays where it is."""
 
 
-def with_spread(calibrated: Calibrated, views: BoardViews) -> Calibrated:
+NOTHING = 1e-12
+"""Error bar up to which there is none: of lenses that are given, and, but for rounding, of the shape of one camera."""
+
+
+def with_spread(calibrated: Calibrated, shot: Int64[np.ndarray, " views"]) -> Calibrated:
     """The calibration with error bars of its rig that are no smaller than its spread.
 
+    Of boards that rest, than the spread of all cameras together.
+
     Args:
-        views: those it was calibrated from.
+        shot: of each view, its number in the order in which they were recorded.
     """
-    rig = calibrated.rig
-    shots = np.unique(views.shot)
-    parts = [_without(rig, views, out, calibrated.distortion) for out in np.array_split(shots, GROUPS)]
-    rigs = [part for part in parts if part is not None]
-    if len(rigs) < 2:
+    rig, shots = calibrated.rig, np.unique(shot)
+    moving = rig.model.observations.motion is not None
+    count = min(MOVING_GROUPS if moving else GROUPS, len(shots))
+    # Without a slope more than half of the corners are gross errors, and error bars say that nothing is known.
+    if count < 2 or _slope(rig) <= 0:
         return calibrated
-    focal = np.array([[camera.K[0, 0] for camera in part] for part in rigs])
-    shape = shape_projection(rig.cameras)
-    centers = np.stack([shape @ np.concatenate([camera.center for camera in part]) for part in rigs])
-    focal_sigma = _jackknife(focal) / np.array([camera.K[0, 0] for camera in rig.cameras])
-    center_sigma = np.sqrt((_jackknife(centers) ** 2).reshape(-1, 3).mean(1))
+    groups = np.array_split(shots, count) if moving else [shots[k::count] for k in range(count)]
+    steps = _steps_without(rig, shot[rig.model.observations.view], groups, TAKEN_MOVING if moving else TAKEN)
+    focal = steps[:, [rig.model.intrinsics_columns(int(lens)).start for lens in rig.model.lens_index]]
+    centers = steps @ (shape_projection(rig.cameras) @ rig.model.center_jacobian(rig.parameters)).T
+    focal_sigma = np.linalg.norm(focal, axis=0) / np.array([camera.K[0, 0] for camera in rig.cameras])
+    center_sigma = np.sqrt((centers**2).sum(0).reshape(-1, 3).mean(1))
+    if not moving:
+        factor = _common_factor(rig, focal_sigma, center_sigma)
+        focal_sigma, center_sigma = factor * rig.focal_sigma, factor * rig.center_sigma_m
     wider = replace(
         rig, focal_sigma=np.maximum(rig.focal_sigma, focal_sigma),
         center_sigma_m=np.maximum(rig.center_sigma_m, center_sigma),
@@ -47,29 +65,43 @@ def with_spread(calibrated: Calibrated, views: BoardViews) -> Calibrated:
     return replace(calibrated, rig=wider)
 
 
-def _without(
-    rig: Rig, views: BoardViews, out: Int64[np.ndarray, " shots"], distortion: Sequence[int]
-) -> list[Camera] | None:
-    """The cameras adjusted without some shots, in the rig's frame as far as one view tells it.
+def _common_factor(rig: Rig, focal_sigma: np.ndarray, center_sigma: np.ndarray) -> float:
+    """Spread over error bars, root mean square over the rig: what an image's corners share is much alike in all.
 
-    None if the other shots do not join all cameras.
+    A camera's own spread is good to a fifth alone, and would make one in ten look uncertain by chance.
     """
-    seen = views.observations.select(~np.isin(views.shot[views.observations.view], out))
-    kept, view = np.unique(seen.view, return_inverse=True)
-    if len(np.unique(seen.camera)) < len(rig.cameras):
-        return None
-    observations = replace(seen, view=view.astype(np.int64))
-    if len(connected_groups(observations, len(rig.cameras))) > 1:
-        return None
-    # View 0 is the frame of an adjustment.
-    frame = rig.rig_from_board[kept[0]]
-    cameras = [replace(c, R=c.R @ frame[:3, :3], t=c.R @ frame[:3, 3] + c.t) for c in rig.cameras]
-    boards = np.linalg.inv(frame) @ rig.rig_from_board[kept]
-    found = adjust_rig(observations, views.corners_m, cameras, boards, distortion, known=rig.model.known).cameras
-    back = np.linalg.inv(frame)
-    return [replace(c, R=c.R @ back[:3, :3], t=c.R @ back[:3, 3] + c.t) for c in found]
+    spread, own = np.append(focal_sigma, center_sigma), np.append(rig.focal_sigma, rig.center_sigma_m)
+    known = own > NOTHING
+    return float(np.sqrt(np.mean((spread[known] / own[known]) ** 2))) if known.any() else 1.0
 
 
-def _jackknife(values: Float64[np.ndarray, " groups *rest"]) -> Float64[np.ndarray, "*rest"]:
-    """Standard deviation of what is computed from all groups, from its values without each (Tukey 1958)."""
-    return np.sqrt((len(values) - 1) * values.var(0))
+def _steps_without(
+    rig: Rig, shot: Int64[np.ndarray, " observations"], groups: list[np.ndarray], taken: float
+) -> Float64[np.ndarray, "groups parameters"]:
+    """Changes of all parameters when each group of shots is left out.
+
+    Args:
+        shot: of each observation.
+        taken: share of a group's information that goes with its pull.
+    """
+    model, free = rig.model, rig.model.free
+    residual, jacobian = model.residuals(rig.parameters)
+    weight = np.repeat(rig.weight, 2) / rig.sigma_px**2
+    _, prior = model.priors()
+    weighted = jacobian.multiply(weight[:, None]).tocsr()
+    whole = (jacobian.T @ weighted).toarray() + np.diag(1 / np.square(prior[free]))
+    # A robust fit gives way more than its weights say.
+    softer = rig.weight.mean() / _slope(rig)
+    scale = np.sqrt(np.diag(whole))
+    steps = np.zeros((len(groups), len(rig.parameters)))
+    for k, out in enumerate(groups):
+        rows = np.flatnonzero(np.repeat(np.isin(shot, out), 2))
+        part = weighted[rows]
+        left = (whole - taken * (jacobian[rows].T @ part).toarray()) / np.outer(scale, scale)
+        pull = part.T @ residual.ravel()[rows] / scale
+        steps[k, free] = softer * np.linalg.solve(left + RIDGE * np.eye(len(free)), pull) / scale
+    return steps
+
+
+def _slope(rig: Rig) -> float:
+    return robust_slope(rig.residual / rig.sigma_px, len(rig.model.free))

@@ -29,6 +29,10 @@ NEAR_RIM = 0.7
 NOISE_FACTOR = 8.0
 """Peak over the noise below which there is no highlight: 1e6 pixels exceed 5 by chance, the rest is margin."""
 
+LONELY = 0.03
+"""Brightness of a pixel's brightest neighbour, over its own, below which it is hot, and no light: a lens that blurs by
+as little as 0.3 pixels, standard deviation, gives a neighbour 5 % of what it gives the middle."""
+
 MOST_SPOTS = 4
 """Spots reported per image: the light, another that is on or its mirror image in something, and two to spare."""
 
@@ -127,11 +131,22 @@ def _above_dark(gray: np.ndarray, within: np.ndarray) -> np.ndarray:
     dark = float(np.median(values))
     # One grey level of an 8-bit image is the least noise there is; images come scaled to 0 .. 1.
     noise = max(float(np.median(np.abs(values - dark))) / 0.6745, 1 / 255 / np.sqrt(12))
-    light = np.where(within, gray - dark, 0.0)
+    light = np.where(within & ~_lonely(gray - dark, NOISE_FACTOR / 2 * noise), gray - dark, 0.0)
     peak = float(light.max())
     if peak < NOISE_FACTOR * noise:
         return np.zeros_like(light)
     return np.where(light > max(HIGHLIGHT_FLOOR * peak, NOISE_FACTOR / 2 * noise), light, 0.0)
+
+
+def _lonely(light: np.ndarray, least: float) -> np.ndarray:
+    """Mask of hot pixels: bright, and alone.
+
+    Args:
+        least: brightness that a neighbour can be told from darkness by.
+    """
+    ring = np.ones((3, 3), np.uint8)
+    ring[1, 1] = 0
+    return (LONELY * light > least) & (cv2.dilate(light, ring) < LONELY * light)
 
 
 def _components(light: np.ndarray) -> tuple[np.ndarray, list[int]]:

@@ -79,7 +79,7 @@ def take_survey(capture: Path, survey: pd.DataFrame, in_stage: bool) -> tuple[pd
         hint = "known lights do not show in images and cannot place cameras that have a frame of their own"
         raise InputError(f"{capture}: calibration.cameras: expected known cameras in the stage's frame; {hint}")
     lights = survey[["light", "x", "y", "z"]].assign(sigma_m=0.0, status="surveyed", highlights=0)
-    why = "known: taken from lights.csv as it is; nothing measured"
+    why = "known: taken from lights.csv as it is; book_patterns compares it with the images"
     return lights.reindex(columns=TABLE_COLUMNS), [Verdict("light", name, "good", why) for name in lights.light]
 
 

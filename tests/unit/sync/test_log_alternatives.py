@@ -54,6 +54,16 @@ def test_a_survey_with_another_origin_is_failed(stage):
     assert verdict.grade == "failed" and "along z" in verdict.reason and "by -" in verdict.reason
 
 
+@pytest.mark.parametrize(("one", "other"), [(2, 9), (0, 13)])
+def test_two_lights_with_each_others_names_are_named(stage, one, other):
+    """They are 4.2 and 3.3 m apart."""
+    lights = stage.lights.copy()
+    lights[[one, other]] = lights[[other, one]]
+    verdict = surveyed(stage, lights)
+    assert verdict.grade == "failed"
+    assert f"lights that are exchanged, L{one:03d} with L{other:03d}, better by" in verdict.reason
+
+
 @pytest.mark.parametrize(
     ("factor", "grade"), [(3.281, "weak"), (39.37, "failed"), (1000.0, "failed"), (1e-3, "failed")]
 )

@@ -47,6 +47,9 @@ def test_shots_that_are_left_out_are_nobodys(project):
     index = write_index(files, 8, 40)
     assert board_photographs(files, index) == Photographs(80, 8)
     assert len(found_boards(files, index)) == 2
+    timed = json.loads(index.read_text())
+    write_index(files, 8, 40, views=[{**view, "time_s": 0.1 * view["view"]} for view in timed["views"]])
+    assert board_photographs(files, index) == Photographs(320, 8)
 
 
 @pytest.mark.parametrize(

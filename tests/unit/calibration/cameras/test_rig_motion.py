@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.spatial.transform
 
-from pipeline.calibration.cameras.board_motion import with_motion
+from pipeline.calibration.cameras.board_motion import restful_shots, with_motion
 from pipeline.calibration.cameras.board_views import BoardViews
 from pipeline.calibration.cameras.rig_calibration import calibrate_rig
 from pipeline.calibration.cameras.rig_inputs import Observations, RigPriors
@@ -33,15 +33,18 @@ def board_at(time_s):
     return pose
 
 
-@pytest.fixture(scope="module")
-def filmed():
-    """Three cameras that see the board late by their lag and a jitter; the table says that all were punctual."""
+def film(phase=lambda time_s: time_s):
+    """Three cameras that see the board late by their lag and a jitter; the table says that all were punctual.
+
+    Args:
+        phase: of the board's swing at a time.
+    """
     rng = np.random.default_rng(1)
     cameras = planted_cameras(3, rng, arc=0.6 * np.pi)
     rows, jitter = [], rng.normal(0, JITTER_S, (3, SHOTS))
     for c, camera in enumerate(cameras):
         for v in range(SHOTS):
-            pose = board_at(v / RATE_HZ + LAGS_S[c] + jitter[c, v])
+            pose = board_at(phase(v / RATE_HZ + LAGS_S[c] + jitter[c, v]))
             world = BOARD.corners_m() @ pose[:3, :3].T + pose[:3, 3]
             turn = cv2.Rodrigues(camera.R)[0]
             pixels = cv2.projectPoints(world, turn, camera.t, camera.opencv_K(), camera.dist)[0].reshape(-1, 2) + 0.5
@@ -55,11 +58,18 @@ def filmed():
 
 
 @pytest.fixture(scope="module")
+def filmed():
+    return film()
+
+
+@pytest.fixture(scope="module")
 def calibrated(filmed):
     cameras, views, times, _ = filmed
     moving = views.moving(times)
     known = RigPriors(cameras, 0.0)
-    return with_spread(calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=known), moving)
+    return with_spread(
+        calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=known), moving.shot
+    )
 
 
 def test_lags_and_jitter_are_those_planted(filmed, calibrated):
@@ -90,16 +100,14 @@ def test_lenses_can_be_estimated_along(filmed):
         assert found.K[0, 0] == pytest.approx(camera.K[0, 0], rel=max(4 * sigma, 2e-3))
 
 
-def test_given_lenses_stay_or_are_a_prior(filmed):
+def test_given_lenses_stay(filmed):
     cameras, views, times, _ = filmed
     moving = views.moving(times)
     wrong = [replace(c, K=c.K * np.array([[1.01], [1.01], [1.0]])) for c in cameras]
     known = calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=RigPriors(wrong, 0.0)).rig
-    refined = calibrate_rig(moving.observations, moving.corners_m, [SIZE] * 3, "auto", known=RigPriors(wrong, 0.01)).rig
-    for given, kept, found, true in zip(wrong, known.cameras, refined.cameras, cameras, strict=True):
+    for given, kept in zip(wrong, known.cameras, strict=True):
         assert pytest.approx(given.K) == kept.K
         assert kept.dist == pytest.approx(given.dist)
-        assert abs(found.K[0, 0] / true.K[0, 0] - 1) < 0.5 * abs(given.K[0, 0] / true.K[0, 0] - 1)
 
 
 def test_velocities_are_those_of_a_parabola():
@@ -116,6 +124,35 @@ def test_velocities_are_those_of_a_parabola():
     assert moving.motion.acceleration[middle] == pytest.approx(np.tile([-400, 180], (6, 1)))
     assert moving.motion.velocity[view == 0][0] == pytest.approx((pixel[3] - pixel[0]) / 0.1)
     assert (moving.motion.acceleration[~middle] == 0).all()
+
+
+def test_shots_are_chosen_where_the_board_rests():
+    """A hand that holds the board still for the latter half of each second, and moves it in between."""
+    cameras, views, times, _ = film(lambda time_s: np.floor(time_s) + np.minimum(2 * (time_s % 1), 1.0))
+    moving = views.moving(times)
+    assert moving.resting(None) is moving
+    chosen = moving.resting(4)
+    assert all((shot / RATE_HZ) % 1 >= 0.5 for shot in chosen.shot)
+    every = moving.observations.select(np.isin(moving.shot, np.arange(2, SHOTS, SHOTS // 4))[moving.observations.view])
+    evenly = replace(moving, observations=every).for_cameras(range(3))
+    errors = []
+    for part in (chosen, evenly):
+        assert len(np.unique(part.shot)) == 4
+        known = RigPriors(cameras, 0.0)
+        rig = calibrate_rig(part.observations, part.corners_m, [SIZE] * 3, "auto", known=known).rig
+        errors.append(np.linalg.norm(center_errors(rig.cameras, cameras), axis=1).max())
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_shots_of_one_camera_alone_are_chosen_only_where_there_are_no_others():
+    """Shots 0 to 3: the first and the last are shared, and move; the second camera lacks the others."""
+    camera, view, corner = (a.ravel() for a in np.meshgrid([0, 1], np.arange(4), np.arange(3), indexing="ij"))
+    pixel = np.stack([100.0 + 50 * view + corner, 20.0 * corner], 1)
+    seen = Observations(camera, view, corner, pixel).select((camera == 0) | np.isin(view, [0, 3]))
+    moving = with_motion(seen, np.arange(4), np.zeros(4, np.int64), {(c, v): 0.1 * v for c in (0, 1) for v in range(4)})
+    assert restful_shots(moving, np.arange(4), 2).tolist() == [0, 3]
+    assert restful_shots(moving, np.arange(4), 9).tolist() == [0, 1, 2, 3]
+    assert restful_shots(moving.select((moving.view > 0) & (moving.view < 3)), np.arange(4), 1).tolist() == [1]
 
 
 def test_lag_that_no_image_tells_is_known_to_three_images_of_an_ordinary_camera(filmed):

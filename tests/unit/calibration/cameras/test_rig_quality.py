@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.calibration.cameras.camera_calibration import QUALITY_COLUMNS
 from pipeline.calibration.cameras.image_coverage import covered_share
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, Inspection
-from pipeline.calibration.cameras.rig_quality import COLUMNS, describe_focal, judge_cameras, largest_turn
+from pipeline.calibration.cameras.rig_quality import describe_focal, judge_cameras, largest_turn
 from pipeline.config.calibrate_cameras import CalibrateCameras
 
 
@@ -39,7 +40,7 @@ def test_camera_is_as_good_as_its_focal_length_is_known(known_to, grade, said):
     """In units of the error that is good; all else is as good as can be."""
     limits = CalibrateCameras(good_focal_error=0.001, largest_focal_error=0.005)
     row = ("a", 99, 9999, 0.01, 0.001 * known_to, 1e-6, 1.0, 60.0, 5)
-    quality = pd.DataFrame([row], columns=COLUMNS)
+    quality = pd.DataFrame([row], columns=QUALITY_COLUMNS)
     unseen = Rig.__new__(Rig)  # no verdict but that on lens models looks at it
     calibrated = Calibrated(unseen, [5], [{}], unseen)
     (verdict,) = judge_cameras(quality, calibrated, {"a": []}, Inspection([], {}), ["a"], limits)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
-
 import cv2
 import numpy as np
 import pytest
 
+from benchmarks.photographed_targets import FILTERS_NM, read_series, series_linearity
 from pipeline.base.errors import InputError
 from pipeline.calibration.color import sensor_linearity
 from pipeline.calibration.color.chart_images import ChartFormat, read_linearity
@@ -96,11 +95,8 @@ def test_images_of_two_sizes_are_no_series(tmp_path):
 def test_three_series_of_one_sensor_agree_and_saturation_is_no_limit():
     """Raw mosaics behind three filters: falls short by 2 % well before 255, and not before 170."""
     limits = []
-    for band in (450, 550, 600):
-        paths = sorted(CHARTS.glob(f"*_{band}nm_*.tif"))
-        counts = np.stack([cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ravel() for path in paths]).astype(np.float64)
-        seconds = np.array([float(re.search(r"_(\d+)ms_", path.name)[1]) / 1000 for path in paths])
-        found = measure_linearity(counts, seconds, 0.0, 255.0, 0.02)
+    for band in FILTERS_NM:
+        found = series_linearity(read_series(CHARTS, band), 0.02)
         limits.append(found.up_to)
         # An 8-bit count is good to half a step; the mosaics clip noise below 0.
         assert abs(found.black_level) <= 1.0

@@ -5,19 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.photographed_targets import angles_deg, probe_directions, published_directions
 from pipeline.calibration.lights.ball_highlights import measure_spots
-from pipeline.calibration.lights.ball_photos import read_ball_photo
 from tests.support.shared_data import shared_data
 
 SIZE = 320
 PSBOX, needs_psbox = shared_data("data/mirrorball_psbox/LightProbe-1")
-
-# PSBox (Ying Xiong, MIT licence), data/LightProbe-1/light_directions.txt: a column per image, x right, y up, z to us.
-PUBLISHED = """
--0.354310 -0.231485 0.019117 0.267888 0.323648 -0.215681 0.206743 -0.126778 0.188762 0.224017 -0.213533 -0.131566
- 0.069972  0.347887 0.377425 0.150072 -0.042205 -0.188019 -0.239130 0.207335 0.183521 -0.312077 -0.330370 -0.193409
- 0.932506  0.908509 0.925843 0.951690 0.945236 0.958191 0.948722 0.970020 0.964722 0.923269 0.919380 0.972257
-"""
 
 
 def circle(center, radius):
@@ -94,20 +87,8 @@ def test_clipped_pixels_are_told():
 def test_published_directions_of_psbox():
     """Twelve photographs of one ball: JPEG, sRGB, clipped highlights with streaks. Orthographic, as PSBox has it.
 
-    The circle is theirs (circle_data.txt, clicked by hand): ref.JPG shows the ball before a dark room, which is no
-    silhouette. They take the median of all pixels at 250 or more, their own reading of the same highlights.
+    They take the median of all pixels at 250 or more, their own reading of the same highlights.
     """
-    right, up_from_1, radius = map(float, (PSBOX / "circle_data.txt").read_text().split())
-    error = []
-    for k, published in enumerate(np.loadtxt(PUBLISHED.split("\n"), ndmin=2).T):
-        image, clipped = read_ball_photo(PSBOX / f"Image_{k + 1:02d}.JPG", "srgb")
-        # They count from 1, upwards, at pixel centres.
-        middle = np.array([right - 0.5, len(image) + 0.5 - up_from_1])
-        spot = measure_spots(image, clipped, circle(middle, radius))[0]
-        assert spot.saturated
-        x, y = (spot.pixel - middle) / radius
-        normal = np.array([x, -y, np.sqrt(1 - x**2 - y**2)])
-        direction = 2 * normal[2] * normal - [0, 0, 1]
-        error.append(np.degrees(np.arccos(direction @ published / np.linalg.norm(published))))
-    assert np.mean(error) < 0.35
-    assert np.max(error) < 0.5
+    error = angles_deg(probe_directions(PSBOX), published_directions())
+    assert error.mean() < 0.35
+    assert error.max() < 0.5
