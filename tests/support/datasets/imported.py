@@ -43,7 +43,7 @@ def import_set(
     """The folders of the native capture, and of the results of these stages.
 
     On the way it is checked of every set that it is read in place: the index decodes each image and mask once, but for
-    the few frames in which it compares cameras, and the capture gets no pixels.
+    the few frames in which it compares cameras, tracking no mask twice, and the capture gets no pixels.
     """
     capture, results = folder / "captures/someone", folder / "results"
     before = sorted((path, path.stat().st_size) for path in source.rglob("*"))
@@ -69,7 +69,9 @@ def import_set(
     calibrate_color.run(**given)
     calibrate_lights.run(**given, rig=results / "calibration/rig.json")
     cameras = results / "calibration/cameras.json"
-    track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
+    with counted_decodes() as decoded:
+        track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
+    assert max(Counter(decoded.files).values(), default=1) == 1, "also masks that all frames share"
     return capture, results
 
 
