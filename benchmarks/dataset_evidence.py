@@ -74,9 +74,9 @@ def hull_table(folder: Path, image: tuple[int, int]) -> list[str]:
     """Lines of a table: how far true vertices of OpenIllumination's fake lie from hulls of more and more masks."""
     lines = ["| masks | from the hull, m | pixel of a mask, m |", "|---" * 3 + "|"]
     for count in MASKS:
-        names = [f"{letter}{number}" for number in range(1, 13) for letter in "ABCD"]
+        # Beside those of the fake, others than it has without a pose or without images.
         own = openillumination_layout.CAMERAS
-        names = sorted([*own, *[name for name in names if name not in own]][:count])
+        names = sorted([*own, *(f"E{number}" for number in range(count - len(own)))])
         truth = openillumination_layout.true_object(image=image, names=names)
         truth = replace(truth, frames=dict(list(truth.frames.items())[:2]))  # A hull needs no more.
         shipped = openillumination_layout.write_openillumination(folder / str(count), truth)
