@@ -118,7 +118,15 @@ def read_video_frame(path: Path, frame: int) -> UInt8[np.ndarray, "height width 
 
 @dataclass
 class _SharedVideo:
-    """A video that threads read in turn, and the frames that were passed over."""
+    """A video that threads read in turn, and the frames that were passed over.
+
+    Attributes:
+        changed_ns: when the file was changed.
+        following: number of the frame that is decoded next.
+        passed: frames that were decoded before they are asked for.
+        sought: times that frames have to come at, since the video was moved to one of them.
+        seeks: False once one did not.
+    """
 
     path: Path
     changed_ns: int
@@ -135,7 +143,7 @@ class _SharedVideo:
             if frame in self.passed:
                 return self.passed.pop(frame)
             picture = self._reach(frame)
-            if picture is None and self.sought is not None:
+            if picture is None and self.sought is not None and frame < len(self.sought.shown_ms):
                 log.warning("%s: frames do not come at their times after seeking: decoded from the first", self.path)
                 self.video, self.seeks = None, False
                 picture = self._reach(frame)
