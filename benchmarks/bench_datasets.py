@@ -166,8 +166,9 @@ def page(rows: Sequence[Row], steps: int, before: str, tail: str) -> str:
     lines += [f"{told[fake.dataset]}\n" for fake in shown]
     lines.append(f"\nAvatars were trained for {steps} steps; everything else is the defaults.\n")
     for fake in shown:
-        mask = "the true outline, as the set has no masks" if fake.dataset in WITHOUT_MASKS else "the mask"
-        caption = f"{fake.dataset}: the imported mesh (yellow) through the imported cameras, and {mask} (pink)"
+        masked = fake.dataset not in WITHOUT_MASKS
+        mask = "the mask (pink)" if masked else "the true outline (pink), as the set has no masks"
+        caption = f"{fake.dataset}: the imported mesh (yellow) through the imported cameras, and {mask}"
         lines.append(f"\n![{caption}](pictures/{picture_name(fake)})\n\n*{caption}.*\n")
     return "".join(lines) + tail
 
