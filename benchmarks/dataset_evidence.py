@@ -13,7 +13,7 @@ import pandas as pd
 import pycolmap
 from scipy.spatial import cKDTree
 
-from pipeline.base.color import srgb_from_linear
+from pipeline.base.color import corrected, srgb_from_linear
 from pipeline.base.errors import Complaints
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.base.yaml_files import read_yaml
@@ -113,7 +113,8 @@ class Recorded:
         source = ImageSource.from_index(self.capture, read_json(self.results / "index/capture.json")["images"])
         image = source.read(row.path, None)
         mask = source.read_mask(row.mask_path, image.shape) if isinstance(row.mask_path, str) else None
-        return image @ read_colors(self.results / "calibration/color.json")[camera].T, mask
+        colors = read_colors(self.results / "calibration/color.json")
+        return corrected(image, colors[camera].astype(np.float32)), mask
 
 
 def export_table(folder: Path, image: tuple[int, int]) -> list[str]:
