@@ -16,18 +16,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pandas as pd
-from scipy.spatial import cKDTree
 
+from benchmarks.dataset_evidence import camera_error, direction_table, export_table, hull_table, mesh_error
+from benchmarks.dataset_pictures import draw
 from benchmarks.fake_sets import FAKES, FakeSet
-from pipeline.base.color import corrected, srgb_from_linear
-from pipeline.base.files import read_arrays, read_json, read_table
-from pipeline.capture.images import ImageSource
-from pipeline.effects.scene_evidence import read_colors
+from pipeline.base.files import read_arrays, read_table
 from pipeline.geometry.cameras import read_cameras
-from pipeline.geometry.skin import read_template
 from tests.support.datasets.turning_head import TurningHead
 
 PAGE = Path("docs/imported_sets.md")
@@ -44,8 +40,9 @@ No public set lies beside this repository. What is measured here are fakes: capt
 layout of each set, traps included, written from the set's own loader and datasheet and not from what reads them here.
 Each goes from one line of configuration to `metrics.csv`. Errors are the largest over all cameras, lights and frames;
 "between" are frames without a mesh, where the truth moves evenly. Sets under constant light have no lights to compare.
-openillumination has no mesh at all: its error is how far true vertices lie from the visual hull of six masks. The
-subject is painted flat and the images are small: the decibels say that the pipeline works, not how good a set is.
+openillumination has no mesh at all: its error is how far true vertices lie from the visual hull of six masks, and
+smaller [with more](#visual-hulls). The subject is painted flat and the images are small: the decibels say that the
+pipeline works, not how good a set is.
 
 Images stay in the set, which is as large after the run as before; "written" is all of `captures/<name>`: tables,
 cameras, meshes. The tests of every set count what is decoded: the index decodes each image and mask once, and of eight
@@ -53,13 +50,32 @@ frames a second time, to see whether cameras were exchanged. Stages after it dec
 `pack_shards` all of them.
 """
 
+TAIL = """
+## HumanOLAT's two directions
+
+The set's own programs disagree whether its matrices lead from the world to the camera or back. A fake of each, and how
+far the model overlaps the masks in either reading:
+
+{directions}
+
+## Exports, read back
+
+Goliath's fake, imported, then exported to each layout, and read back by the readers of COLMAP's and nerfstudio's
+cameras, or imported as Goliath again. Images are compared in the counts that the layout stores, of which AVIF is lossy;
+COLMAP and nerfstudio have no place for lights and meshes.
+
+{exports}
+
+## Visual hulls
+
+OpenIllumination's fake with more and more cameras on its ring: the more masks a hull is carved from, the nearer do true
+vertices lie to it, until the pixels are the limit, of which a cell has two at least.
+
+{hulls}
+"""
+"""What follows the pictures."""
+
 WITHOUT_MASKS = ("faceolat",)
-
-SHOWN_SIDE = 420
-"""Height of a picture's panels, pixels."""
-
-SHOWN_FACES = 500
-"""Triangles of a mesh that are drawn, evenly chosen: all edges of a fine one would hide the image."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +122,7 @@ def compared(fake: FakeSet, truth: TurningHead, shipped: Path, project: Path) ->
     cameras = read_cameras(results / "calibration/cameras.json")
     tracked = read_arrays(results / "tracking/0000.safetensors")
     lights = read_table(results / "calibration/lights.parquet").sort_values("light")
-    camera_px = max(
-        float(np.abs(camera.project(points)[0] - truth.cameras[name].project(points) - 0.5).max())
-        for name, camera in cameras.items()
-        for points in [truth.vertices(fake.true_frame(int(frame))) for frame in tracked["frames"][:3]]
-    )
+    camera_px = max(camera_error(cameras, truth, fake.true_frame(int(frame))) for frame in tracked["frames"][:3])
     places = lights[["x", "y", "z"]].to_numpy()
     light_m = np.nan if fake.constant_light else float(np.abs(places - truth.lights_m).max())
     table = read_table(results / "tracking/0000.parquet")
@@ -128,71 +140,18 @@ def compared(fake: FakeSet, truth: TurningHead, shipped: Path, project: Path) ->
     )  # fmt: skip
 
 
-def mesh_error(vertices: np.ndarray, true: np.ndarray) -> float:
-    """Largest error of a coordinate; of another mesh, such as a hull, the largest distance of a true vertex from it."""
-    if vertices.shape == true.shape:
-        return float(np.abs(vertices - true).max())
-    return float(cKDTree(vertices).query(true)[0].max())
-
-
 def size_mb(folder: Path) -> float:
     """Size of the files of a folder, links not followed, in megabytes."""
     return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file() and not path.is_symlink()) / 1e6
 
 
-def draw(fake: FakeSet, project: Path, path: Path, most: int = 4) -> None:
-    """Write a picture: images of several cameras with the mask's outline and the projected mesh."""
-    results, capture = project / "results" / fake.dataset, project / "captures" / fake.dataset
-    described, images = read_json(results / "index/capture.json"), read_table(results / "index/images.parquet")
-    source = ImageSource.from_index(capture, described["images"])
-    cameras = read_cameras(results / "calibration/cameras.json")
-    colors = read_colors(results / "calibration/color.json")
-    faces = read_template(capture / described["template"]["mesh"], 1.0).faces
-    faces = faces[:: -(-len(faces) // SHOWN_FACES)]
-    tracked = read_arrays(results / "tracking/0000.safetensors")
-    vertices = dict(zip(tracked["frames"].tolist(), tracked["vertices"].astype(np.float64), strict=True))
-    # Without masks, fully lit images with a mesh of their own.
-    tracking, frames = read_table(results / "tracking/0000.parquet"), read_table(results / "frames.parquet")
-    seen = set(tracking.frame[tracking.status == "given"]) & set(frames.frame[frames.fully_lit])
-    masked = images[images.mask_path.notna() if images.mask_path.notna().any() else images.frame.isin(seen)]
-    names = sorted(masked.camera.unique())
-    chosen = [names[i] for i in np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)]
-    panels = []
-    for number, name in enumerate(chosen):
-        rows = masked[masked.camera == name].sort_values("frame")
-        row = rows.iloc[number * (len(rows) - 1) // max(len(chosen) - 1, 1)]
-        image = corrected(source.read(row.path, row.frame), colors[name].astype(np.float32))
-        mask = source.read_mask(row.mask_path, image.shape) if pd.notna(row.mask_path) else None
-        small = cameras[name].downsampled(float(described["images"]["downsample_from_sensor"]))
-        pixels, _ = small.project(vertices[row.frame])
-        panels.append(panel(image, mask, pixels[faces], f"{name}, {row.frame}"))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), np.hstack(panels)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
-
-
-def panel(image: np.ndarray, mask: np.ndarray | None, triangles: np.ndarray, title: str) -> np.ndarray:
-    """An image enlarged, with the mask's outline in pink and the mesh's edges in yellow."""
-    factor = SHOWN_SIDE / image.shape[0]
-    size = (round(image.shape[1] * factor), SHOWN_SIDE)
-    bright = srgb_from_linear(np.clip(image / max(float(np.percentile(image, 99)), 1e-6), 0, 1))
-    shown = cv2.resize((255 * bright).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    # From the corner of the first pixel to OpenCV's pixel centres, in sixteenths.
-    lines = np.round((triangles * factor - 0.5) * 16).astype(np.int32)
-    cv2.polylines(shown, list(lines), isClosed=True, color=(240, 200, 40), lineType=cv2.LINE_AA, shift=4)
-    if mask is not None:
-        large = cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
-        outlines, _ = cv2.findContours((large >= 128).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(shown, outlines, -1, (230, 90, 170), 2, cv2.LINE_AA)
-    cv2.putText(shown, title, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
-    return shown
-
-
-def page(rows: Sequence[Row], steps: int, before: str) -> str:
+def page(rows: Sequence[Row], steps: int, before: str, tail: str) -> str:
     """The page as Markdown; rows of sets that were not run are those of the page before."""
     columns = ["set", "fake", "set before and after, MB", "written, MB", "stages", "cameras, px", "lights, m",
                "meshes, m", "between, m", "PSNR, dB"]  # fmt: skip
     lines = [HEAD, f"\n| {' | '.join(columns)} |\n", "|---" * len(columns), "|\n"]
-    told = {line.split(" | ")[0].removeprefix("| "): line for line in before.splitlines() if line.startswith("| ")}
+    old = before.partition("\n## ")[0].splitlines()
+    told = {line.split(" | ")[0].removeprefix("| "): line for line in old if line.startswith("| ")}
     for row in rows:
         name = next(iter(row.truth.cameras))
         width, height = row.truth.image_size(name)
@@ -207,10 +166,21 @@ def page(rows: Sequence[Row], steps: int, before: str) -> str:
     lines += [f"{told[fake.dataset]}\n" for fake in shown]
     lines.append(f"\nAvatars were trained for {steps} steps; everything else is the defaults.\n")
     for fake in shown:
-        mask = "" if fake.dataset in WITHOUT_MASKS else ", and the mask (pink)"
-        caption = f"{fake.dataset}: the imported mesh (yellow) through the imported cameras{mask}"
+        masked = fake.dataset not in WITHOUT_MASKS
+        mask = "the mask (pink)" if masked else "the true outline (pink), as the set has no masks"
+        caption = f"{fake.dataset}: the imported mesh (yellow) through the imported cameras, and {mask}"
         lines.append(f"\n![{caption}](pictures/{picture_name(fake)})\n\n*{caption}.*\n")
-    return "".join(lines)
+    return "".join(lines) + tail
+
+
+def told_tail(folder: Path) -> str:
+    """Sections about what is decided, exported and carved."""
+    sections = {
+        "directions": direction_table(folder / "directions", (96, 144)),
+        "exports": export_table(folder / "exports", (96, 144)),
+        "hulls": hull_table(folder / "hulls", (192, 288)),
+    }
+    return TAIL.format(**{name: "\n".join(lines) for name, lines in sections.items()})
 
 
 def picture_name(fake: FakeSet) -> str:
@@ -228,9 +198,10 @@ def main() -> None:
     for fake in [fake for fake in FAKES if fake.dataset in arguments.only]:
         with tempfile.TemporaryDirectory() as folder:
             row, project = run_fake(fake, Path(folder), arguments.steps)
-            draw(fake, project, PICTURES / picture_name(fake))
+            draw(fake, row.truth, project, PICTURES / picture_name(fake))
         rows.append(row)
-    text = page(rows, arguments.steps, PAGE.read_text())
+    with tempfile.TemporaryDirectory() as folder:
+        text = page(rows, arguments.steps, PAGE.read_text(), told_tail(Path(folder)))
     print(text)
     PAGE.write_text(text)
 

@@ -4,7 +4,7 @@
 
 Fakes of the sets go through all stages up to the packed images, and heads through their mean textures, in one process
 and one chunk of frames. Every file that is decoded is counted for the stage that does it, and of videos every frame
-that the codec decodes. Writes the table between marks of docs/datasets.md.
+that the codec decodes. Long videos are then read chunk by chunk. Writes the tables between marks of docs/datasets.md.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pandas as pd
 import yaml
 
@@ -23,6 +25,9 @@ from benchmarks.bench_dataset_costs import ATLAS
 from benchmarks.fake_sets import FAKES, FakeSet
 from benchmarks.marked_page import write_between
 from pipeline.base.files import read_json, read_table
+from pipeline.capture import video_frames
+from pipeline.capture.video_frames import read_video_frame
+from pipeline.capture.video_seeking import frame_times
 from pipeline.config.import_capture import ImportCapture
 from pipeline.stages import (
     bake_textures,
@@ -50,6 +55,12 @@ STAGES = (
 
 EVERY = "all"
 """Name of the row that sums the stages."""
+
+VIDEO_FRAMES, CHUNK_FRAMES = 1100, 64
+"""Of a long sequence of NeRSemble, and of a job as the defaults have it."""
+
+VIDEOS = {"VP9": "vp09", "MPEG-2, two B-frames between others": "mpg2"}
+"""Codecs of videos that are read chunk by chunk. OpenCV writes a key frame every 12 frames."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +154,42 @@ def table(found: Collection[tuple[str, Counted]]) -> list[str]:
     ]
 
 
+def write_frames(path: Path, code: str) -> None:
+    """Write a video of noise that moves."""
+    noise = np.random.default_rng(0).integers(0, 256, (64, 2 * VIDEO_FRAMES + 96, 3)).astype(np.uint8)
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*code), 24.0, (96, 64))
+    for frame in range(VIDEO_FRAMES):
+        writer.write(cv2.blur(noise[:, 2 * frame : 2 * frame + 96], (5, 5)))
+    writer.release()
+
+
+def video_row(what: str, folder: Path) -> str:
+    """Row of a video: how many frames codecs decode for all chunks together, each read by a job of its own."""
+    path = folder / "video.mp4"
+    write_frames(path, VIDEOS[what])
+    ends = [min(first + CHUNK_FRAMES, VIDEO_FRAMES) for first in range(0, VIDEO_FRAMES, CHUNK_FRAMES)]
+    decoded, before = 0, sum(ends)
+    for first, end in zip([0, *ends], ends, strict=False):
+        video_frames._shared.cache_clear()
+        frame_times.cache_clear()
+        with counted_decodes() as found:
+            for frame in range(first, end):
+                read_video_frame(path, frame)
+        decoded += len(found.video_frames)
+    cells = f"{decoded:,} | {decoded / VIDEO_FRAMES:.2g} | {before:,} | {before / VIDEO_FRAMES:.2g}"
+    return f"| {what} | {len(ends)} | {cells} |"
+
+
+def video_table() -> list[str]:
+    """Lines of the table of videos."""
+    with tempfile.TemporaryDirectory() as made:
+        return [
+            f"| video of {VIDEO_FRAMES:,} frames | jobs | decoded by all | times each | from the first | times each |",
+            "|---|---|---|---|---|---|",
+            *(video_row(what, Path(made)) for what in VIDEOS),
+        ]
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -150,9 +197,11 @@ def main() -> None:
     options = parser.parse_args()
     fakes = {fake.dataset: fake for fake in FAKES}
     lines = table([(name, count_fake(fakes[name])) for name in options.only])
-    print("\n".join(lines))
+    videos = video_table()
+    print("\n".join([*lines, *videos]))
     if options.only == list(fakes):
         write_between(PAGE, "decodes", lines)
+        write_between(PAGE, "video chunks", videos)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,12 @@
 """Frames of a recorded video, counted from 0, each decoded exactly.
 
-No seeking, which codecs answer as they like.
+Frames in order cost one pass. One far ahead is sought where `pipeline.capture.video_seeking` can tell that it is the
+right one; else all before it are decoded.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,6 +17,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from pipeline.base.errors import InputError
+from pipeline.capture.video_seeking import PASSED_INSIDE, FrameTimes, frame_times
+
+log = logging.getLogger(__name__)
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv")
 
@@ -103,6 +108,8 @@ def _facts(path: Path, _changed_ns: int) -> VideoFacts:
 def read_video_frame(path: Path, frame: int) -> UInt8[np.ndarray, "height width 3"]:
     """One frame as B, G, R. Frames in order cost one pass, also if several threads share it.
 
+    The job of a later chunk of frames starts at a key frame before its first.
+
     Raises:
         InputError: if the video has no such frame.
     """
@@ -111,37 +118,83 @@ def read_video_frame(path: Path, frame: int) -> UInt8[np.ndarray, "height width 
 
 @dataclass
 class _SharedVideo:
-    """A video that threads read in turn, and the frames that were passed over."""
+    """A video that threads read in turn, and the frames that were passed over.
+
+    Attributes:
+        changed_ns: when the file was changed.
+        following: number of the frame that is decoded next.
+        passed: frames that were decoded before they are asked for.
+        sought: times that frames have to come at, since the video was moved to one of them.
+        seeks: False once one did not.
+    """
 
     path: Path
+    changed_ns: int
     lock: threading.Lock = field(default_factory=threading.Lock)
     video: cv2.VideoCapture | None = None
     following: int = 0
     passed: dict[int, np.ndarray] = field(default_factory=dict)
+    sought: FrameTimes | None = None
+    seeks: bool = True
 
     def read(self, frame: int) -> np.ndarray:
         """A frame, which is decoded once if frames are asked for in order."""
         with self.lock:
             if frame in self.passed:
                 return self.passed.pop(frame)
-            if self.video is None or frame < self.following:
-                self.video, self.following = cv2.VideoCapture(str(self.path)), 0
-                self.passed.clear()
-            close = frame - self.following <= AHEAD
-            while self.following < frame and self.video.grab():
-                if close:
-                    self.passed[self.following] = self.video.retrieve()[1]
-                self.following += 1
-            there, picture = self.video.read() if self.following == frame else (False, None)
-            if not there:
+            picture = self._reach(frame)
+            if picture is None and self.sought is not None and frame < len(self.sought.shown_ms):
+                log.warning("%s: frames do not come at their times after seeking: decoded from the first", self.path)
+                self.video, self.seeks = None, False
+                picture = self._reach(frame)
+            if picture is None:
                 self.video = None
                 raise InputError(f"{self.path}: expected a frame {frame}, found none")
-            self.following = frame + 1
-            for number in sorted(self.passed)[:-AHEAD]:
-                del self.passed[number]
             return picture
+
+    def _reach(self, frame: int) -> np.ndarray | None:
+        """Decode up to a frame, keeping the latest before it if it is the first of a run or hardly ahead."""
+        kept = frame - AHEAD if self._move(frame) or frame - self.following <= AHEAD else frame
+        while self.following <= frame:
+            if not self.video.grab():
+                return None
+            if self.sought and self.sought.number(self.video.get(cv2.CAP_PROP_POS_MSEC)) != self.following:
+                return None
+            if self.following >= kept:
+                self.passed[self.following] = self.video.retrieve()[1]
+            self.following += 1
+        picture = self.passed.pop(frame)
+        for number in sorted(self.passed)[:-AHEAD]:
+            del self.passed[number]
+        return picture
+
+    def _move(self, frame: int) -> bool:
+        """Begin a new run of frames, from the first or from a key frame, if there is no way on or a shorter one."""
+        back = self.video is None or frame < self.following
+        if back:
+            self._open()
+        first = max(frame - AHEAD, 0)
+        if not self.seeks or first - self.following <= PASSED_INSIDE:
+            return back
+        times = frame_times(self.path, self.changed_ns)
+        if times is None or frame >= len(times.shown_ms) or (start := times.start_before(first)) <= self.following:
+            return back
+        self.video.set(cv2.CAP_PROP_POS_FRAMES, start + PASSED_INSIDE)
+        landed = times.number(self.video.get(cv2.CAP_PROP_POS_MSEC)) if self.video.grab() else None
+        if landed is None or not start <= landed < first:
+            log.warning("%s: seeking lands beside: decoded from the first", self.path)
+            self.seeks = False
+            self._open()
+        else:
+            self.following, self.sought = landed + 1, times
+            self.passed.clear()
+        return True
+
+    def _open(self) -> None:
+        self.video, self.following, self.sought = cv2.VideoCapture(str(self.path)), 0, None
+        self.passed.clear()
 
 
 @lru_cache(maxsize=OPEN_VIDEOS)
-def _shared(path: Path, _changed_ns: int) -> _SharedVideo:
-    return _SharedVideo(path)
+def _shared(path: Path, changed_ns: int) -> _SharedVideo:
+    return _SharedVideo(path, changed_ns)

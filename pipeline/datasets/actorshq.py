@@ -18,7 +18,7 @@ import pandas as pd
 
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.capture.archives import read_bytes
-from pipeline.capture.images import decode_mask, decode_stored
+from pipeline.capture.images import decode_stored
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.actorshq_cameras import CALIBRATION, read_actorshq_cameras
@@ -28,6 +28,7 @@ from pipeline.datasets.kept_frames import frames_with_meshes, shown
 from pipeline.datasets.layout import require
 from pipeline.datasets.mask_agreement import posed_vertices, prove_meshes
 from pipeline.datasets.meshes_beside import meshes_beside
+from pipeline.datasets.set_masks import read_set_mask
 from pipeline.datasets.up_axis import turned, upright_from_set
 from pipeline.geometry.mesh_files import Mesh
 
@@ -151,7 +152,7 @@ def image_store(
     table = pd.DataFrame(rows, columns=["camera", "frame", "path", "mask_path"])
     table = table.astype({"camera": "str", "frame": "int64", "path": "str", "mask_path": "str"})
     masks = table.mask_path.dropna()
-    ones = len(masks) > 0 and decode_mask(read_bytes(root / masks.iloc[0]), root / masks.iloc[0]).max() == 1
+    ones = len(masks) > 0 and read_set_mask(root / masks.iloc[0]).max() == 1
     return ImageStore(table, sizes, "srgb", 0.0, 1, MaskFormat((1,)) if ones else PLAIN_MASKS)
 
 

@@ -16,8 +16,8 @@ from jaxtyping import Float64, Int64, UInt8
 from pipeline.base.errors import InputError
 from pipeline.base.spread import evenly
 from pipeline.capture.archives import read_bytes
-from pipeline.capture.images import decode_mask
 from pipeline.datasets.imported_capture import ImageStore, TrackedMeshes
+from pipeline.datasets.set_masks import read_set_mask
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.mesh_files import decode_mesh
 from pipeline.geometry.signed_distance import draw_silhouette
@@ -122,7 +122,7 @@ def masked_views(root: Path, store: ImageStore, meshes: TrackedMeshes) -> list[M
     masks = {}
     for row in chosen.drop_duplicates("mask_path").itertuples():  # Images of a still subject share them.
         path, (width, height) = root / row.mask_path, store.sizes[row.camera]
-        masks[row.mask_path] = store.masks.fit(decode_mask(read_bytes(path), path), (height, width), path)
+        masks[row.mask_path] = store.masks.fit(read_set_mask(path), (height, width), path)
     return [MaskedView(row.camera, masks[row.mask_path], posed[row.frame]) for row in chosen.itertuples()]
 
 

@@ -10,9 +10,10 @@ import pandas as pd
 
 from pipeline.base.errors import InputError, listed
 from pipeline.capture.archives import read_bytes
-from pipeline.capture.images import decode_mask, decode_stored
+from pipeline.capture.images import decode_stored
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 from pipeline.datasets.imported_capture import ImageStore
+from pipeline.datasets.set_masks import read_set_mask
 
 
 def find_images(root: Path, folder: str, wanted: Collection[str]) -> dict[str, dict[int, str]]:
@@ -59,7 +60,7 @@ def image_store(
         height, width = decode_stored(read_bytes(path), path).shape[:2]
         sizes[name] = (width, height)
         if has_mask:
-            highest.add(int(decode_mask(read_bytes(root / mask), root / mask).max()))
+            highest.add(int(read_set_mask(root / mask).max()))
     table = pd.DataFrame(rows, columns=["camera", "frame", "path", "mask_path"])
     table = table.astype({"camera": "str", "frame": "int64", "path": "str", "mask_path": "str"})
     labels = tuple(sorted(highest - {0}))

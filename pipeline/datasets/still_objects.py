@@ -17,10 +17,10 @@ from jaxtyping import Float64, UInt8
 
 from pipeline.base.errors import InputError
 from pipeline.capture.archives import read_bytes
-from pipeline.capture.images import decode_mask
 from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.imported_capture import ImageStore, Provenance
 from pipeline.datasets.mask_agreement import Agreement, MaskedView, agreement, decide, prove
+from pipeline.datasets.set_masks import read_set_mask
 from pipeline.datasets.visual_hull import OutlineView, carve
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.mesh_files import Mesh, decode_mesh
@@ -133,7 +133,7 @@ def small_masks(root: Path, store: ImageStore) -> dict[str, SmallMask]:
     masks = {}
     for row in store.table[store.table.mask_path.notna()].drop_duplicates("camera").itertuples():
         path, (width, height) = root / row.mask_path, store.sizes[row.camera]
-        mask = store.masks.fit(decode_mask(read_bytes(path), path), (height, width), path)
+        mask = store.masks.fit(read_set_mask(path), (height, width), path)
         factor = -(-max(mask.shape) // MASK_SIDE)
         rows, columns = mask.shape[0] // factor, mask.shape[1] // factor
         cut = mask[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)

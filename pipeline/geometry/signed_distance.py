@@ -86,12 +86,15 @@ def signed_distance(mask: UInt8[np.ndarray, "height width"]) -> Float32[np.ndarr
 
 
 def view_from_masks(camera: Camera, masks: Sequence[UInt8[np.ndarray, "height width"] | None]) -> View:
-    """Signed distances of one camera's masks; None where a frame has none."""
+    """Signed distances of one camera's masks; None where a frame has none. One that follows itself is measured once."""
     distance = np.zeros((len(masks), camera.height, camera.width), np.float32)
     usable = np.array([mask is not None and bool((mask >= HALF_COVERED).any()) for mask in masks])
     inside = np.zeros(distance.shape, bool)
     for frame in np.flatnonzero(usable):
-        distance[frame], inside[frame] = signed_distance(masks[frame]), masks[frame] >= HALF_COVERED
+        if frame and masks[frame] is masks[frame - 1]:
+            distance[frame], inside[frame] = distance[frame - 1], inside[frame - 1]
+        else:
+            distance[frame], inside[frame] = signed_distance(masks[frame]), masks[frame] >= HALF_COVERED
     binary = all(np.isin(masks[frame], (0, 255)).all() for frame in np.flatnonzero(usable))
     return View(camera, inside, distance, usable, binary)
 

@@ -64,7 +64,7 @@ def mask_views(
 ) -> dict[str, View]:
     """Silhouettes of masks by camera, from at most `most` cameras, reduced to `size_px`.
 
-    Empty if the capture has no masks.
+    A mask that frames share, as those of a still subject do, is decoded once. Empty if the capture has no masks.
     """
     masked = images[images.mask_path.notna() & images.camera.isin(list(cameras)) & images.frame.isin(frames)]
     names = evenly(sorted(masked.camera.unique()), most)
@@ -73,13 +73,12 @@ def mask_views(
         factor = reduction(cameras[name], size_px)
         camera = cameras[name].downsampled(float(factor))
         rows = masked[masked.camera == name].set_index("frame").mask_path
-        masks = (_mask(source, rows.get(frame), cameras[name], factor, camera) for frame in frames)
-        views[name] = view_from_masks(camera, list(masks))
+        paths = [rows.get(frame) for frame in frames]
+        masks = {path: _mask(source, path, cameras[name], factor, camera) for path in dict.fromkeys(paths) if path}
+        views[name] = view_from_masks(camera, [masks.get(path) for path in paths])
     return views
 
 
-def _mask(source: ImageSource, path: str | None, camera: Camera, factor: int, small: Camera) -> np.ndarray | None:
-    if path is None:
-        return None
+def _mask(source: ImageSource, path: str, camera: Camera, factor: int, small: Camera) -> np.ndarray:
     mask = source.read_mask(path, (camera.height, camera.width))
     return np.round(block_means(mask, factor, small)).astype(np.uint8)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import shutil
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
@@ -27,6 +31,7 @@ from tests.support.datasets.actorshq_layout import (
     write_meshes,
 )
 from tests.support.datasets.imported import assert_true_cameras, import_set
+from tests.support.datasets.projected import assert_outlined
 
 
 @pytest.fixture(scope="module")
@@ -102,3 +107,21 @@ def test_what_is_assumed_is_in_the_log(shipped, settings, tmp_path, caplog):
     run(dataset="actorshq", source=shipped, subject="x", out=tmp_path / "out", settings=settings)
     for told in ("light: 32 lights of one", "times: 25 frames a second", "how images store light: sRGB"):
         assert f"assumed: {told}" in caplog.text
+
+
+def test_the_fake_is_as_the_sets_loader_reads_it(truth, shipped, settings):
+    """Its own steps: world-from-camera by axis and angle, lenses times the image's size, files by camera and frame."""
+    with (shipped / "calibration.csv").open() as table:
+        row = next(row for row in csv.DictReader(table) if row["name"] == LYING)
+    value = {key: float(number) for key, number in row.items() if key != "name"}
+    R, place = Rotation.from_rotvec([value[a] for a in ("rx", "ry", "rz")]), [value[a] for a in ("tx", "ty", "tz")]
+    path = next(each for each in Path(settings.mesh).iterdir() if int(each.stem[-6:]) == FRAMES[3])
+    vertices = np.array([line.split()[1:] for line in path.open() if line[0] == "v"], float)
+    seen = R.inv().apply(vertices - place)
+    size = np.array([value["w"], value["h"]])
+    lens = np.array([value["fx"], value["fy"]]) * size, np.array([value["px"], value["py"]]) * size
+    pixels = seen[:, :2] / seen[:, 2:] * lens[0] + lens[1]
+    mask = cv2.imread(str(shipped / f"masks/{LYING}/{LYING}_mask{FRAMES[3]:06d}.png"), cv2.IMREAD_UNCHANGED)
+    image = cv2.imread(str(shipped / f"rgbs/{LYING}/{LYING}_rgb{FRAMES[3]:06d}.jpg"))
+    assert image.shape[:2] == mask.shape == tuple(size[::-1])
+    assert_outlined(mask, pixels)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
+import zipfile
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from PIL import Image
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
@@ -29,6 +32,7 @@ from tests.support.datasets.ava256_layout import (
     write_topology,
 )
 from tests.support.datasets.imported import assert_true_cameras, import_set
+from tests.support.datasets.projected import assert_outlined
 
 FIRST = SEGMENTS["EXP_neutral_peak"][0]
 
@@ -112,3 +116,31 @@ def test_faces_are_asked_for_and_what_is_missing_is_named(shipped, topology, tmp
         run(dataset="ava256", source=shipped, subject="x", out=tmp_path / "out")
     with pytest.raises(InputError, match=r"(?s)5 problems.*head_pose/head_pose\.zip: file: expected one"):
         run(dataset="ava256", source=shipped / "encoder", subject="x", out=tmp_path / "out", settings=topology)
+
+
+def test_the_fake_is_as_the_sets_loader_reads_it(truth, shipped):
+    """Its own steps: transposed K and T of the sensor, vertices moved by the head's pose, an image by its number."""
+    inside = shipped / "decoder"
+    entry = next(e for e in json.loads((inside / "camera_calibration.json").read_text())["KRT"]
+                 if e["cameraId"] == CAMERAS[1])  # fmt: skip
+    K, Rt = np.array(entry["K"]).T, np.array(entry["T"]).T[:3, :4]
+    segment, number = (inside / "frame_list.csv").read_text().splitlines()[3].split(",")
+    assert segment == next(iter(SEGMENTS))
+
+    def member(archive, name):
+        with zipfile.ZipFile(inside / archive) as opened:
+            return opened.read(name)
+
+    content = member("kinematic_tracking/registration_vertices.zip", f"{number}.ply").split(b"end_header\n", 1)[1]
+    pose = np.array([line.split() for line in member("head_pose/head_pose.zip", f"{number}.txt").splitlines()], float)
+    world = np.frombuffer(content, "<f4").reshape(-1, 3) @ pose[:, :3].T + pose[:, 3]
+    np.testing.assert_allclose(world / 1000, truth.vertices(int(number)), atol=1e-6)
+    seen = world @ Rt[:, :3].T + Rt[:, 3]
+    pixels = (seen[:, :2] / seen[:, 2:] @ K[:2, :2].T + K[:2, 2] + 0.5) / SMALLER
+    name = f"cam{CAMERAS[1]}"
+    labels = Image.open(io.BytesIO(member(f"segmentation_parts/{name}.zip", f"{name}/{number}.png")))
+    image = Image.open(io.BytesIO(member(f"image/{name}.zip", f"{name}/{number}.avif")))
+    assert image.size == labels.size == truth.image_size(CAMERAS[1])
+    assert_outlined(np.isin(labels, (1, 2)), pixels)
+    points = np.load(io.BytesIO(member("keypoints_3d/keypoints_3d.zip", f"{number}.npy")))
+    assert points.shape[1] == 6

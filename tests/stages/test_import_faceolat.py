@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import logging
 import shutil
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from PIL import Image
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
@@ -169,3 +171,35 @@ def test_captures_are_chosen_and_a_chunk_without_a_transform_is_refused(shipped,
     path.unlink()
     message = refusal(root, tmp_path / "out", settings(meshes))
     assert f"{CALIBRATION}.xml: file: expected one, found none" in message and "prraoo/FaceOLAT" in message
+
+
+def test_the_fake_is_as_the_sets_programs_read_it(truth, shipped):
+    """Their own steps: Metashape's lens and pose in the chunk's frame, durations with fractions, a power of light."""
+    chunk = ElementTree.parse(shipped / f"calibration/cameras/{CALIBRATION}.xml").getroot().find("chunk")
+    camera = next(each for each in chunk.iter("camera") if each.get("label") == CAMERAS[2])
+    sensor = next(each for each in chunk.iter("sensor") if each.get("id") == camera.get("sensor_id"))
+    lens = {each.tag: float(each.text) for each in sensor.find("calibration") if each.tag != "resolution"}
+    width, height = (float(sensor.find("resolution").get(side)) for side in ("width", "height"))
+    turn, shift = (
+        np.array(chunk.find(f"transform/{part}").text.split(), float) for part in ("rotation", "translation")
+    )
+    pose = np.array(camera.find("transform").text.split(), float).reshape(4, 4)
+    in_chunk = (truth.vertices(5) - shift) @ turn.reshape(3, 3) / float(chunk.find("transform/scale").text)
+    seen = (in_chunk - pose[:3, 3]) @ pose[:3, :3]
+    # As its manual has it.
+    x, y = (seen[:, :2] / seen[:, 2:]).T
+    r2 = x**2 + y**2
+    radial = 1 + lens["k1"] * r2 + lens["k2"] * r2**2 + lens["k3"] * r2**3
+    bent_x = x * radial + lens["p1"] * (r2 + 2 * x**2) + 2 * lens["p2"] * x * y
+    bent_y = y * radial + lens["p2"] * (r2 + 2 * y**2) + 2 * lens["p1"] * x * y
+    u = width / 2 + lens["cx"] + bent_x * (lens["f"] + lens["b1"])
+    v = height / 2 + lens["cy"] + bent_y * lens["f"]
+    expected = truth.cameras[CAMERAS[2]].project(truth.vertices(5)) + 0.5
+    np.testing.assert_allclose(np.stack([u, v], 1), expected, atol=1e-9)
+    patterns = json.loads((shipped / "relighting/lights/light_pattern_metadata.json").read_text())
+    np.testing.assert_allclose(np.array(patterns["light_positions"]) / 1000, truth.lights_m, atol=1e-12)
+    frame, number = json.loads((shipped / "relighting/lights/light_pattern_per_frame.json").read_text())[3]
+    assert patterns["light_patterns"][number]["light_index_durations"] == [[2, 331]] and frame == 3
+    image = Image.open(shipped / f"{CAMERAS[2]}/{CAPTURE}/{CAPTURE}.{frame + 1:06d}.avif")
+    linear = DARKER * (np.asarray(image) / 255) ** 2.2
+    np.testing.assert_allclose(linear, truth.image(CAMERAS[2], frame), atol=0.05)

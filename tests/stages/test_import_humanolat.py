@@ -27,6 +27,7 @@ from tests.support.datasets.humanolat_layout import (
     write_humanolat,
 )
 from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, score_as_preset
+from tests.support.datasets.projected import assert_outlined
 
 DIRECTIONS = ("camera-from-world", "world-from-camera")
 
@@ -124,3 +125,29 @@ def test_origins_that_contradict_the_masks_are_refused(truth, shipped, tmp_path)
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match="lines origin that agree with the masks"):
         run(dataset="humanolat", source=root, subject="x", out=tmp_path / "out")
+
+
+def test_the_fake_is_as_the_sets_programs_read_it(truth, imported):
+    """Their own steps: K times the image's width, the lines behind comments, images named by lights in firing order."""
+    root = (imported[0] / "source").resolve()
+    blocks = (root / "shared/cameras.calib").read_text().split("camera\t")[1:]
+    rows = [line.removeprefix("# ").split() for line in blocks[2].splitlines() if line.startswith("# ")]
+    at = {row[0]: number for number, row in enumerate(rows) if len(row) == 1}
+    T = np.vstack([np.array(rows[at["extrinsics"] + 1 : at["extrinsics"] + 4], float), [0, 0, 0, 1]])
+    K = np.array(rows[at["intrinsics"] + 1 : at["intrinsics"] + 4], float)
+    mask = cv2.imread(str(root / "segmentations/masks/000/Cam03.png"), cv2.IMREAD_UNCHANGED)
+    K[:2] *= mask.shape[1]
+    from_world = T if imported[2] == DIRECTIONS[0] else np.linalg.inv(T)
+    lines = (root / "model/model.obj").read_text().splitlines()
+    model = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    seen = model @ from_world[:3, :3].T + from_world[:3, 3]
+    pixels = seen[:, :2] / seen[:, 2:] @ K[:2, :2].T + K[:2, 2]
+    assert_outlined(mask, pixels)
+    origin = next(line for line in blocks[2].splitlines() if line.startswith("origin")).split()[1:]
+    np.testing.assert_allclose(np.array(origin, float), -from_world[:3, :3].T @ from_world[:3, 3], atol=1e-6)
+    points = np.array([line.split()[1:] for line in (root / "shared/LSX_light_positions_aligned.pc").open()], float)
+    order = [int(line) - 1 for line in (root / "shared/LSX3_light_z_spiral.txt").open()]
+    np.testing.assert_array_equal(points, truth.lights_m)
+    for k, number in ((0, 15), (18, 33), (19, 35)):
+        assert (root / f"images_processed/Cam03/capture.{number:06d}.avif").is_file()
+        assert truth.frames[number] == {order[k]: 1.0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -31,6 +32,7 @@ from tests.support.datasets.olatverse_layout import (
     true_object,
     write_olatverse,
 )
+from tests.support.datasets.projected import assert_outlined
 
 IMAGE = (32, 48)
 CASES = {"as released": ("blender", MILLIMETRES), "other readings": ("opencv", METRES)}
@@ -138,3 +140,32 @@ def test_several_models_ask_for_the_name_of_one(shipped, tmp_path):
     shutil.copy(root / "model/model.obj", root / "model/other.obj")
     with pytest.raises(InputError, match=r"expected one mesh, found model/model.obj, model/other.obj; name one by"):
         run(dataset="olatverse", source=root, subject="x", out=tmp_path / "out")
+
+
+def test_masks_that_do_not_decide_are_refused_with_all_numbers(shipped, tmp_path):
+    root = copy_of(shipped, tmp_path)
+    for path in root.glob("mask/*.png"):
+        cv2.imwrite(str(path), np.zeros(IMAGE[::-1], np.uint8))
+    with pytest.raises(InputError, match="expected one convention to overlap the masks") as caught:
+        run(dataset="olatverse", source=root, subject="x", out=tmp_path / "out")
+    assert str(caught.value).count(": 0.000") == 4
+
+
+def test_the_fake_is_as_loaders_of_the_set_read_it(truth, shipped):
+    """Steps of GS3's: cx, cy, fx, fy of each frame, Blender's world-from-camera, a light's place and intensity."""
+    content = json.loads((shipped / "transforms_train.json").read_text())["frames"]
+    listed = json.loads((shipped.parent / "shared/all_lights.json").read_text())["frames"]
+    frame = content[-1]
+    name, file = frame["cam_idx"], frame["file_path"].split("/")[-1]
+    assert (shipped / f"masked_olat/{name}/{file}.avif").is_file()
+    cx, cy, fx, fy = frame["camera_intrinsics"]
+    pose = np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])
+    lines = (shipped / "model/model.obj").read_text().splitlines()
+    vertices = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    seen = (vertices - pose[:3, 3]) @ pose[:3, :3]
+    pixels = seen[:, :2] / seen[:, 2:] * [fx, fy] + [cx, cy]
+    mask = cv2.imread(str(shipped / f"mask/{name}.png"), cv2.IMREAD_UNCHANGED)
+    assert_outlined(mask, pixels)
+    lit = {entry["light_idx"]: entry for entry in listed}
+    assert sorted(lit) == list(range(LIGHTS)) and lit[frame["light_idx"]]["pl_pos"] == frame["pl_pos"]
+    np.testing.assert_array_equal(frame["pl_pos"], truth.lights_m[frame["light_idx"]])

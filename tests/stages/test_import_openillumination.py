@@ -35,6 +35,7 @@ from tests.support.datasets.openillumination_layout import (
     write_mesh,
     write_openillumination,
 )
+from tests.support.datasets.projected import assert_outlined
 
 IMAGE = (32, 48)
 AXES = {"opencv": "OpenCV's axes", "blender": "Blender's axes"}
@@ -193,3 +194,22 @@ def test_patterns_with_a_table_of_lights_are_in_the_world_of_their_own_calibrati
     camera = read_cameras(tmp_path / "out/cameras.json")["D3"]
     vertices = truth.vertices(1)
     np.testing.assert_allclose(camera.project(vertices)[0], truth.cameras["D3"].project(vertices) + 0.5, atol=1e-6)
+
+
+@pytest.mark.parametrize(("axes", "flip"), [("opencv", [1, 1, 1]), ("blender", [1, -1, -1])])
+def test_the_fake_is_as_the_sets_loaders_read_it(truth, tmp_path, axes, flip):
+    """Their own steps: f = 0.5 w / tan(angle / 2), the middle of the image, world-from-camera, masks of 0 and 1."""
+    root = write_openillumination(tmp_path, truth, axes=axes)
+    entry = json.loads((root / "output/transforms_train.json").read_text())["frames"]["B2"]
+    image = cv2.imread(str(root / "Lights/007/raw_undistorted/B2.JPG"))
+    mask = cv2.imread(str(root / "output/obj_masks/B2.png"), cv2.IMREAD_UNCHANGED)
+    height, width = image.shape[:2]
+    assert mask.shape == (height, width) and set(np.unique(mask)) == {0, 1}
+    pose = np.array(entry["transform_matrix"]) @ np.diag([*flip, 1])
+    vertices = np.array([line.split()[1:] for line in write_mesh(tmp_path / "a.obj", truth).open() if line[0] == "v"])
+    seen = (vertices.astype(float) - pose[:3, 3]) @ pose[:3, :3]
+    focal = 0.5 * width / np.tan(0.5 * entry["camera_angle_x"])
+    pixels = focal * seen[:, :2] / seen[:, 2:] + [width / 2, height / 2]
+    assert_outlined(mask, pixels)
+    lights = np.load(tmp_path / "light_pos.npy")
+    assert lights.dtype == np.float64 and lights.shape == (LIGHTS, 3)

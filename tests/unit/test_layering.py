@@ -141,6 +141,18 @@ def test_no_test_module_imports_another(repo_root):
     assert not found
 
 
+def test_fakes_of_public_sets_know_nothing_of_what_reads_them(repo_root):
+    """They are written from the sets' own programs; what both took from one place would agree and still be wrong."""
+    layouts = sorted((repo_root / "tests/support/datasets").glob("*_layout.py"))
+    assert len(layouts) >= 9
+    for path in (*layouts, repo_root / "tests/support/datasets/turning_head.py"):
+        found = re.findall(r"^\s*(?:from|import) (\w+[\w.]*)", path.read_text(), re.MULTILINE)
+        assert not [name for name in found if name.startswith("pipeline")], path
+        assert all(name.endswith(("_layout", "turning_head")) for name in found if name.startswith("tests")), path
+    readers = [path.read_text() for path in (repo_root / "pipeline").rglob("*.py")]
+    assert not [text for text in readers if re.search(r"^\s*(?:from|import) tests", text, re.MULTILINE)]
+
+
 def test_no_call_unpickles(modules):
     """torch.load without weights_only=True and np.load with allow_pickle both unpickle."""
     found = []

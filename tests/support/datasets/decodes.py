@@ -7,12 +7,14 @@ import functools
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import ModuleType
 
 import cv2
 import pytest
 
 from pipeline.capture import images
+from pipeline.capture.video_seeking import PASSED_INSIDE, frame_times
 
 
 @dataclass
@@ -54,16 +56,38 @@ class _Listener(logging.Handler):
         self.found.files.append((self.found.stage, str(record.args[0])))
 
 
-def _counted_video(found: Decodes, kind: type) -> Callable[[str], object]:
-    """A stand-in for OpenCV's videos, whose `grab` decodes a frame; `read` grabs one and converts it."""
+def _counted_video(found: Decodes, kind: type) -> type:
+    """A stand-in for OpenCV's videos, whose `grab` decodes a frame; `read` grabs one and converts it.
+
+    One that is opened with more than its path gives packets that nobody decodes. Seeking decodes from a key frame on;
+    how many frames that were is known as soon as the next one says its time.
+    """
 
     class CountedVideo:
-        def __init__(self, path: str) -> None:
-            self.path, self.video = path, kind(path)
+        def __init__(self, path: str, *how: object) -> None:
+            self.path, self.raw, self.start, self.video = path, bool(how), None, kind(path, *how)
+
+        def count(self, frames: int) -> None:
+            found.video_frames += [(found.stage, self.path)] * frames
+
+        def set(self, name: int, frame: int) -> bool:
+            self.start = frame - PASSED_INSIDE
+            return self.video.set(name, frame)
+
+        def grab(self) -> bool:
+            there = self.video.grab()
+            if self.start is not None:
+                times = frame_times(Path(self.path), Path(self.path).stat().st_mtime_ns)
+                self.count((times.number(self.video.get(cv2.CAP_PROP_POS_MSEC)) or self.start) - self.start)
+                self.start = None
+            self.count(0 if self.raw else 1)
+            return there
+
+        def read(self) -> tuple[bool, object]:
+            self.count(1)
+            return self.video.read()
 
         def __getattr__(self, name: str) -> object:
-            if name in ("grab", "read"):
-                found.video_frames.append((found.stage, self.path))
             return getattr(self.video, name)
 
     return CountedVideo

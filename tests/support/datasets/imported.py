@@ -43,16 +43,20 @@ def import_set(
     """The folders of the native capture, and of the results of these stages.
 
     On the way it is checked of every set that it is read in place: the index decodes each image and mask once, but for
-    the few frames in which it compares cameras, and the capture gets no pixels.
+    the few frames in which it compares cameras, importing and tracking no mask twice, and the capture gets no pixels.
     """
     capture, results = folder / "captures/someone", folder / "results"
     before = sorted((path, path.stat().st_size) for path in source.rglob("*"))
-    import_capture.run(dataset=dataset, source=source, subject="someone", out=capture, settings=settings)
+    with counted_decodes() as looked_at:
+        import_capture.run(dataset=dataset, source=source, subject="someone", out=capture, settings=settings)
     with counted_decodes() as decoded:
         index_capture.run(capture=capture, out=results / "index")
     images = pd.read_parquet(results / "index/images.parquet")
     times = Counter(path.removeprefix(f"{capture}/") for _, path in decoded.files)
     assert set(times) == set(images.path) | set(images.mask_path.dropna()), "each image and mask"
+    masks = {path.removeprefix("source/") for path in images.mask_path.dropna()}
+    proven = Counter(path for _, path in looked_at.files if path.removeprefix(f"{source.resolve()}/") in masks)
+    assert max(proven.values(), default=1) == 1, "importing decodes no mask twice"
     compared = 2 * FRAMES * images.camera.nunique() if images.mask_path.notna().any() else 0
     assert max(times.values()) <= 2 and len(decoded.files) <= len(times) + compared, (
         "again only those that tell whether cameras were exchanged"
@@ -69,7 +73,9 @@ def import_set(
     calibrate_color.run(**given)
     calibrate_lights.run(**given, rig=results / "calibration/rig.json")
     cameras = results / "calibration/cameras.json"
-    track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
+    with counted_decodes() as decoded:
+        track_mesh.run(capture=capture, index=results / "index", cameras=cameras, chunk=0, out=results / "tracking")
+    assert max(Counter(decoded.files).values(), default=1) == 1, "also masks that all frames share"
     return capture, results
 
 

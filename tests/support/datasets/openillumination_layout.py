@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,11 +37,13 @@ WORLDS = {OLAT: np.diag([1.0, -1.0, -1.0]), PATTERNS: np.array([[1.0, 0, 0], [0,
 """The set's world from the truth's."""
 
 
-def true_object(kind: str = OLAT, image: tuple[int, int] = (48, 72)) -> TurningHead:
+def true_object(
+    kind: str = OLAT, image: tuple[int, int] = (48, 72), names: Sequence[str] = tuple(CAMERAS)
+) -> TurningHead:
     """The truth: pixels are square, principal points in the middle, and CA2's images are larger."""
     shown = {n: (n,) for n in range(LIGHTS)} if kind == OLAT else LIT_BY
     frames = {number: dict.fromkeys(lights, INTENSITY) for number, lights in shown.items()}
-    ring = ring_of_cameras(CAMERAS, image, arc=300)
+    ring = ring_of_cameras(list(names), image, arc=300)
     cameras = {name: _plain(camera, 1.25 if name == "CA2" else 1.0) for name, camera in ring.items()}
     return TurningHead(cameras, 1, dome_of_lights(LIGHTS, 1.0), frames, (min(frames),), still=True)
 
@@ -61,7 +64,7 @@ def write_openillumination(
         times: of the positions of cameras.
     """
     root = folder / kind / OBJECT
-    for name in CAMERAS:
+    for name in truth.cameras:
         # Machine vision cameras ship as .JPG here, the others as .png: the set has both.
         suffix = ".png" if name == "CA2" else ".JPG"
         for number in truth.frames:

@@ -14,6 +14,7 @@ from pipeline.capture.archives import holder_of, is_there, read_bytes
 from pipeline.capture.images import read_image, read_mask
 from pipeline.capture.paths import locate
 from pipeline.capture.video_frames import read_video_frame, video_facts
+from tests.support.datasets.decodes import counted_decodes
 
 FRAMES = 24
 CODEC_LOSS = 8
@@ -36,34 +37,11 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def decoded(monkeypatch):
-    """Numbers of frames that videos were moved on by, one after the other."""
+def decoded():
+    """Frames that codecs decode meanwhile."""
     video_frames._shared.cache_clear()
-    moved, opened = [], cv2.VideoCapture
-
-    class Counted:
-        def __init__(self, path):
-            self.video = opened(path)
-
-        def grab(self):
-            moved.append("grab")
-            return self.video.grab()
-
-        def retrieve(self):
-            return self.video.retrieve()
-
-        def read(self):
-            moved.append("read")
-            return self.video.read()
-
-        def get(self, name):
-            return self.video.get(name)
-
-        def release(self):
-            self.video.release()
-
-    monkeypatch.setattr(video_frames.cv2, "VideoCapture", Counted, raising=True)
-    yield moved
+    with counted_decodes() as found:
+        yield found.video_frames
     video_frames._shared.cache_clear()
 
 

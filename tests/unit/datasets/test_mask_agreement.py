@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.base.errors import InputError
 from pipeline.datasets.imported_capture import TrackedMeshes
-from pipeline.datasets.mask_agreement import MaskedView, agreement, posed_vertices
+from pipeline.datasets.mask_agreement import CLEAR_MARGIN, Agreement, MaskedView, agreement, decide, posed_vertices
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.mesh_files import decode_mesh
 
@@ -51,3 +54,14 @@ def test_mesh_of_a_head_lies_where_its_motion_takes_it(tmp_path, moves):
     found = posed_vertices(tmp_path, TrackedMeshes(pd.DataFrame([row]), 0.001, rest), 7)
     expected = points / 1000 @ motion[:, :3].T + motion[:, 3] if moves else points / 1000
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("closer", [0.6, 0.9])
+def test_conventions_that_fit_nearly_as_well_are_refused_with_all_numbers(closer, caplog):
+    """Of three readings, two of which overlap the masks, though one does so less."""
+    found = {"a": Agreement(0.5, 0.05), "b": Agreement(0.9, 0.8), "c": Agreement(0.9, 0.8 - closer * CLEAR_MARGIN)}
+    with caplog.at_level(logging.INFO), pytest.raises(InputError) as caught:
+        decide(found, "set")
+    assert f"b: 0.800, c: {0.8 - closer * CLEAR_MARGIN:.3f}, a: 0.050" in str(caught.value)
+    assert all(f"read as {name}: overlap {each.overlap:.3f}" in caplog.text for name, each in found.items())
+    assert decide(found | {"c": Agreement(0.9, 0.8 - 1.01 * CLEAR_MARGIN)}, "set") == "b"
