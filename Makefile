@@ -46,12 +46,12 @@ help:
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
-# Files of tests side by side, the longest first; each on one thread, or they wait for each other's. Three more processes
+# Files of tests side by side, the longest first; each on one thread, or they wait for each other's. Four more processes
 # than cores: many tests wait for what they have started. Bytecode is kept whatever else is asked for: without, each
 # process compiles all tests anew, 15 s of a processor.
 test: $(READY)
 	$(QUIET) OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= \
-	    $(BIN)/python -m pytest -q -n $$(($(CORES) + 3)) --dist loadfile --no-loadscope-reorder
+	    $(BIN)/python -m pytest -q -n $$(($(CORES) + 4)) --dist loadfile --no-loadscope-reorder
 
 slurm: $(READY)
 	$(INSTALL) --no-build-isolation --editable '.[slurm]'

@@ -50,8 +50,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Collect what tests leave behind."""
+    """Collect what tests leave behind, not after each 700 objects: that took 3 % of all tests' time."""
     gc.freeze()
+    gc.set_threshold(50_000)
     gc.enable()
 
 

@@ -74,13 +74,20 @@ def tracked(captured, out: Path, **settings) -> tuple[dict[str, np.ndarray], np.
     return result, 1e3 * np.linalg.norm(result["vertices"] - truth, axis=-1)
 
 
-def test_head_is_found_to_a_millimetre_and_its_expression_with_it(head, captured, tmp_path):
-    result, error = tracked(captured, tmp_path / "a")
+@pytest.fixture(scope="module")
+def found(captured, tmp_path_factory):
+    """Folder, arrays and errors of the fit that most tests look at."""
+    out = tmp_path_factory.mktemp("found")
+    return out, *tracked(captured, out)
+
+
+def test_head_is_found_to_a_millimetre_and_its_expression_with_it(head, captured, found, tmp_path):
+    out, result, error = found
     # Pixels of 2.8 mm, keypoints of 0.35 px in three or four views each.
     assert error.mean() < 1.0
     assert "joint_rotations" not in result
     assert result["root_rotation"].shape == (6, 4) and result["root_translation"].shape == (6, 3)
-    table = read_table(tmp_path / "a/0000.parquet")
+    table = read_table(out / "0000.parquet")
     assert (table.status == "tracked").all()
     assert (table.silhouette_iou > 0.985).all()
     _, rigid_error = tracked(captured, tmp_path / "b", deformation_modes=0)
@@ -89,8 +96,8 @@ def test_head_is_found_to_a_millimetre_and_its_expression_with_it(head, captured
     assert error[:, lower_face].mean() < 0.5 * rigid_error[:, lower_face].mean()
 
 
-def test_eyes_keep_their_shape_and_look_where_their_pupils_are(head, captured, tmp_path):
-    result, _ = tracked(captured, tmp_path)
+def test_eyes_keep_their_shape_and_look_where_their_pupils_are(head, captured, found):
+    result = found[1]
     eyes = result["vertices"][:, head.skin_count :].reshape(6, 2, -1, 3).astype(np.float64)
     middle = eyes.mean(2, keepdims=True)
     rest = head.vertices[head.skin_count :].reshape(2, -1, 3)
@@ -121,7 +128,6 @@ def test_frames_without_keypoints_are_interpolated_and_say_so(captured, tmp_path
     assert error[3].mean() < 4.0
 
 
-def test_result_is_the_same_every_time(captured, tmp_path):
-    tracked(captured, tmp_path / "a")
-    tracked(captured, tmp_path / "b")
-    assert (tmp_path / "a/0000.safetensors").read_bytes() == (tmp_path / "b/0000.safetensors").read_bytes()
+def test_result_is_the_same_every_time(captured, found, tmp_path):
+    tracked(captured, tmp_path)
+    assert (tmp_path / "0000.safetensors").read_bytes() == (found[0] / "0000.safetensors").read_bytes()
