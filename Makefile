@@ -35,7 +35,7 @@ help:
 	@echo 'make scaling                       measure how time and memory grow with sizes, into results/scaling'
 	@echo 'make effects                       planned effects against all on, into results/effects_comparison.csv'
 	@echo 'make time                          measure where the time goes, and write that page; TIMED=results/SUBJECT ...'
-	@echo 'make evidence                      measure again what docs/evidence.md shows; an hour and a half'
+	@echo 'make evidence                      measure irradiance, scaling, time, hard cases and effects again, into the docs'
 	@echo 'make lint                          check style of code and workflow'
 	@echo 'make docs                          build the documentation into build/docs'
 	@echo 'make detect                        install what finds keypoints and masks in photographs, into .venv-detect'
@@ -46,12 +46,12 @@ help:
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
 	@echo 'make TARGET                        snakemake --cores $(CORES) TARGET'
 
-# Files of tests side by side, the longest first; each on one thread, or they wait for each other's. Four more processes
+# Files of tests side by side, the longest first; each on one thread, or they wait for each other's. Three more processes
 # than cores: many tests wait for what they have started. Bytecode is kept whatever else is asked for: without, each
 # process compiles all tests anew, 15 s of a processor.
 test: $(READY)
 	$(QUIET) OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= \
-	    $(BIN)/python -m pytest -q -n $$(($(CORES) + 4)) --dist loadfile --no-loadscope-reorder
+	    $(BIN)/python -m pytest -q -n $$(($(CORES) + 3)) --dist loadfile --no-loadscope-reorder
 
 slurm: $(READY)
 	$(INSTALL) --no-build-isolation --editable '.[slurm]'
@@ -114,7 +114,8 @@ time: $(READY)
 	    --results $(subject) --out results/time/training_$(notdir $(subject)).json &&) true
 	$(BIN)/python -m docs.generate.where_time_goes --results $(TIMED) --measured results/time
 
-# All that docs/evidence.md names but attacks and planted bugs, and the pages that it is written to.
+# What docs/evidence.md names, and the pages that it is written to; not what takes hours or other subjects: curves, attacks,
+# planted bugs, verdicts, error budgets, comparisons.
 evidence: results/subjectA/metrics.csv hard-cases effects scaling
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_irradiance_cost --results results/subjectA \
 	    --page docs/irradiance.md

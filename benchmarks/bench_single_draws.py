@@ -60,6 +60,12 @@ from the papers' by how it starts."""
 USUAL_SHARE = 0.88
 """That constant: where the network that reads the irradiance alone starts, too."""
 
+COLUMNS = {
+    "network": "shadow network", "frames": "frames", "traced_db": "traced, dB", "single_rays_db": "single rays, dB",
+    "lit_by_all_db": "learned from these, lit by traced, dB", "shared_db": "shared rays, dB",
+}  # fmt: skip
+"""Columns as printed, and as the page has them."""
+
 FEWER = 3
 """The rows with fewer frames keep each third partially lit one."""
 
@@ -124,11 +130,20 @@ def blinded(frames: Mapping[int, FrameRecord]) -> dict[int, FrameRecord]:
     }
 
 
+def page_lines(table: pd.DataFrame) -> list[str]:
+    """The table of the page."""
+    lines = ["| " + " | ".join(COLUMNS.values()) + " |", "|---" * len(COLUMNS) + "|"]
+    for network, frames, *scores in table.itertuples(index=False):
+        lines.append("| " + " | ".join([network, frames, *(f"{score:.2f}" for score in scores)]) + " |")
+    return lines
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--results", type=Path, required=True, help="folder results/SUBJECT")
     parser.add_argument("--steps", type=int, default=150, help="of each training")
+    parser.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS), help="networks to train")
     parser.add_argument("--few", action="store_true", help="the first and the last row also with fewer frames")
     parser.add_argument("--page", type=Path, help="page with the marks single draws: begin and end")
     options = parser.parse_args()
@@ -141,32 +156,17 @@ def main() -> None:
     traced, single, shared = (with_maps(results, atlas, frames, settings) for settings in (TRACED, SINGLE, SHARED))
     rows = []
     with_few = [(name, True) for name in (next(iter(ROWS)), next(reversed(ROWS)))] if options.few else []
-    for name, few in [(name, False) for name in ROWS] + with_few:
+    for name, few in [(name, False) for name in options.rows] + with_few:
         clear, noisy, lent = (blinded(maps) if name == BLIND else maps for maps in (traced, single, shared))
         full, drawn, sharing = (scene.trained(maps, few, ROWS[name]) for maps in (clear, noisy, lent))
-        scores = (
-            scene.score(full, clear),
-            scene.score(drawn, noisy),
-            scene.score(drawn, clear),
-            scene.score(sharing, lent),
-        )
+        pairs = (full, clear), (drawn, noisy), (drawn, clear), (sharing, lent)
+        scores = [scene.score(*pair) for pair in pairs]
         rows.append((name, "third" if few else "all", *scores))
         print(rows[-1], flush=True)
-    columns = ["network", "frames", "traced_db", "single_rays_db", "lit_by_all_db", "shared_db"]
-    table = pd.DataFrame(rows, columns=columns).round(2)
-    print(table.to_string(index=False))
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    print(table.round(2).to_string(index=False))
     if options.page:
-        head = [
-            "shadow network",
-            "frames",
-            "traced, dB",
-            "single rays, dB",
-            "the same, lit by all, dB",
-            "lost, dB",
-        ]
-        lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-        lines += ["| " + " | ".join(map(str, row)) + " |" for row in table.itertuples(index=False)]
-        write_between(options.page, "single draws", lines)
+        write_between(options.page, f"single draws, {options.steps} steps", page_lines(table))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.capture.images import ImageSource
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.signed_distance import View, silhouette_overlap
-from pipeline.geometry.skin import Template, read_joint_names, read_template
+from pipeline.geometry.skin import Template, read_template
 from pipeline.geometry.surface_points import spread_vertices
 from pipeline.lighting.frame_lights import read_frame_lights
 from pipeline.tracking.color_views import read_color_views
@@ -128,7 +128,7 @@ def run(
         )  # fmt: skip
     prior = MotionPrior(
         times_s, settings.rotation_acceleration, settings.translation_acceleration, settings.rest_rotation,
-        hinges=hinge_axes(settings.hinges, read_joint_names(mesh, template), mesh), takes=takes.astype(np.int64),
+        hinges=hinge_axes(settings.hinges, mesh, template), takes=takes.astype(np.int64),
     )  # fmt: skip
     schedule = [Rounds("silhouettes", silhouettes, settings.outline_rounds)] if silhouettes else []
     if template.rigged:

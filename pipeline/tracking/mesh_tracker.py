@@ -25,7 +25,6 @@ from pipeline.geometry.pose_interpolation import carry_offsets, fill_between
 from pipeline.geometry.skin import Template
 from pipeline.geometry.triangulation import Triangulation, reprojection, triangulate
 from pipeline.tracking.cues import Rounds, fit_cues
-from pipeline.tracking.hinges import with_bent_hinges
 from pipeline.tracking.keyframe_refinement import KeyframeRefinement, refine_keyframes
 from pipeline.tracking.keypoint_targets import KeypointTargets, size_ratio
 from pipeline.tracking.left_right_swaps import exchanged, find_left_right_swaps
@@ -122,7 +121,7 @@ def track(
     ratio = size_ratio(template, targets, measured, point_positions(points, points.rest_pose(1))[0])
     kept = np.flatnonzero(solved)
     some, takes, prior = observations.at(kept), prior.takes, prior.at(kept)
-    start = with_bent_hinges(_aligned(points, measured[kept]), prior.hinges)
+    start = _aligned(points, measured[kept])
     positions = position_term(measured[kept], np.maximum(sigma_m[kept], SMALLEST_SIGMA_M))
     pose, _ = solve_poses(points, positions, prior, start, limits.max_iterations)
     sigma_px = max(found.noise_px, SMALLEST_SIGMA_PX)

@@ -30,7 +30,8 @@ DECORRELATION_S = 1 / 24
 at 90 frames per second is not smoothed more than one at 24."""
 
 HINGE_PLAY_RAD = 0.1
-"""Standard deviation of what a hinge turns about other axes, or backwards: an elbow's or a knee's is some degrees."""
+"""Standard deviation of what a hinge turns about other axes, or backwards: 6 degrees. Half or twice as much moves what
+95 % of subjectA's vertices stay within, 7.2 mm, by 0.3 mm."""
 
 SERIES_BELOW_RAD = 1e-2
 """Angle below which the coefficient in `inverse_right_jacobian` is taken from its series; the error is below 1e-12."""
@@ -121,8 +122,20 @@ def _share(prior: MotionPrior, pose: Pose) -> float:
     return float(np.median(np.diff(prior.times_s)) / DECORRELATION_S) if len(pose) > 1 else 1.0
 
 
-def _off_hinges(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation vectors from the rest pose [F, free, 3], and the precision of what no hinge allows [F, free, 3, 3].
+def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rotation vectors from rest [F, free, 3], robust precision [F, free, 3, 3], and half their cost."""
+    rest = points.template.rest_rotations[None] if prior.expected is None else prior.expected
+    away = rotation_vector_from_quaternion(
+        multiply_quaternions(conjugate_quaternion(rest[:, points.free]), pose.joint_rotations[:, points.free])
+    )
+    share = _share(prior, pose)
+    losses, weight = cauchy((away**2).sum(-1) / prior.rest_rotation**2)
+    precision = (share * weight / prior.rest_rotation**2)[..., None, None] * np.eye(3)
+    return away, precision, float((share * losses).sum())
+
+
+def _off_hinges(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rotation vectors from the rest pose, and precision and half the cost of what no hinge allows, as `_from_rest`.
 
     That is a turn about another axis, and bending backwards.
     """
@@ -133,18 +146,14 @@ def _off_hinges(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[
     is_hinge = (axis != 0).any(-1)[:, None, None]
     backwards = ((turned * axis).sum(-1) < 0)[..., None, None]
     stiff = np.where(is_hinge, np.eye(3) - along, 0.0) + np.where(backwards, along, 0.0)
-    return turned, _share(prior, pose) / HINGE_PLAY_RAD**2 * stiff
+    precision = _share(prior, pose) / HINGE_PLAY_RAD**2 * stiff
+    return turned, precision, 0.5 * float(np.einsum("fpa,fpab,fpb->", turned, precision, turned))
 
 
-def _from_rest(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rotation vectors from rest [F, free, 3], robust precision [F, free], and half their cost."""
-    rest = points.template.rest_rotations[None] if prior.expected is None else prior.expected
-    away = rotation_vector_from_quaternion(
-        multiply_quaternions(conjugate_quaternion(rest[:, points.free]), pose.joint_rotations[:, points.free])
-    )
-    share = _share(prior, pose)
-    losses, weight = cauchy((away**2).sum(-1) / prior.rest_rotation**2)
-    return away, share * weight / prior.rest_rotation**2, float((share * losses).sum())
+def _turns(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """What is expected of single frames' local rotations: `_from_rest`, and `_off_hinges` if there are any."""
+    terms = [_from_rest(prior, points, pose)]
+    return terms if prior.hinges is None else [*terms, _off_hinges(prior, points, pose)]
 
 
 def prior_cost(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> float:
@@ -152,10 +161,7 @@ def prior_cost(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> float:
 
     Half the squares of whitened ones; of the distance from rest, Cauchy's loss.
     """
-    cost = _from_rest(prior, points, pose)[2]
-    if prior.hinges is not None:
-        off, precision = _off_hinges(prior, points, pose)
-        cost += 0.5 * np.einsum("fpa,fpab,fpb->", off, precision, off)
+    cost = sum(cost for _, _, cost in _turns(prior, points, pose))
     if len(pose) > 2:
         cost += 0.5 * (_accelerations(prior, points, pose)[0] ** 2).sum()
     return float(cost)
@@ -167,17 +173,11 @@ def prior_system(prior: MotionPrior, points: TrackedPoints, pose: Pose) -> Bande
     parts = unknowns // 3
     blocks = [np.zeros((frames, parts, 3, 3)) for _ in range(3)]
     gradient = np.zeros((frames, parts, 3))
-    away, precision, _ = _from_rest(prior, points, pose)
-    jacobian = inverse_right_jacobian(away)
-    carried = precision[..., None, None] * jacobian.swapaxes(-1, -2)
-    blocks[0][:, 2:] += carried @ jacobian
-    gradient[:, 2:] += (carried @ away[..., None])[..., 0]
-    if prior.hinges is not None:
-        off, stiffness = _off_hinges(prior, points, pose)
-        jacobian = inverse_right_jacobian(off)
-        carried = jacobian.swapaxes(-1, -2) @ stiffness
+    for away, precision, _ in _turns(prior, points, pose):
+        jacobian = inverse_right_jacobian(away)
+        carried = (precision @ jacobian).swapaxes(-1, -2)
         blocks[0][:, 2:] += carried @ jacobian
-        gradient[:, 2:] += (carried @ off[..., None])[..., 0]
+        gradient[:, 2:] += (carried @ away[..., None])[..., 0]
     if frames > 2:
         residual, change, dt, scale = _accelerations(prior, points, pose)
         onward = inverse_right_jacobian(change)

@@ -1,7 +1,7 @@
 """Check of types and shapes at the first calls of each function in each file of tests.
 
 jaxtyping wraps every function of the package (`--jaxtyping-packages` in pyproject.toml), and what it wraps with decides
-how often it looks. The hundredth call tells little that the first three did not, and a check takes as long as many a
+how often it looks. The hundredth call tells little that the first ten did not, and a check takes as long as many a
 function: a fifth of the time of all tests, where every call is checked.
 """
 
@@ -16,7 +16,7 @@ from types import FunctionType
 
 from beartype import beartype
 
-CALLS = 3
+CALLS = 10
 """Calls that are checked, of each function in each file of tests with its fixtures."""
 
 _file: Path | None = None

@@ -182,6 +182,11 @@ def test_sun_of_the_pictures_sky_stands_low_on_the_right():
     assert sun[0] > 0.6 and 0.2 < sun[1] < 0.4
 
 
+def page_with_marks(path, name):
+    path.write_text(f"<!-- {name}: begin -->\n<!-- {name}: end -->\n")
+    return path
+
+
 def test_comparison_has_a_row_for_each_avatar_and_none_for_their_mean(tmp_path):
     rows = [
         {"subject": subject, "variant": variant, "baseline": "full", "lit": lit, "metric": metric, "images": 7,
@@ -191,8 +196,7 @@ def test_comparison_has_a_row_for_each_avatar_and_none_for_their_mean(tmp_path):
         for metric, mean in (("psnr_db", psnr - (lit == "partial")), ("ssim", 0.9), ("flip", 0.1))
     ]  # fmt: skip
     pd.DataFrame(rows).to_csv(tmp_path / "comparison.csv")
-    page = tmp_path / "page.md"
-    page.write_text("<!-- comparison: begin -->\n<!-- comparison: end -->\n")
+    page = page_with_marks(tmp_path / "page.md", "comparison")
     comparison_table.run(comparison=tmp_path / "comparison.csv", page=page)
     assert page.read_text().splitlines()[1:-1] == [
         "| subject | variant | images | PSNR, dB | partially lit | against `full` | SSIM | FLIP |",
@@ -214,8 +218,7 @@ def test_error_budgets_have_a_row_and_a_picture_per_subject(tmp_path):
         write_table(folders[-1] / "error_budget/error_budget.csv", pd.DataFrame(budget))
         (folders[-1] / "error_budget/error_budget.png").write_bytes(name.encode())
     (tmp_path / "docs/pictures").mkdir(parents=True)
-    page = tmp_path / "docs/page.md"
-    page.write_text("<!-- error budgets: begin -->\n<!-- error budgets: end -->\n")
+    page = page_with_marks(tmp_path / "docs/page.md", "error budgets")
     error_budget_table.run(results=tuple(folders), page=page)
     assert page.read_text().splitlines()[1:-1] == [
         "| subject | all true | our color | lost |",
@@ -240,8 +243,7 @@ def test_effects_are_compared_by_scene_and_in_the_median(tmp_path):
     ]  # fmt: skip
     columns = ["scene", "avatar", "effects", "psnr_db", "psnr_lost_db", "cpu_ratio"]
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "table.csv")
-    page = tmp_path / "page.md"
-    page.write_text("<!-- effects comparison: begin -->\n<!-- effects comparison: end -->\n")
+    page = page_with_marks(tmp_path / "page.md", "effects comparison")
     effects_table.run(comparison=tmp_path / "table.csv", page=page)
     assert page.read_text().splitlines()[3:-1] == [
         "| dull | none | 30.00 dB | +0.25 dB | 50 % | +1.00 dB | 5.0 % |",
@@ -257,8 +259,7 @@ def test_scaling_has_a_row_per_cost_and_no_exponent_where_none_is_told(tmp_path)
     write_table(tmp_path / "scaling/exponents.csv", pd.DataFrame([row, flat]))
     (tmp_path / "scaling/scaling.png").write_bytes(b"png")
     (tmp_path / "pictures").mkdir()
-    page = tmp_path / "page.md"
-    page.write_text("<!-- scaling: begin -->\n<!-- scaling: end -->\n")
+    page = page_with_marks(tmp_path / "page.md", "scaling")
     scaling_table.run(results=tmp_path / "scaling", page=page)
     assert page.read_text().splitlines()[3:-1] == [
         "| `track_mesh` | frames | CPU seconds | 8 | 4,096 | 1 | 0.98 (0.90 to 1.06) | as predicted |",

@@ -103,7 +103,7 @@ def test_no_baseline_or_other_images_are_refused():
 
 def test_in_a_table_without_effects_anything_is_found_in_one_of_twenty():
     """Two subjects, three ablations, three lightings: eighteen correlated tests of a table."""
-    rng, draws = np.random.default_rng(6), 20
+    rng, draws = np.random.default_rng(6), 60
     found = 0
     for _ in range(draws):
         effects = dict.fromkeys(("full", "a", "b", "c"), 0.0)

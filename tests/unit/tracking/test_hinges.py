@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.base.errors import InputError
 from pipeline.geometry.kinematics import Pose, TrackedPoints, point_positions, tracked_points
 from pipeline.geometry.skin import Template, read_joint_names, read_template
-from pipeline.tracking.hinges import START_BEND_RAD, hinge_axes, with_bent_hinges
+from pipeline.tracking.hinges import hinge_axes
 from pipeline.tracking.motion_prior import DECORRELATION_S, HINGE_PLAY_RAD, MotionPrior, prior_cost
 from pipeline.tracking.pose_solver import position_term, solve_poses
 from tests.support.figures.walking import BONES, write_template
@@ -24,8 +25,19 @@ VERTICES_OF_A_TUBE = 62
 
 
 @pytest.fixture
-def template(tmp_path: Path) -> Template:
-    return read_template(write_template(tmp_path / "t.glb", units_per_m=100.0), 0.01)
+def file(tmp_path: Path) -> Path:
+    return write_template(tmp_path / "t.glb", units_per_m=100.0)
+
+
+@pytest.fixture
+def template(file: Path) -> Template:
+    return read_template(file, 0.01)
+
+
+@pytest.fixture
+def prior_with(file: Path, template: Template) -> Callable[[dict], MotionPrior]:
+    times = STEP_S * np.arange(FRAMES)
+    return lambda hinges: MotionPrior(times, 30.0, 10.0, 1.0, hinges=hinge_axes(hinges, file, template))
 
 
 @pytest.fixture
@@ -36,12 +48,6 @@ def points(template: Template) -> TrackedPoints:
     return tracked_points(template, joints, np.append(np.full(len(BONES), -1), tip))
 
 
-def prior_with(hinges: dict) -> MotionPrior:
-    return MotionPrior(
-        STEP_S * np.arange(FRAMES), 30.0, 10.0, 1.0, hinges=hinge_axes(hinges, NAMES, Path("template.glb"))
-    )
-
-
 def bent(points: TrackedPoints, turn: Rotation, joint: int = ELBOW) -> Pose:
     """The rest pose with one joint turned from its rest, in all frames."""
     pose = points.rest_pose(FRAMES)
@@ -50,7 +56,9 @@ def bent(points: TrackedPoints, turn: Rotation, joint: int = ELBOW) -> Pose:
     return replace(pose, joint_rotations=rotations)
 
 
-def test_bending_a_hinge_costs_what_it_costs_without_and_turning_it_otherwise_more(points: TrackedPoints) -> None:
+def test_bending_a_hinge_costs_what_it_costs_without_and_turning_it_otherwise_more(
+    points: TrackedPoints, prior_with: Callable
+) -> None:
     free, hinged = prior_with({}), prior_with({"left_forearm": "z"})
     about = bent(points, Rotation.from_rotvec([0.0, 0.0, 1.2]))
     across = bent(points, Rotation.from_rotvec([0.3, 0.0, 0.0]))
@@ -62,7 +70,7 @@ def test_bending_a_hinge_costs_what_it_costs_without_and_turning_it_otherwise_mo
 
 @pytest.mark.parametrize(("axis", "degrees"), [("z", 20.0), ("negative_z", -20.0)])
 def test_bending_a_hinge_backwards_costs_as_turning_it_otherwise(
-    points: TrackedPoints, axis: str, degrees: float
+    points: TrackedPoints, prior_with: Callable, axis: str, degrees: float
 ) -> None:
     hinged, free = prior_with({"left_forearm": axis}), prior_with({})
     ways = [bent(points, Rotation.from_rotvec([0.0, 0.0, sign * np.radians(degrees)])) for sign in (1.0, -1.0)]
@@ -71,16 +79,9 @@ def test_bending_a_hinge_backwards_costs_as_turning_it_otherwise(
     assert extra == pytest.approx([0.0, expected], rel=1e-9, abs=1e-12)
 
 
-def test_fit_begins_with_hinges_bent_the_way_they_go(points: TrackedPoints) -> None:
-    start = with_bent_hinges(points.rest_pose(FRAMES), prior_with({"left_forearm": "negative_z"}).hinges)
-    expected = bent(points, Rotation.from_rotvec([0.0, 0.0, -START_BEND_RAD]))
-    assert np.allclose(start.joint_rotations, expected.joint_rotations, atol=1e-12)
-    assert with_bent_hinges(start, None) is start
-
-
 @pytest.mark.parametrize(("axis", "angle"), [("z", 1.2), ("negative_z", -1.2)])
 def test_hinge_tells_the_twist_that_keypoints_do_not(
-    template: Template, points: TrackedPoints, axis: str, angle: float
+    template: Template, points: TrackedPoints, prior_with: Callable, axis: str, angle: float
 ) -> None:
     """The elbow bends about an axis that is oblique to the forearm, so that bending also turns it about itself."""
     truth = bent(points, Rotation.from_rotvec([0.0, 0.0, angle]))
@@ -90,8 +91,7 @@ def test_hinge_tells_the_twist_that_keypoints_do_not(
     term = position_term(seen, np.full(seen.shape[:2], 1e-3))
 
     def off(hinges: dict) -> float:
-        prior = prior_with(hinges)
-        pose, _ = solve_poses(points, term, prior, with_bent_hinges(points.rest_pose(FRAMES), prior.hinges), 60)
+        pose, _ = solve_poses(points, term, prior_with(hinges), points.rest_pose(FRAMES), 60)
         assert np.abs(point_positions(points, pose) - seen).max() < 1e-3
         return np.linalg.norm(point_positions(surface, pose) - point_positions(surface, truth), axis=-1).max()
 
@@ -99,15 +99,16 @@ def test_hinge_tells_the_twist_that_keypoints_do_not(
     assert off({"left_forearm": axis}) < 1.5e-3
 
 
-def test_names_are_those_of_the_file(tmp_path: Path, template: Template) -> None:
-    assert read_joint_names(tmp_path / "t.glb", template) == NAMES
+def test_names_are_those_of_the_file(file: Path, template: Template) -> None:
+    assert read_joint_names(file, template) == NAMES
 
 
 @pytest.mark.parametrize(
-    ("names", "known"), [(NAMES, "pelvis, spine, head"), ([], "none, as the template has no skin")]
+    ("rigged", "known"), [(True, "pelvis, spine, head"), (False, "none, as the template has no skin")]
 )
-def test_hinges_that_no_joint_has_are_all_named(names: list[str], known: str) -> None:
+def test_hinges_that_no_joint_has_are_all_named(tmp_path: Path, rigged: bool, known: str) -> None:
+    file = write_template(tmp_path / "t.glb", rigged=rigged)
     with pytest.raises(InputError) as refused:
-        hinge_axes({"elbow_l": "x", "elbow_r": "y"}, names, Path("template.glb"))
+        hinge_axes({"elbow_l": "x", "elbow_r": "y"}, file, read_template(file, 1.0))
     message = str(refused.value)
     assert "track_mesh.hinges.elbow_l" in message and "track_mesh.hinges.elbow_r" in message and known in message
