@@ -1,4 +1,4 @@
-"""Avatars on another's geometry: it stays to the last bit, in every pose, while all else is learned."""
+"""Avatars on another's geometry: it is the other's and stays, in every pose, while all else is learned."""
 
 from __future__ import annotations
 
@@ -50,6 +50,11 @@ def train(avatar, settings, frames, first=0, steps=STEPS):
     return training
 
 
+ROUNDINGS = 32 * 2.0**-24
+"""A last layer with fewer channels may add up its 16 products, of 4 texels and 4 channels, in another order: two
+roundings each, of half a unit in the last place of numbers no larger than the largest."""
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """An atlas, two poses, and the folders of two trained avatars, with and without networks."""
@@ -91,16 +96,17 @@ def test_geometry_is_the_sources_before_and_after_training(made, row, source):
     # Poses move the geometry of networks against the mesh, or the test would say nothing about them.
     moved = avatar.decode(FrameInputs(avatar.atlas, frames[0])).parameters, avatar.shared()
     assert torch.equal(*(parameters.offset for parameters in moved)) == (source == "texels")
-    for found, expected in zip(gaussians(avatar, frames), wanted, strict=True):
-        assert torch.equal(found, expected)
+    given = gaussians(avatar, frames)
+    for found, expected in zip(given, wanted, strict=True):
+        torch.testing.assert_close(found, expected, rtol=ROUNDINGS, atol=ROUNDINGS * float(expected.abs().max()))
     albedo = avatar.albedo.detach().clone()
     train(avatar, settings, frames)
-    for found, expected in zip(gaussians(avatar, frames), wanted, strict=True):
+    for found, expected in zip(gaussians(avatar, frames), given, strict=True):
         assert torch.equal(found, expected)
     assert not torch.equal(avatar.albedo, albedo)
     save_avatar(root / "again", avatar, {})
     again = load_avatar(root / "again", root / "atlas.safetensors").avatar
-    assert all(torch.equal(a, b) for a, b in zip(gaussians(again, frames), wanted, strict=True))
+    assert all(torch.equal(a, b) for a, b in zip(gaussians(again, frames), given, strict=True))
 
 
 def test_what_is_given_has_no_gradient_and_no_moments(made, tmp_path):
