@@ -1,4 +1,4 @@
-"""Five small scenes that call for different effects, path-traced by Mitsuba, as the files that plan_effects reads.
+"""Six small scenes that call for different effects, path-traced by Mitsuba, as the files that plan_effects reads.
 
 Cameras, lights, tracking and atlas are the truth: what differs between two avatars is what was simulated, and nothing
 else. A scene takes seconds.
@@ -7,7 +7,7 @@ else. A scene takes seconds.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,12 +52,17 @@ SMALL = {
 
 @dataclass(frozen=True)
 class Shape:
-    """A mesh, its texture, and its vertices (and local joint rotations, if it has joints) over time."""
+    """A mesh, its texture, and its vertices (and local joint rotations, if it has joints) over time.
+
+    Attributes:
+        matte: faces that have no gloss, whatever the others have; the template names them.
+    """
 
     faces: np.ndarray
     unwrapped: Unwrapped
     texture: np.ndarray
     at: Callable[[float, str], tuple[np.ndarray, np.ndarray | None]]
+    matte: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,13 @@ def ball() -> Shape:
     """A sphere."""
     sphere = trimesh.creation.icosphere(3, BALL_RADIUS_M)
     return turning("ball", np.array(sphere.vertices), np.array(sphere.faces, np.int64))
+
+
+def halves() -> Shape:
+    """A sphere whose lower half has no gloss."""
+    whole = ball()
+    middles = whole.at(0.0, "a")[0][whole.faces].mean(1)
+    return replace(whole, matte=np.flatnonzero(middles[:, 1] < 0))
 
 
 def bust() -> Shape:
@@ -121,6 +133,7 @@ SCENES = {
         body, 0.25, stage(2.2, distortion=1.0, color_spread=0.035, camera_distance_m=2.5, framed_height_m=2.05)
     ),
     "near": Scene(ball, None, stage(1.01)),
+    "halves": Scene(halves, 0.15, stage(FAR_M)),
 }
 """By name."""
 
@@ -162,16 +175,18 @@ def photograph(
     """All cameras' images and masks of a frame."""
     settings, cut = scene.settings, shape.unwrapped
     normals = vertex_normals(vertices, shape.faces)
-    geometry = (vertices[cut.source], cut.faces, cut.uv, normals[cut.source])
-    if scene.gloss_alpha is None:
-        matte = {"type": "diffuse", "reflectance": mitsuba.bitmap_texture(shape.texture, "bilinear")}
-        mesh = mitsuba.triangle_mesh(matte, *geometry)
-    else:
-        mesh = mitsuba.coated_mesh(
-            shape.texture, scene.gloss_alpha, geometry[0], geometry[3], geometry[1], geometry[2]
+    points, turned, everywhere = vertices[cut.source], normals[cut.source], np.arange(len(cut.faces))
+    matte = everywhere if scene.gloss_alpha is None else shape.matte
+    meshes, shiny = [], np.setdiff1d(everywhere, matte)
+    if len(matte):
+        diffuse = {"type": "diffuse", "reflectance": mitsuba.bitmap_texture(shape.texture, "bilinear")}
+        meshes.append(mitsuba.triangle_mesh(diffuse, points, cut.faces[matte], cut.uv, turned))
+    if len(shiny):
+        meshes.append(
+            mitsuba.coated_mesh(shape.texture, scene.gloss_alpha, points, turned, cut.faces[shiny], cut.uv)
         )  # fmt: skip
     lit = powers > 0
-    world = mitsuba.lit_scene([mesh], rig.lights_xyz[lit], powers[lit], settings.max_depth)
+    world = mitsuba.lit_scene(meshes, rig.lights_xyz[lit], powers[lit], settings.max_depth)
     sensor = SensorModel(settings.shot_gain, settings.read_noise, settings.saturation, settings.black_level)
     for camera_name, camera in rig.cameras.items():
         view = view_points(camera, vertices, settings.supersampling)
@@ -226,7 +241,9 @@ def write_stage_files(
     if moments[0][1] is not None:
         tracked["joint_rotations"] = np.stack([moment[1] for moment in moments]).astype(np.float32)
     write_arrays(folder / "tracking/0000.safetensors", tracked)
-    write_atlas(folder / "atlas.safetensors", make_atlas(shape.unwrapped, vertices[0], atlas_size))
+    regions = {"matte": np.unique(shape.unwrapped.faces[shape.matte])} if len(shape.matte) else {}
+    atlas = replace(make_atlas(shape.unwrapped, vertices[0], atlas_size), regions=regions)
+    write_atlas(folder / "atlas.safetensors", atlas)
     return {
         "capture": folder, "index": folder / "index", "atlas": folder / "atlas.safetensors",
         "tracking": folder / "tracking/0000.safetensors", "patterns": folder / "patterns.parquet",

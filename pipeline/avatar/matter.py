@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from pipeline.avatar.appearance.ggx_gloss import GgxGloss
 from pipeline.avatar.model import Avatar
 
 
@@ -31,8 +32,8 @@ class Matter:
 @torch.no_grad()
 def read_matter(avatar: Avatar) -> Matter:
     """Matter of an avatar."""
-    albedo = avatar.albedo.cpu().numpy()
-    if avatar.spec.specular_model != "ggx":
+    albedo, specular = avatar.albedo.cpu().numpy(), avatar.built.specular
+    if not isinstance(specular, GgxGloss):
         return Matter(albedo, np.ones(len(albedo), np.float32), np.zeros(len(albedo), np.float32))
-    width, gloss = (getattr(avatar, name).exp().cpu().numpy() for name in ("log_ggx_width", "log_gloss"))
+    width, gloss = avatar.log_ggx_width.exp().cpu().numpy(), specular.scale().cpu().numpy()
     return Matter(albedo, width, gloss, float(avatar.coat.bounded) if avatar.spec.coated else 0.0)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
 from pipeline.effects.appearance_columns import GLOSS_WIDTHS
-from pipeline.effects.appearance_fits import Explained, decibels
+from pipeline.effects.appearance_fits import Explained, Gains, decibels
 from pipeline.effects.seen_texels import SeenTexels, texel_turns
 from pipeline.geometry.texels import Atlas, texel_frames
 
@@ -17,12 +18,21 @@ FOOTPRINT_STD = 0.6
 """Standard deviation of a Gaussian on the surface, in texel spacings: neighbours then sum to an even surface."""
 
 
+FEWEST_OBSERVATIONS = 200
+"""Of a region: with fewer, what holds for the whole subject holds for it."""
+
+
 @dataclass(frozen=True)
 class Evidence:
-    """One measured number and the sentence that says what it is."""
+    """One measured number, and the sentence that says what it is.
+
+    Attributes:
+        regions: the same number of each part of the surface, where the template names them.
+    """
 
     value: float
     text: str
+    regions: Mapping[str, float] = field(default_factory=dict)
 
 
 def choose_images(
@@ -59,15 +69,22 @@ def describe(found: Explained) -> str:
     )
 
 
+def judged(gains: Gains, of_region: float, of_whole: float) -> float:
+    """Gain of a region, or of the whole subject where too little of the region was seen."""
+    return of_region if gains.observations >= FEWEST_OBSERVATIONS else of_whole
+
+
 def specular_evidence(found: Explained) -> Evidence:
     """Gain by gloss over what colours of texels explain, in dB."""
-    return Evidence(found.gloss_db, f"gloss explains {found.gloss_db:.2f} dB of {describe(found)}")
+    regions = {name: judged(gains, gains.gloss_db, found.gloss_db) for name, gains in found.regions.items()}
+    return Evidence(found.gloss_db, f"gloss explains {found.gloss_db:.2f} dB of {describe(found)}", regions)
 
 
 def transport_evidence(found: Explained) -> Evidence:
     """Gain by transport beyond GGX, traced visibility and one bounce, in dB."""
     text = f"beyond GGX, traced visibility and one bounce, transport explains {found.transport_db:.2f} dB of "
-    return Evidence(found.transport_db, text + describe(found))
+    regions = {name: judged(gains, gains.transport_db, found.transport_db) for name, gains in found.regions.items()}
+    return Evidence(found.transport_db, text + describe(found), regions)
 
 
 def deferred_evidence(

@@ -8,16 +8,17 @@ texels and judged on the other, so that nothing gains by fitting noise. A gain i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 from pipeline.effects.appearance_columns import gloss_columns, transport_columns
 from pipeline.effects.seen_texels import SeenTexels
+from pipeline.effects.shared_fits import crossed, each, solve_apart, solve_shared
 from pipeline.effects.texel_light import TexelLight
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.tracking.point_colors import MEDIAN_LENGTH
@@ -29,13 +30,25 @@ TURNS = 4
 """Turns of albedo, light bounced off other texels' albedo, and which observations count: each bounce adds a tenth of
 the last, and the rest settles about as fast."""
 
-RIDGE = 1e-3
-"""Of the square of each column: neighbouring pieces of transport look nearly alike in few observations, and their
-difference would be fitted to noise."""
-
 STRAY_SIGMAS = 8.0
 """Residuals longer than this many robust standard deviations, with or without transport in the fit, are no noise and no
 effect of light, which all are well below: three in a hundred on a tracked body, and they would drown the rest."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains on some of the observations.
+
+    Attributes:
+        observations: how many.
+        gloss_db, transport_db: gain by gloss, and by further transport where there is gloss.
+        floor: mean square of what is left with everything.
+    """
+
+    observations: int
+    gloss_db: float
+    transport_db: float
+    floor: float
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,7 @@ class Explained:
         floor: root mean square residual with everything, in sRGB of full scale 1.
         gloss_db, transport_db: gain by gloss, and by further transport where there is gloss.
         gloss: root mean square of the fitted gloss of each width, in the unit of the floor.
+        regions: the same gains, of the texels of each region.
     """
 
     observations: int
@@ -56,17 +70,26 @@ class Explained:
     gloss_db: float
     transport_db: float
     gloss: Float64[np.ndarray, " widths"]
+    regions: Mapping[str, Gains] = field(default_factory=dict)
 
 
 def explain_colors(
-    seen: SeenTexels, lights: Sequence[FrameLights], lit: Sequence[TexelLight], rest: Float64[np.ndarray, "texels 3"]
+    seen: SeenTexels,
+    lights: Sequence[FrameLights],
+    lit: Sequence[TexelLight],
+    rest: Float64[np.ndarray, "texels 3"],
+    regions: Mapping[str, Int64[np.ndarray, " _"]] = MappingProxyType({}),
 ) -> Explained:
     """Fit the colours.
 
     Args:
         lights, lit: of each of `seen.frames`.
         rest: all texels of the atlas at rest, metres: a bounce comes from the nearest texel that was looked at.
+        regions: texels of the parts of the surface that are judged by themselves, too; together they are all.
     """
+    inside = {name: np.flatnonzero(np.isin(seen.texels, texels)[seen.point]) for name, texels in regions.items()}
+    inside = {name: rows for name, rows in inside.items() if len(rows)}
+    groups = list(inside.values()) or [np.arange(len(seen.point))]
     direct = np.stack([light.direct for light in lit])
     nearest = np.append(cKDTree(rest[seen.texels]).query(rest)[1], len(seen.texels))
     gloss, transport, kept = gloss_columns(seen, lights, lit), transport_columns(seen, lit), np.ones(len(seen.point))
@@ -77,27 +100,40 @@ def explain_colors(
         albedo, shaded = fit_albedo(seen, shading, kept)[seen.point], shading[seen.frame, seen.point]
         fit = AlbedoFit(shaded, srgb_slope(albedo * shaded), kept, seen.point, len(seen.texels))
         target = fit.residual(seen.color[:, None])
-        strengths = solve_shared(target, fit.residual(gloss))
+        strengths = each(groups, solve_shared, target, fit.residual(gloss))
         columns = np.concatenate([(gloss * strengths).sum(1)[:, None], transport * albedo[:, None]], 1)
         # What is a stray with and without transport under test: neither side may choose what it is judged by.
         judged = []
         for some in (columns[:, :1], columns):
-            found = solve_apart(target, fit.residual(some))
+            found = each(groups, solve_apart, target, fit.residual(some))
             left = fit.residual((seen.color - (some * found).sum(1))[:, None], everywhere=True)
             judged.append(without_strays(left[:, 0]))
         kept = judged[0] * judged[1]
 
-    columns = fit.residual(columns)
-    matte = float((target**2).mean())
-    shiny = crossed(target, fit.residual(gloss), seen.point, solve_shared)
-    plain = crossed(target, columns[:, :1], seen.point, solve_apart)
-    learned = crossed(target, columns, seen.point, solve_apart)
+    shiny, beyond = fit.residual(gloss), fit.residual(transport * albedo[:, None])
+    whole = gains(target, shiny, beyond, seen.point)
     share = max(float(fit.kept.mean()), np.finfo(float).tiny)
     weighed = (fit.kept[:, None] * fit.slope)[:, None] * gloss * strengths
     return Explained(
-        len(seen.point), 1 - share, float(np.sqrt(min(learned, plain) / share)), decibels(matte, shiny),
-        decibels(plain, learned), np.sqrt((weighed**2).mean((0, 2)) / share),
+        len(seen.point), 1 - share, float(np.sqrt(whole.floor / share)), whole.gloss_db, whole.transport_db,
+        np.sqrt((weighed**2).mean((0, 2)) / share),
+        {name: gains(target[at], shiny[at], beyond[at], seen.point[at]) for name, at in inside.items()},
     )  # fmt: skip
+
+
+def gains(
+    target: Float64[np.ndarray, "n 1 3"],
+    gloss: Float64[np.ndarray, "n widths 3"],
+    transport: Float64[np.ndarray, "n pieces 3"],
+    point: Int64[np.ndarray, " n"],
+) -> Gains:
+    """Gains on some observations, of what an albedo per texel leaves of them and of all columns."""
+    columns = np.concatenate([(gloss * solve_shared(target, gloss)).sum(1)[:, None], transport], 1)
+    matte = float((target**2).mean())
+    shiny = crossed(target, gloss, point, solve_shared)
+    plain = crossed(target, columns[:, :1], point, solve_apart)
+    learned = crossed(target, columns, point, solve_apart)
+    return Gains(len(point), decibels(matte, shiny), decibels(plain, learned), min(learned, plain))
 
 
 def without_strays(left: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
@@ -168,35 +204,3 @@ class AlbedoFit:
                 share = np.divide(dot, norm, out=np.zeros_like(dot), where=norm > 0)
                 rest[:, k, c] -= share[self.point] * unit[:, c]
         return rest if everywhere else rest * self.kept[:, None, None]
-
-
-Solver = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From target [n, 1, 3] and columns [n, k, 3] to coefficients [k, 3]."""
-
-
-def solve_shared(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Coefficients of 0 or more, the same for all colours."""
-    stacked = columns.swapaxes(1, 2).reshape(-1, columns.shape[1])
-    q, r = np.linalg.qr(stacked)
-    return np.repeat(nnls(r, q.T @ target.swapaxes(1, 2).ravel())[0][:, None], 3, 1)
-
-
-def solve_apart(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Coefficients of any sign, each colour its own, held to 0 where columns say little of them."""
-    coefficients = np.zeros(columns.shape[1:])
-    for c in range(3):
-        size = np.maximum(np.sqrt((columns[..., c] ** 2).sum(0)), np.finfo(float).tiny)
-        scaled = columns[..., c] / size
-        normal = scaled.T @ scaled + RIDGE * np.eye(len(size))
-        coefficients[:, c] = np.linalg.solve(normal, scaled.T @ target[:, 0, c]) / size
-    return coefficients
-
-
-def crossed(target: np.ndarray, columns: np.ndarray, point: np.ndarray, solve: Solver) -> float:
-    """Mean square of what is left of the target by coefficients of the other half of the texels."""
-    error = 0.0
-    for half in (0, 1):
-        mine = point % 2 == half
-        left = target[~mine, 0] - (columns[~mine] * solve(target[mine], columns[mine])).sum(1)
-        error += float((left**2).sum())
-    return error / target.size

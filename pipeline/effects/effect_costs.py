@@ -19,12 +19,16 @@ SHARED_PARAMETERS = {"specular": 1}
 """Of all texels together: the share of the coat."""
 
 
-def effect_cost(effect: str, texels: int) -> dict[str, int | float]:
+def effect_cost(effect: str, texels: int, built: int) -> dict[str, int | float]:
     """Jobs, blended channels, parameters and seconds of training that an effect costs.
 
     Those of the default avatar of a body. Seconds are estimates for the default number of steps on one core.
+
+    Args:
+        texels: of the atlas, which all have the effect's parameters.
+        built: of the regions where it is on; elsewhere parameters stay where they are, and take no time.
     """
-    seconds = 1e-6 * STEP_US.get(effect, 0.0) * texels * TrainAvatar().steps
+    seconds = 1e-6 * STEP_US.get(effect, 0.0) * built * TrainAvatar().steps
     return {
         "jobs": JOBS.get(effect, 0),
         "channels": CHANNELS.get(effect, 0),

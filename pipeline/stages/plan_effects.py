@@ -5,13 +5,16 @@ Each stands with the number it was decided on.
 Reads the tracked meshes, the booked light patterns, the calibrations and a few training images; writes effects.json:
 {effect: {"on", "mode", "evidence", "threshold", "why", "cost"}}. An effect whose mode is `auto` is on if its evidence
 exceeds its threshold (`pipeline.config.plan_effects` derives them); what is off costs nothing downstream, and "cost"
-says how much that spares: jobs, channels, parameters and estimated seconds of training.
+says how much that spares: jobs, channels, parameters and estimated seconds of training. Where the template names
+regions, gloss and learned transport are decided for each: "regions" of their entries has {region: {"on", "evidence"}}.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +46,7 @@ from pipeline.effects.scene_evidence import (
 from pipeline.effects.seen_texels import SeenTexels, observe_texels
 from pipeline.effects.texel_light import light_texels
 from pipeline.geometry.cameras import read_cameras
+from pipeline.geometry.texel_regions import texels_by_region
 from pipeline.geometry.texels import Atlas, read_atlas, texel_frames
 from pipeline.geometry.tracked import read_tracked
 from pipeline.lighting.frame_lights import FrameLights, read_frame_lights
@@ -112,31 +116,37 @@ def run(
     some = np.sort(random.permutation(texels.texel_count)[: settings.texels])
     source = ImageSource.from_index(capture, described["images"])
     seen = observe_texels(source, images, small, read_colors(color), texels, some, posed)
-    evidence |= appearance_evidence(seen, some, texels, posed, lit, settings)
-    effects = {
-        name: {
-            **decide(getattr(settings, name), evidence[name], getattr(settings, THRESHOLDS.get(name, ""), 0.0)),
-            "cost": effect_cost(name, texels.texel_count),
-        }
-        for name in EFFECTS
-    }
+    regions = texels_by_region(texels)
+    evidence |= appearance_evidence(seen, some, texels, posed, lit, settings, regions)
+    effects = {}
+    for name in EFFECTS:
+        threshold = getattr(settings, THRESHOLDS.get(name, ""), 0.0)
+        decided = decide(getattr(settings, name), evidence[name], threshold)
+        built = [len(regions[region]) for region, part in decided.get("regions", {}).items() if part["on"]]
+        effects[name] = {**decided, "cost": effect_cost(name, texels.texel_count, sum(built) or texels.texel_count)}
     for name, effect in effects.items():
         log.info("%s %s: %s", name, "on" if effect["on"] else "off", effect["why"])
     write_json(out, effects)
 
 
-def decide(mode: str, evidence: Evidence, threshold: float) -> dict[str, object]:
-    """One entry of effects.json."""
+def decide(mode: str, evidence: Evidence, threshold: float) -> dict[str, Any]:
+    """One entry of effects.json: on where anything that was judged calls for it."""
     exceeds = evidence.value > threshold
-    on = exceeds if mode == "auto" else mode == "on"
     compared = f"{evidence.text}: {'more than' if exceeds else 'within'} the threshold of {threshold:g}"
-    why = compared if mode == "auto" else f"forced {mode}; {compared}"
-    return {"on": on, "mode": mode, "evidence": evidence.value, "threshold": threshold, "why": why}
+    entry = {"mode": mode, "evidence": evidence.value, "threshold": threshold}
+    if mode != "auto":
+        return {"on": mode == "on", **entry, "why": f"forced {mode}; {compared}"}
+    if not evidence.regions:
+        return {"on": exceeds, **entry, "why": compared}
+    regions = {name: {"on": value > threshold, "evidence": value} for name, value in evidence.regions.items()}
+    each = ", ".join(f"{name} {value:.2f} dB" for name, value in evidence.regions.items())
+    on = any(part["on"] for part in regions.values())
+    return {"on": on, **entry, "why": f"{compared}; by region: {each}", "regions": regions}
 
 
 def appearance_evidence(
     seen: SeenTexels, some: np.ndarray, atlas: Atlas, posed: dict[int, np.ndarray], lit: dict[int, FrameLights],
-    settings: PlanEffects,
+    settings: PlanEffects, regions: Mapping[str, np.ndarray],
 ) -> dict[str, Evidence]:  # fmt: skip
     """Evidence of gloss and transport in the training images.
 
@@ -149,6 +159,7 @@ def appearance_evidence(
         posed: frame -> vertices.
         lit: frame -> lights that are on.
         settings: how many rays bounce.
+        regions: texels of each part of the surface that is judged by itself.
     """
     if not len(seen.point):
         nothing = Evidence(0.0, "no training image shows a texel well")
@@ -158,7 +169,7 @@ def appearance_evidence(
         light_texels(atlas, posed[int(frame)], some, normals, lamps, settings.bounce_rays)
         for frame, normals, lamps in zip(seen.frames, seen.normals, lights, strict=True)
     ]
-    found = explain_colors(seen, lights, light, texel_frames(atlas, atlas.rest_vertices.astype(np.float64))[0])
+    found = explain_colors(seen, lights, light, texel_frames(atlas, atlas.rest_vertices.astype(np.float64))[0], regions)
     spacing = texel_spacing(atlas).numpy().astype(np.float64).mean(1)
     return {
         "specular": specular_evidence(found),

@@ -27,7 +27,7 @@ from pipeline.avatar.frames.scratch import own_scratch
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.spec.gpu_limits import require_drawable
-from pipeline.avatar.spec.planned import read_plan, reason_of, resolve_spec, unread_settings
+from pipeline.avatar.spec.planned import read_plan, read_regions_on, reason_of, resolve_spec, unread_settings
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.calibration_rounds import apply_refined, refine, refinement_step
 from pipeline.avatar.training.checkpoint import save_avatar
@@ -118,7 +118,8 @@ def run(
         records, planned = read_frame_shards([frames]), read_plan(effects)
         kept = cache_bytes(cache_mb, processes.device)
         inputs = FrameStream(texels, records, kept, frames_in_use(settings, processes), processes.device, traced)
-        spec = resolve_spec(settings, planned, "head" if records.table.is_head.any() else "body")
+        kind = "head" if records.table.is_head.any() else "body"
+        spec = resolve_spec(settings, planned, kind, read_regions_on(effects))
         require_drawable(spec, processes.device)
         if spec.shadow_net and all((record.irradiance == 1).all() for record in records.values()):
             raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")

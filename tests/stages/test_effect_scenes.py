@@ -8,12 +8,13 @@ from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
 from benchmarks.effect_jobs import count_jobs
 from benchmarks.effect_scenes import SCENES, make_scene
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.spec.planned import read_plan, resolve_spec
+from pipeline.avatar.spec.planned import read_plan, read_regions_on, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.base.files import read_json
 from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.texel_regions import REST
 from pipeline.geometry.texels import read_atlas
 from pipeline.stages.plan_effects import run
 
@@ -29,6 +30,7 @@ CALLED_FOR = {
     # Opaque plastic: nothing that GGX, traced visibility and a bounce would not explain.
     "body": set(EFFECTS) - {"learned_transport", "eyes"},
     "near": {"near_field"},
+    "halves": {"specular", "deferred"},
 }
 
 FULL, AUTO = TrainAvatar(shading="transfer", deferred="on"), TrainAvatar()
@@ -51,6 +53,17 @@ def test_what_is_called_for_is_on(scene):
     for effect in effects.values():
         assert effect["on"] == (effect["evidence"] > effect["threshold"])
         assert set(effect["cost"]) == {"jobs", "channels", "parameters", "seconds"}
+
+
+def test_gloss_is_planned_where_it_is(scene):
+    name, folder, effects = scene
+    if name != "halves":
+        assert not any("regions" in effect for effect in effects.values())  # no other template names any
+        return
+    regions = effects["specular"]["regions"]
+    assert {region: part["on"] for region, part in regions.items()} == {"matte": False, REST: True}
+    assert not any(part["on"] for part in effects["learned_transport"]["regions"].values())
+    assert read_regions_on(folder / "effects.json") == {"specular": (REST,)}
 
 
 def parameters(folder, settings):

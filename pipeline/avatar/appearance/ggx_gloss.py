@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -14,6 +15,7 @@ from pipeline.avatar.frames.prepared import PreparedFrame, ViewedParameters
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
+from pipeline.geometry.texel_regions import in_regions
 from pipeline.lighting.lobe_kernels import LOBE_CONSTANT
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.microfacet import gather_reflections
@@ -23,14 +25,25 @@ START_GGX_WIDTH = 0.4
 
 
 class GgxGloss(SpecularModel):
-    """Cook-Torrance reflection, scaled per texel; each highlight is shadowed by itself."""
+    """Cook-Torrance reflection, scaled per texel; each highlight is shadowed by itself.
+
+    Attributes:
+        glossy: 1 at texels of the regions that have gloss, else 0; None: all have.
+    """
 
     works_under_sky = False
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
+        some = in_regions(store.atlas, spec.gloss_regions) if spec.gloss_regions else None
+        self.glossy = None if some is None else torch.as_tensor(some, dtype=torch.float32)
         store.add("log_ggx_width", store.fill(START_GGX_WIDTH).log())
         store.add("log_gloss", store.fill(0.0))
+
+    def scale(self) -> Float[Tensor, " texels"]:
+        """Factor on what a dielectric reflects; 0 where there is no gloss."""
+        gloss = self.store.log_gloss.exp()
+        return gloss if self.glossy is None else gloss * self.glossy.to(gloss.device)
 
     def texel_light(
         self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
@@ -38,8 +51,11 @@ class GgxGloss(SpecularModel):
         """Reflection towards the camera."""
         width, points = self.store.log_ggx_width.exp(), frame.gaussians.means.detach()
         toward, lights = unit(center - points), frame.incident.lights
-        reflected = gather_reflections(points, frame.surface.bent_normals, toward, width, lights)
-        return self.store.log_gloss.exp()[:, None] * reflected
+        normals = frame.surface.bent_normals
+        if self.glossy is not None:  # from behind, a point reflects nothing, in next to no time
+            toward = torch.where(self.glossy.to(toward.device)[:, None] > 0, toward, -normals.detach())
+        reflected = gather_reflections(points, normals, toward, width, lights)
+        return self.scale()[:, None] * reflected
 
     def mirrors(self, frame: PreparedFrame, viewed: ViewedParameters) -> GlossySamples:
         """Texels as lobes about the mirror direction.
@@ -49,7 +65,7 @@ class GgxGloss(SpecularModel):
         times the gloss: v C / sigma 2 pi sigma^2 = g F0.
         """
         sigma = math.sqrt(2) * self.store.log_ggx_width.exp()
-        visibility = self.store.log_gloss.exp() * DIELECTRIC_F0 / (2 * math.pi * LOBE_CONSTANT * sigma)
+        visibility = self.scale() * DIELECTRIC_F0 / (2 * math.pi * LOBE_CONSTANT * sigma)
         return GlossySamples(frame.gaussians.means.detach(), frame.surface.bent_normals, sigma, visibility)
 
     def penalties(self, parameters: TexelParameters) -> dict[str, Float[Tensor, ""]]:

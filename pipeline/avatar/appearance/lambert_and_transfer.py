@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.lambert import Lambert
-from pipeline.avatar.appearance.transfer import start_transfer
+from pipeline.avatar.appearance.transfer import shade_diffuse, start_transfer
 from pipeline.avatar.appearance.zonal_transfer import ZonalTransfer
 from pipeline.avatar.frames.light_fields import IncidentLight
 from pipeline.avatar.frames.prepared import Surface
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
+from pipeline.geometry.texel_regions import in_regions
 
 
 class LambertAndTransfer(ZonalTransfer):
@@ -23,6 +25,9 @@ class LambertAndTransfer(ZonalTransfer):
 
     The transfer sees all lights, hidden ones too: what goes through a limb comes from behind it, and where light below
     the surface takes the place of light on it, the transfer is negative.
+
+    Attributes:
+        texels: those of the regions that have transfer; None: all.
     """
 
     works_under_sky = False
@@ -30,6 +35,8 @@ class LambertAndTransfer(ZonalTransfer):
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
         self.lambert = Lambert(store, spec)
+        some = np.flatnonzero(in_regions(store.atlas, spec.transport_regions)) if spec.transport_regions else None
+        self.texels = None if some is None else torch.as_tensor(some)
 
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
         """Nothing, for all texels."""
@@ -45,8 +52,13 @@ class LambertAndTransfer(ZonalTransfer):
     ) -> Float[Tensor, "texels 3"]:
         """Sum of both."""
         unhidden = replace(incident, lights=replace(incident.lights, visibility_bits=None))
-        learned = super().shade(parameters, surface, unhidden)
-        return self.lambert.shade(parameters, surface, incident) + learned
+        analytic = self.lambert.shade(parameters, surface, incident)
+        if self.texels is None:
+            return analytic + super().shade(parameters, surface, unhidden)
+        at = self.texels.to(surface.axes.device)
+        light = unhidden.along_axes(surface.gaussians.means[at], surface.axes[at], self.degrees)
+        transfer = (None if own is None else own[at] for own in (parameters.transfer_color, parameters.transfer_mono))
+        return analytic.index_add(0, at, shade_diffuse(self.store.albedo[at], *transfer, light))
 
     def passes(self, surface: Surface, center: Float[Tensor, "3"]) -> Float[Tensor, "texels 1"] | None:
         """Share that the coat lets out."""

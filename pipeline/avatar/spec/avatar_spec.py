@@ -38,6 +38,11 @@ GLOSS_WORDS = {
 INDIRECT_WORDS = {"ambient": "ambient light", "bounce": "one bounce"}
 
 
+def of_regions(names: tuple[str, ...]) -> str:
+    """Words for the regions that have something; none where all have it."""
+    return f" ({' and '.join(names)})" if names else ""
+
+
 @dataclass(frozen=True)
 class AvatarSpec:
     """Choices of one avatar, stored beside its parameters.
@@ -94,6 +99,8 @@ class AvatarSpec:
         harmonics_frame: frame of a highlight's harmonics: each texel's "tangent" frame, or the "head"'s.
         last_layers: of decoders, weight-"normalised" as the others, or "plain"; they start at zero.
         matte: what is not gloss, beside GGX: as "lambert" has it, or "coated", so that grazing light passes less.
+        gloss_regions, transport_regions: regions of the template that have GGX, and transfer beside Lambert; all if
+            empty.
     """
 
     specular: bool
@@ -142,6 +149,8 @@ class AvatarSpec:
     harmonics_frame: HarmonicsFrame = "head"
     last_layers: LastLayers = "normalised"
     matte: Matte = "lambert"
+    gloss_regions: tuple[str, ...] = ()
+    transport_regions: tuple[str, ...] = ()
 
     @property
     def degrees(self) -> int:
@@ -260,9 +269,10 @@ class AvatarSpec:
     def in_words(self) -> str:
         """Sentence that says what light is simulated, for tables."""
         where = (" per pixel" if self.deferred else " per Gaussian") if self.lobe else ""
-        parts = [("coated " if self.coated else "") + DIFFUSE_WORDS[self.shading]]
+        transfer = DIFFUSE_WORDS[self.shading] + of_regions(self.transport_regions)
+        parts = [("coated " if self.coated else "") + transfer]
         if self.specular_model in GLOSS_WORDS:
-            parts.append(GLOSS_WORDS[self.specular_model] + where)
+            parts.append(GLOSS_WORDS[self.specular_model] + of_regions(self.gloss_regions) + where)
         if self.shadow:
             parts.append(f"{self.shadow_model} shadows")
         if self.indirect in INDIRECT_WORDS:

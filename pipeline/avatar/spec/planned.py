@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.base.errors import InputError
@@ -12,6 +13,9 @@ from pipeline.base.files import read_json
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.trained_model import Kind
+
+REGIONS_OF = {"gloss_regions": "specular", "transport_regions": "learned_transport"}
+"""Field of a spec -> the effect that is on in these regions."""
 
 
 def read_plan(path: Path) -> set[str]:
@@ -27,22 +31,42 @@ def read_plan(path: Path) -> set[str]:
     return {name for name in EFFECTS if effects[name]["on"]}
 
 
-def resolve_spec(settings: TrainAvatar, planned: Collection[str], kind: Kind = "body") -> AvatarSpec:
+Regions = Mapping[str, tuple[str, ...]]
+"""Effect -> the regions of the template where it is on, for effects that are not on everywhere."""
+
+EVERYWHERE: Regions = MappingProxyType({})
+
+
+def read_regions_on(path: Path) -> Regions:
+    """The regions where the effects of effects.json are on that are off in others."""
+    regions = {name: effect.get("regions", {}) for name, effect in read_json(path).items() if effect["on"]}
+    on = {name: tuple(region for region, part in parts.items() if part["on"]) for name, parts in regions.items()}
+    return {name: some for name, some in on.items() if 0 < len(some) < len(regions[name])}
+
+
+def resolve_spec(
+    settings: TrainAvatar, planned: Collection[str], kind: Kind = "body", regions: Regions = EVERYWHERE
+) -> AvatarSpec:
     """Spec of what the settings ask for; where they say `auto`, of what plan_effects turned on.
 
     Args:
         planned: the effects that are on in effects.json.
         kind: what the capture is of.
+        regions: where they are on, if not everywhere.
 
     Raises:
         InputError: if they ask a body for what only heads have.
     """
     decided = settings.decided(planned, kind)
     require_parts(decided)
-    names = [field.name for field in fields(AvatarSpec) if field.name != "given_geometry"]
+    names = {field.name for field in fields(AvatarSpec)} - {"given_geometry", *REGIONS_OF}
     chosen = {name: getattr(decided, name) for name in names}
     modes = ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
     spec = AvatarSpec(**chosen | {name: chosen[name] == "on" for name in modes})
+    asked = {"gloss_regions": settings.specular, "transport_regions": settings.shading}
+    if spec.analytic:
+        own = {name: regions.get(effect, ()) for name, effect in REGIONS_OF.items() if asked[name] == "auto"}
+        spec = replace(spec, **own)
     # Light in the root's frame has no place for one texel's shadows.
     turns = spec.articulation or spec.traced
     return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.matter import read_matter
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.spec.planned import EVERYWHERE, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.losses import regularization
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.texel_regions import in_regions
 from pipeline.lighting.zonal import clamped_cosine_coefficients
 from tests.support.avatars.sheet import make_frame, make_sheet
 
@@ -22,8 +26,13 @@ TRUNCATED = 0.034
 """How far zonal harmonics of up to degree 8 are off the clamped cosine, of its peak."""
 
 
-def lit(shading, lights, change=lambda avatar: None):
-    avatar = Avatar(SHEET, texel_spacing(SHEET), resolve_spec(TrainAvatar(shading=shading), PLANNED))
+RIGHT = np.flatnonzero(np.median(SHEET.rest_vertices[:, 0]) <= SHEET.rest_vertices[:, 0])
+LABELLED = replace(SHEET, regions={"cloth": RIGHT})
+
+
+def lit(shading, lights, change=lambda avatar: None, regions=EVERYWHERE):
+    settings, planned = TrainAvatar(shading=shading), PLANNED | {"learned_transport"}
+    avatar = Avatar(LABELLED, texel_spacing(SHEET), resolve_spec(settings, planned, regions=regions))
     with torch.no_grad():
         change(avatar)
         frame = avatar.prepare(FrameInputs(SHEET, make_frame(SHEET, lights, np.full((len(lights), 3), INTENSITY))))
@@ -54,6 +63,41 @@ def test_learned_light_passes_what_hides_a_lamp(side):
     expected = 0.4 / np.pi * INTENSITY * np.abs(offset[:, 2]) / distance**3
     found, peak = frame.shading.diffuse.numpy(), 0.4 / np.pi * INTENSITY / distance.min() ** 2
     np.testing.assert_allclose(found, np.tile(expected[:, None], 3), atol=TRUNCATED * peak)
+
+
+def test_regions_without_transfer_shade_as_lambert_and_learn_none():
+    (whole, everywhere), (_, plain) = lit("combined", LIGHT[None], backwards), lit("microfacet", LIGHT[None])
+    some, part = lit("auto", LIGHT[None], backwards, {"learned_transport": ("cloth",)})
+    assert some.spec.transport_regions == ("cloth",) and whole.spec.transport_regions == ()
+    cloth = in_regions(LABELLED, ("cloth",))
+    assert 0 < cloth.sum() < len(cloth)
+    torch.testing.assert_close(part.shading.diffuse[cloth], everywhere.shading.diffuse[cloth])
+    assert torch.equal(part.shading.diffuse[~cloth], plain.shading.diffuse[~cloth])
+    inputs = FrameInputs(LABELLED, make_frame(LABELLED, LIGHT[None], np.full((1, 3), INTENSITY)))
+    some.prepare(inputs).shading.diffuse.sum().backward()
+    slopes = some.transfer_color.grad.abs().sum((1, 2, 3)).numpy()
+    assert (slopes[cloth] > 0).all() and not slopes[~cloth].any()
+
+
+def test_regions_without_gloss_reflect_nothing():
+    camera = torch.tensor([0.0, 0.0, 1.0])
+    shiny, frame = lit("auto", LIGHT[None])
+    some, part = lit("auto", LIGHT[None], regions={"specular": ("cloth",)})
+    reflected, cut = (
+        avatar.built.specular.texel_light(prepared, avatar.viewed(prepared, camera), camera)
+        for avatar, prepared in ((shiny, frame), (some, part))
+    )
+    cloth = in_regions(LABELLED, ("cloth",))
+    assert reflected.min() > 0
+    torch.testing.assert_close(cut[cloth], reflected[cloth])
+    assert not cut[~cloth].any()
+    assert np.array_equal(read_matter(some).gloss > 0, cloth)
+
+
+def test_what_is_asked_for_is_asked_for_everywhere():
+    regions = {"learned_transport": ("cloth",), "specular": ("cloth",)}
+    spec = resolve_spec(TrainAvatar(shading="combined", specular="on"), PLANNED, regions=regions)
+    assert spec.transport_regions == spec.gloss_regions == ()
 
 
 def test_transfer_is_paid_for_from_nothing_on():

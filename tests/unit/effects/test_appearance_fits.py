@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,8 @@ TEXELS, FRAMES, CAMERAS, LAMPS = 300, 4, 5, 6
 NOISE = 0.004
 
 
-def observe(shade, strays: float = 0.0):
-    """A unit ball under distant lamps; `shade(cosine to lamps, half cosine)` is what an albedo of 1 shows of each."""
+def observe(shade, strays: float = 0.0, regions=MappingProxyType({})):
+    """A unit ball under distant lamps; `shade(cosine to lamps, half cosine, texels)` is what an albedo of 1 shows."""
     random = np.random.default_rng(1)
 
     def directions(*shape):
@@ -36,7 +38,7 @@ def observe(shade, strays: float = 0.0):
             point = np.flatnonzero(normals @ to_camera > 0.3)
             half = ways + to_camera
             half = (half / np.linalg.norm(half, axis=1, keepdims=True)) @ normals[point].T
-            matte, gloss = shade(cosine[:, point], half)
+            matte, gloss = shade(cosine[:, point], half, point)
             color = (matte.T @ power) * albedo[point] + gloss.T @ power
             color = color + NOISE * random.normal(size=color.shape)
             wrong = random.random(len(point)) < strays
@@ -47,22 +49,29 @@ def observe(shade, strays: float = 0.0):
     texels, frames = np.arange(TEXELS), np.arange(FRAMES)
     one = np.ones(len(point))
     return explain_colors(
-        SeenTexels(texels, frames, points, points, frame, point, color, to_camera, one), lights, lit, normals
+        SeenTexels(texels, frames, points, points, frame, point, color, to_camera, one), lights, lit, normals, regions
     )
 
 
-def matte(cosine, half):
+def matte(cosine, half, _):
     return cosine.clip(0) / np.pi, 0 * half
 
 
-def glossy(cosine, half):
+def glossy(cosine, half, _):
     """Blinn's lobe, as wide as GGX of width sqrt(2 / (80 + 2)) = 0.16."""
     return cosine.clip(0) / np.pi, 0.5 * (cosine > 0) * half.clip(0) ** 80
 
 
-def wrapped(cosine, half):
+def wrapped(cosine, half, _):
     """Light that leaks across the terminator."""
     return ((cosine + 0.6) / 1.6).clip(0) / np.pi, 0 * half
+
+
+def mixed(cosine, half, point):
+    """One third of the texels is glossy, and light leaks on another."""
+    kinds = (glossy, wrapped, matte)
+    chosen = np.array([kind(cosine, half, point) for kind in kinds])
+    return [np.choose(3 * point // TEXELS, chosen[:, which]) for which in (0, 1)]
 
 
 def test_matte_colours_need_nothing():
@@ -84,6 +93,15 @@ def test_leaking_light_is_transport_and_no_gloss():
     found = observe(wrapped)
     assert found.transport_db > 3
     assert found.gloss_db < 0.3
+
+
+def test_regions_of_different_materials_are_told_apart():
+    thirds = np.array_split(np.arange(TEXELS), 3)
+    found = observe(mixed, regions=dict(zip(("plastic", "wax", "paper"), thirds, strict=True))).regions
+    assert found["plastic"].gloss_db > 3 > 0.3 > max(found[name].gloss_db for name in ("wax", "paper"))
+    assert found["wax"].transport_db > 3 > 0.3 > found["paper"].transport_db
+    assert found["plastic"].transport_db < found["plastic"].gloss_db / 3
+    assert sum(gains.observations for gains in found.values()) == observe(mixed).observations
 
 
 @pytest.mark.parametrize("shade", [matte, glossy])
