@@ -13,13 +13,14 @@ from pipeline.config.settings import Settings
 class EvaluateAvatar(Settings):
     """Scoring of renderings."""
 
-    metrics: tuple[Literal["ms_ssim", "st_lpips", "psnr_image"], ...] = Field(
+    metrics: tuple[Literal["ms_ssim", "st_lpips", "psnr_image", "psnr_face"], ...] = Field(
         (),
         description="Further image metrics to score, a column each. ms_ssim: multi-scale SSIM (Wang, Simoncelli and "
         "Bovik 2003); images of less than 161 pixels a side leave it empty. st_lpips: shift-tolerant LPIPS (Ghildyal "
         "and Liu 2022), whose network comes with its package; its numbers do not compare with those of LPIPS. "
         "psnr_image: PSNR over all pixels of the image, those beside the subject being right: what programs say that "
-        "mask both images first",
+        "mask both images first. psnr_face: PSNR over the pixels that show the face, as far as the template labels "
+        "one, or a joint moves the head",
     )
     protocol: Literal["ours", *DATASETS] = Field(
         "ours",

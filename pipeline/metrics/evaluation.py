@@ -116,6 +116,7 @@ def evaluate(
     render: Render, images: Sequence[ScoredImage], frames: Mapping[int, Any],
     lpips: Callable[[Any, Any], Any] | None = None, metrics: Sequence[ImageMetric] = DEFAULT_METRICS,
     trace: Callable[[Any], Any] = lambda frame: frame, image_pixels: Mapping[str, int] = MappingProxyType({}),
+    shown_face: Callable[[Any, Any], np.ndarray] | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Render and score every image that a split holds out: one row each, in their order.
 
@@ -128,6 +129,7 @@ def evaluate(
         trace: frame record -> what `render` takes of a frame. It runs on threads of its own for the frames that
             come next, while the one before is rendered.
         image_pixels: of the whole images of each camera, of which shards hold parts, where they are known.
+        shown_face: (frame record, image record) -> the pixels that show a face, where that is known.
 
     Raises:
         ValueError: if a rendering has another shape than its image, or is not finite.
@@ -143,7 +145,8 @@ def evaluate(
             flags = {name: getattr(image, name) for name in (*HELD_OUT, "fully_lit")}
             counts = {"foreground_pixels": int(foreground.sum())}
             rows.append({"index": index, "camera": image.camera, "frame": image.frame, **flags, **counts})
-            pair = ImagePair(rendered, captured, foreground, lpips, image_pixels.get(image.camera, 0))
+            face = None if shown_face is None else shown_face(frames[image.frame], image)
+            pair = ImagePair(rendered, captured, foreground, lpips, image_pixels.get(image.camera, 0), face)
             scores.append(scoring.submit(measure, metrics, pair))
             if len(scores) > SCORED_LATER:
                 scores[-SCORED_LATER].result()
@@ -214,8 +217,8 @@ def worst_median_best(per_image: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def capped(per_image: pd.DataFrame) -> pd.DataFrame:
-    """The scores with PSNR, also that of the image, no larger than what exact matches count."""
-    ratios = [name for name in ("psnr_db", "psnr_image") if name in per_image]
+    """The scores with every PSNR no larger than what exact matches count."""
+    ratios = [name for name in ("psnr_db", "psnr_image", "psnr_face") if name in per_image]
     return per_image.assign(**{name: per_image[name].clip(upper=PSNR_CEILING_DB) for name in ratios})
 
 

@@ -7,7 +7,7 @@ rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ class ImagePair:
         foreground: the pixels of the subject.
         lpips: `pipeline.metrics.lpips.Lpips`, if its weights are there.
         image_pixels: of the whole image that this is a part of; 0: not known.
+        face: the pixels that show a face; None: not known.
     """
 
     rendered: Float[np.ndarray, "h w 3"]
@@ -42,11 +43,15 @@ class ImagePair:
     foreground: Bool[np.ndarray, "h w"]
     lpips: Callable[[Any, Any], Any] | None = None
     image_pixels: int = 0
+    face: Bool[np.ndarray, "h w"] | None = None
 
     def around_subject(self, smallest_side: int) -> ImagePair:
         """The box around the foreground, grown to that many pixels a side where the image allows."""
         box = foreground_box(self.foreground, smallest_side)
-        return ImagePair(self.rendered[box], self.captured[box], self.foreground[box], self.lpips, self.image_pixels)
+        face = None if self.face is None else self.face[box]
+        return replace(
+            self, rendered=self.rendered[box], captured=self.captured[box], foreground=self.foreground[box], face=face
+        )
 
 
 @dataclass(frozen=True)
@@ -107,6 +112,11 @@ def _between(pair: ImagePair, distance: Callable[[Any, Any], Any]) -> float:
     return float(distance(x, y))
 
 
+def _psnr_face(pair: ImagePair) -> float:
+    seen = None if pair.face is None else pair.face & pair.foreground
+    return psnr_db(pair.rendered, pair.captured, seen) if seen is not None and seen.any() else float("nan")
+
+
 IMAGE_METRICS = (
     ImageMetric("psnr_db", "PSNR", digits=2, higher_is_better=True, smallest_side=1, unit="dB",
                 score=lambda pair: psnr_db(pair.rendered, pair.captured, pair.foreground)),
@@ -123,6 +133,9 @@ IMAGE_METRICS = (
     ImageMetric("psnr_image", "PSNR of the image", digits=2, higher_is_better=True, smallest_side=1, unit="dB",
                 score=lambda pair: masked_psnr_db(pair.rendered, pair.captured, pair.foreground, pair.image_pixels),
                 note="all pixels of the image, those beside the subject without error", by_default=False),
+    ImageMetric("psnr_face", "PSNR of the face", digits=2, higher_is_better=True, smallest_side=1, unit="dB",
+                score=_psnr_face, note="pixels of the subject that show its face, empty where none does",
+                by_default=False),
 )  # fmt: skip
 """All metrics, in the order of their columns; the first one ranks images."""
 

@@ -29,6 +29,7 @@ from pipeline.base.splits import VALIDATION
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.figures.scored_images import LAYERS, remove_pictures, write_layers, write_pictures
+from pipeline.geometry.texels import read_atlas
 from pipeline.metrics.evaluation import (
     COLOR_SPACE,
     LIT,
@@ -41,6 +42,7 @@ from pipeline.metrics.evaluation import (
     region,
     summarize,
 )
+from pipeline.metrics.face_region import shown_face
 from pipeline.metrics.image_metrics import asked_metrics, metrics_in
 from pipeline.metrics.joined_scores import joined_scores
 from pipeline.metrics.lpips import open_lpips
@@ -103,9 +105,15 @@ def run(
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     metrics = asked_metrics(settings.metrics)
     pixels = {} if index is None else whole_pixels(index)
+    face = None
+    if "psnr_face" in settings.metrics:
+        labelled = read_atlas(atlas)
+        face = shown_face(labelled.faces, labelled.regions)
+        if face is None:
+            log.warning("psnr_face stays empty: %s has no region face, and no joint of a keypoint head", atlas)
     if chunk is not None:
         avatar = load_avatar(avatars[0], atlas)
-        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace, pixels)
+        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace, pixels, face)
         write_table(out / f"{chunk:04d}.parquet", scored)
         log.info("%s: %d images of %d chunks from %d", avatars[0].name, len(scored), chunks, chunk)
         return
@@ -123,7 +131,7 @@ def run(
         avatar = load_avatar(folder, atlas)
         render = avatar.render
         if scores is None:
-            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace, pixels)
+            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace, pixels, face)
         else:
             per_image = joined_scores(scores / folder.name, images.table)
         names = {"subject": subject, "variant": folder.name}

@@ -94,7 +94,16 @@ def test_extra_metrics_of_the_setting_are_the_rows_that_are_off_by_default():
 
 def test_rows_have_names_of_their_own():
     assert len({metric.name for metric in IMAGE_METRICS}) == len(IMAGE_METRICS)
-    expected = ["PSNR [dB]", "SSIM", "LPIPS", "FLIP", "MS-SSIM", "ST-LPIPS", "PSNR of the image [dB]"]
+    expected = [
+        "PSNR [dB]",
+        "SSIM",
+        "LPIPS",
+        "FLIP",
+        "MS-SSIM",
+        "ST-LPIPS",
+        "PSNR of the image [dB]",
+        "PSNR of the face [dB]",
+    ]
     assert [metric.heading for metric in IMAGE_METRICS] == expected
 
 
@@ -150,3 +159,16 @@ def test_psnr_of_the_image_is_that_of_both_images_masked_and_whole():
     found = metric.measure(ImagePair(rendered, captured, foreground, image_pixels=200 * 100))
     assert found == pytest.approx(-10 * np.log10((whole**2).mean()), abs=1e-6)
     assert math.isnan(metric.measure(ImagePair(rendered, captured, foreground)))
+
+
+def test_psnr_of_the_face_counts_what_shows_it_and_is_subject():
+    captured, foreground = np.full((9, 8, 3), 0.5), np.zeros((9, 8), bool)
+    foreground[1:7], face = True, np.zeros((9, 8), bool)
+    face[5:9, 2:6] = True  # two rows of it lie beside the subject
+    rendered = captured.copy()
+    rendered[5, 2] += 0.1  # one of eight pixels that count
+    rendered[8, 3] = rendered[2] = 1
+    (metric,) = asked_metrics(["psnr_face"])[-1:]
+    assert metric.measure(ImagePair(rendered, captured, foreground, face=face)) == pytest.approx(20 + 10 * np.log10(8))
+    assert math.isnan(metric.measure(ImagePair(rendered, captured, foreground)))
+    assert math.isnan(metric.measure(ImagePair(rendered, captured, foreground, face=face & ~foreground)))
