@@ -123,12 +123,17 @@ def _pairs(
         cells = [
             f"{1000 * np.linalg.norm(cameras[a].center - cameras[b].center):.1f} "
             f"± {1000 * np.hypot(*quality[label].center_sigma_m[[a, b]]):.1f} mm, "
-            f"{angle_deg(cameras[a], cameras[b], authors[a], authors[b]):.2f}°"
+            f"{angle_deg(cameras[a], cameras[b], authors[a], authors[b]):.2f} "
+            f"± {np.sqrt(3) * np.hypot(*quality[label].turn_sigma_deg[[a, b]]):.2f}°"
             for label, cameras in found.items()
         ]
         base = 1000 * np.linalg.norm(authors[a].center - authors[b].center)
         lines.append(f"| {a}, {b} | {base:.1f} | {' | '.join(cells)} |")
-    return "Baselines, and angles between the relative rotations and the authors':\n\n" + "\n".join(lines) + "\n"
+    told = (
+        "Baselines, and angles between the relative rotations and the authors', each with the angle (root mean square) "
+        "that our error bars make of it, theirs being unknown:"
+    )
+    return f"{wrapped(told)}\n" + "\n".join(lines) + "\n"
 
 
 def checkerboard_section(data: Path, folder: Path) -> str:

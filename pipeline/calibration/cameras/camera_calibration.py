@@ -14,7 +14,8 @@ from pipeline.geometry.cameras import Camera
 RESIDUAL_COLUMNS = ["camera", "view", "board", "corner", "x", "y", "residual_x", "residual_y", "weight"]
 
 QUALITY_COLUMNS = [
-    "camera", "views", "corners", "rms_px", "focal_sigma", "center_sigma_m", "coverage", "tilt_deg", "distortion",
+    "camera", "views", "corners", "rms_px", "focal_sigma", "center_sigma_m", "turn_sigma_deg", "coverage", "tilt_deg",
+    "distortion",
 ]  # fmt: skip
 
 

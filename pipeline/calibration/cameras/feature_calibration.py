@@ -176,7 +176,7 @@ def _quality(
         rms = float(np.sqrt((mine[["residual_x", "residual_y"]].to_numpy() ** 2).sum(1).mean()))
         covered = covered_share(mine[["x", "y"]].to_numpy(np.float64), camera.width, camera.height)
         terms = int(np.count_nonzero(camera.dist)) if known.lenses is not None else 1
-        rows.append((name, mine.view.nunique(), len(mine), rms, focal[c], center[c], covered, np.nan, terms))
+        rows.append((name, mine.view.nunique(), len(mine), rms, focal[c], center[c], np.nan, covered, np.nan, terms))
     return pd.DataFrame(rows, columns=QUALITY_COLUMNS)
 
 

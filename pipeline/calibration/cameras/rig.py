@@ -39,6 +39,8 @@ class Rig:
         sigma_px: noise of one coordinate of a corner.
         focal_sigma: relative standard deviation of each camera's focal length.
         center_sigma_m: standard deviation of each camera's centre, root mean square over the axes.
+        turn_sigma_rad: standard deviation of each camera's orientation, root mean square over the axes.
+        turn_covariance: of all orientations, after the turn that all share is taken out; about the axes of the frame.
         center_covariance: of all centres, after the rigid motion that fits them best to the true ones: the rig's
             shape, which is all that a board tells. Where the first view happens to lie does not count.
         intrinsics_covariance: of each `Camera.intrinsics`; zero where a term is not estimated.
@@ -53,6 +55,8 @@ class Rig:
     sigma_px: float
     focal_sigma: Float64[np.ndarray, " cameras"]
     center_sigma_m: Float64[np.ndarray, " cameras"]
+    turn_sigma_rad: Float64[np.ndarray, " cameras"]
+    turn_covariance: Float64[np.ndarray, "axes axes"]
     center_covariance: Float64[np.ndarray, "axes axes"]
     intrinsics_covariance: Float64[np.ndarray, "cameras intrinsics intrinsics"]
     clock_sigma_s: float
@@ -102,12 +106,16 @@ def _adjust(model: RigModel) -> Rig:
     centers = center_covariance(covariance, model.center_jacobian(full), solved)
     intrinsics = np.stack([covariance[at, at] for at in map(model.intrinsics_columns, model.lens_index.tolist())])
     focal_sigma = np.sqrt(intrinsics[:, 0, 0]) / np.array([camera.K[0, 0] for camera in solved])
-    center_sigma = np.sqrt(np.maximum(np.diag(centers), 0).reshape(-1, 3).mean(1))
+    by_parameters = relative_turns(len(solved)) @ model.turn_jacobian(full)
+    turns = by_parameters @ covariance @ by_parameters.T
+    center_sigma, turn_sigma = (
+        np.sqrt(np.maximum(np.diag(both), 0).reshape(-1, 3).mean(1)) for both in (centers, turns)
+    )
     at = model.times_columns
     clock = _clock_sigma(full[at] - mean[at], covariance[at, at], model.clocked[0][:, 1], model.known.clock_sigma_s)
     return Rig(
-        solved, boards, solution.residual, solution.weight, solution.sigma, focal_sigma, center_sigma, centers,
-        intrinsics, clock, model, full, solution.covariance,
+        solved, boards, solution.residual, solution.weight, solution.sigma, focal_sigma, center_sigma, turn_sigma,
+        turns, centers, intrinsics, clock, model, full, solution.covariance,
     )  # fmt: skip
 
 
@@ -186,6 +194,11 @@ def center_covariance(
     """Covariance of the centres after a best rigid motion."""
     keep_by_parameters = shape_projection(cameras) @ jacobian
     return keep_by_parameters @ covariance @ keep_by_parameters.T
+
+
+def relative_turns(cameras: int) -> Float64[np.ndarray, "axes axes"]:
+    """Projection of small turns of the cameras onto those that do not turn all alike."""
+    return np.eye(3 * cameras) - np.kron(np.full((cameras, cameras), 1 / cameras), np.eye(3))
 
 
 def shape_projection(cameras: Sequence[Camera]) -> Float64[np.ndarray, "axes axes"]:

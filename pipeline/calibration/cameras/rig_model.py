@@ -201,6 +201,18 @@ class RigModel:
             jacobian[3 * c : 3 * c + 3, self.pose_columns(c)] = by_pose
         return jacobian
 
+    def turn_jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Derivative of all orientations [3 cameras, parameters], radians.
+
+        As turns about the axes of the rig's frame: with R = exp(w) R0, dR R^T = [J(w) dw]x about the camera's axes,
+        R^T J(w) dw about the rig's.
+        """
+        _, pose, _ = self.split(x)
+        jacobian = np.zeros((3 * len(self.cameras), len(x)))
+        for c, camera in enumerate(self.rig_at(x)[0]):
+            jacobian[3 * c : 3 * c + 3, self.pose_columns(c)[:3]] = camera.R.T @ left_jacobian(pose[c, :3])
+        return jacobian
+
     @cached_property
     def _pattern(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which entries of the blocks of `residuals` belong to free parameters [2 n, entries], and CSR's two indices.
