@@ -45,9 +45,8 @@ smaller [with more](#visual-hulls). The subject is painted flat and the images a
 pipeline works, not how good a set is.
 
 Images stay in the set, which is as large after the run as before; "written" is all of `captures/<name>`: tables,
-cameras, meshes. The tests of every set count what is decoded: the index decodes each image and mask once, and of eight
-frames a second time, to see whether cameras were exchanged. Stages after it decode again the images that they work on,
-`pack_shards` all of them.
+cameras, meshes. The tests of every set count what is decoded: the index decodes each image and mask once. Stages after
+it decode again the images that they work on, `pack_shards` all of them.
 """
 
 TAIL = """

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import OpenEXR
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Shaped, UInt8
 
 from pipeline.base.color import DECODERS, srgb_from_linear
 from pipeline.base.errors import InputError
@@ -83,7 +83,12 @@ class ImageSource:
             path: of the index.
             frame: that the image belongs to; None: to none, and it is exposed as most frames are.
         """
-        image = read_image(self.folder / path, self.transfer, self.black_level)
+        file = self.folder / path
+        return self.linear(decode_color(read_bytes(file), file), frame)
+
+    def linear(self, stored: Shaped[np.ndarray, "rows columns 3"], frame: int | None) -> Float32[np.ndarray, "h w 3"]:
+        """Linear RGB of an image's stored values, as `read` has it."""
+        image = linear_from_stored(stored, self.transfer, self.black_level)
         if self.reduced > 1:
             image = whole_blocks(image, self.reduced).mean((1, 3), dtype=np.float32)
         factor = 1.0 if frame is None else self.exposures.get(int(frame), 1.0)
@@ -119,9 +124,25 @@ def decode_image(
         transfer: how stored values relate to light.
         black_level: stored value of no light at all.
     """
+    return linear_from_stored(decode_color(content, path), transfer, black_level)
+
+
+def decode_color(content: bytes, path: Path) -> Shaped[np.ndarray, "h w 3"]:
+    """Stored values of a colour image, in the order R, G, B, of its own dtype.
+
+    Raises:
+        InputError: if the bytes are no image, or one of other channels.
+    """
     stored = decode_stored(content, path)
     if stored.ndim != 3 or stored.shape[2] != 3:
         raise InputError(f"{path}: expected an image of the three channels R, G, B, found {_channels(stored)}")
+    return stored
+
+
+def linear_from_stored(
+    stored: Shaped[np.ndarray, "h w 3"], transfer: Transfer, black_level: BlackLevel
+) -> Float32[np.ndarray, "h w 3"]:
+    """Linear RGB of stored values, as `decode_image` has it."""
     scale = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
     image = (stored.astype(np.float32) - np.asarray(black_level, np.float32)) / np.float32(scale)
     return DECODERS[transfer](image) if transfer in DECODERS else image

@@ -10,6 +10,8 @@ import pandas as pd
 
 from pipeline.base.files import digest_file
 from pipeline.capture.images import ImageSource
+from pipeline.capture.index.detected_files import NOTHING_DETECTED, DetectedFiles
+from pipeline.capture.index.frame_images import mask_format
 from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.schema.capture_yaml import Capture
@@ -27,6 +29,19 @@ def relative_exposures(frames: pd.DataFrame) -> dict[int, float]:
     counts = exposure.value_counts()
     usual = max(counts.index[counts == counts.max()])
     return {int(f): float(e / usual) for f, e in zip(frames["frame"], exposure, strict=True) if e != usual}
+
+
+def image_source(
+    root: Path, manifest: Capture, frames: pd.DataFrame | None, detected: DetectedFiles = NOTHING_DETECTED
+) -> ImageSource | None:
+    """The source of a capture's images; None if description or frames are in doubt."""
+    facts = manifest.images
+    if facts is None or frames is None:
+        return None
+    masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
+    return ImageSource(
+        root, facts.transfer, facts.black_level, masks, detected.mask_folder, relative_exposures(frames), facts.reduced
+    )
 
 
 def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: ImageSource) -> dict[str, Any]:

@@ -1,11 +1,19 @@
-"""Images of cameras that were exchanged or turned: they fit other masks than their own."""
+"""Images of cameras that were exchanged or turned: they fit other masks than their own.
+
+A few frames tell. Their images and masks are reduced as the index decodes them for its checks, so that none is decoded
+a second time.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 
 import cv2
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64, Shaped, UInt8
 
 from pipeline.base.errors import Complaints
 from pipeline.base.verdicts import Verdict
@@ -31,9 +39,58 @@ before a bright background, lit from one side), mirrored ones of bodies by 0.24 
 upside down, by 0.1 to 0.3: not all that are turned are told."""
 
 
+Reduced = Float32[np.ndarray, " pixels"]
+"""An image or a mask of `SIDE_PX` pixels a side, row by row."""
+
+NOTHING_REDUCED: Mapping[str, Reduced] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class ComparedCameras:
+    """Cameras whose images are of one size, and the frames that are looked at."""
+
+    cameras: list[str]
+    frames: list[int]
+    square: bool
+
+
+def compared_cameras(images: pd.DataFrame, sizes: pd.DataFrame) -> list[ComparedCameras]:
+    """Cameras to compare, and frames in which all of them have a mask.
+
+    Args:
+        images: camera, frame and mask_path (null without a mask), one row for each.
+        sizes: camera, width and height.
+    """
+    masked, found = images.loc[images.mask_path.notna(), ["camera", "frame"]], []
+    for (width, height), alike in sizes.groupby(["width", "height"]):
+        here = masked[masked.camera.isin(alike.camera)]
+        cameras, counts = sorted(here.camera.unique()), here.frame.value_counts()
+        frames = np.sort(counts.index[counts == len(cameras)].to_numpy(np.int64))
+        if len(cameras) < 2 or not len(frames):
+            continue
+        frames = frames[np.unique(np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).round().astype(int))]
+        found.append(ComparedCameras(cameras, frames.tolist(), width == height))
+    return found
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Images that are looked at, by camera and frame, and their source."""
+
+    source: ImageSource
+    keys: frozenset[tuple[str, int]]
+
+    @classmethod
+    def among(cls, images: pd.DataFrame, sizes: pd.DataFrame, source: ImageSource) -> Compared:
+        """The images of a table that are looked at; arguments as of `compared_cameras`."""
+        chosen = compared_cameras(images, sizes)
+        return cls(source, frozenset((c, frame) for each in chosen for c in each.cameras for frame in each.frames))
+
+
 def complain_of_exchanged(
-    images: pd.DataFrame, sizes: pd.DataFrame, source: ImageSource, complaints: Complaints
-) -> list[Verdict]:
+    images: pd.DataFrame, sizes: pd.DataFrame, source: ImageSource, complaints: Complaints,
+    reduced: Mapping[str, Reduced] = NOTHING_REDUCED,
+) -> list[Verdict]:  # fmt: skip
     """Complain about cameras whose images were exchanged or turned; needs masks. Returns a verdict on each.
 
     Good: nothing speaks for another camera's masks, or for turned ones.
@@ -42,28 +99,22 @@ def complain_of_exchanged(
         images: camera, frame, path and mask_path (null without a mask).
         sizes: camera, width and height.
         source: of the images.
+        reduced: images and masks by path, as far as they were reduced before; others are read.
     """
-    masked = images[images.mask_path.notna()]
     verdicts = []
-    for (width, height), alike in sizes.groupby(["width", "height"]):
-        here = masked[masked.camera.isin(alike.camera)]
-        cameras = sorted(here.camera.unique())
-        everywhere = here.groupby("frame").camera.nunique()
-        frames = everywhere.index[everywhere == len(cameras)]
-        if len(cameras) < 2 or not len(frames):
-            continue
-        frames = frames[np.unique(np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).round().astype(int))]
-        rows = here.set_index(["frame", "camera"])
+    for compared in compared_cameras(images, sizes):
+        cameras, frames = compared.cameras, compared.frames
+        rows = images[images.camera.isin(cameras) & images.frame.isin(frames)].set_index(["frame", "camera"])
         order = [(frame, camera) for frame in frames for camera in cameras]
         shape = (len(frames), len(cameras), SIDE_PX**2)
-        shown = np.stack([_image(source, rows.path[key], key[0]) for key in order]).reshape(shape)
+        shown = np.stack([_image(source, rows.path[key], key[0], reduced) for key in order]).reshape(shape)
         paths = [rows.mask_path[key] for key in order]
-        masks = {path: _mask(source, path) for path in dict.fromkeys(paths)}  # Which images may share.
+        masks = {path: _mask(source, path, reduced) for path in dict.fromkeys(paths)}  # Which images may share.
         given = np.stack([masks[path] for path in paths]).reshape(shape)
         fits = correlations(shown, given)
         pairs = exchanged(fits)
         in_pairs = {camera for pair in pairs for camera in pair}  # Which may look like the mirror image of the other.
-        for i, how, fit in (found for found in turned(shown, given, width == height) if found[0] not in in_pairs):
+        for i, how, fit in (found for found in turned(shown, given, compared.square) if found[0] not in in_pairs):
             complaints.add(
                 "images", cameras[i], expected="the subject where the camera's own masks are",
                 found=f"images that fit these masks {how} (correlation {fit:.2f}, as they are {fits[i, i]:.2f})",
@@ -130,15 +181,29 @@ def _standard(values: Float64[np.ndarray, "*rows pixels"]) -> Float64[np.ndarray
     return centred / np.where(length > 0, length, 1.0)  # What is the same everywhere correlates with nothing.
 
 
-def _image(source: ImageSource, path: str, frame: int) -> Float64[np.ndarray, " pixels"]:
+def _image(
+    source: ImageSource, path: str, frame: int, reduced: Mapping[str, Reduced]
+) -> Float64[np.ndarray, " pixels"]:  # fmt: skip
+    found = reduced.get(path)
+    return (reduced_image(source.read(path, frame)) if found is None else found).astype(np.float64)
+
+
+def _mask(source: ImageSource, path: str, reduced: Mapping[str, Reduced]) -> Float64[np.ndarray, " pixels"]:
+    found = reduced.get(path)
+    if found is None:
+        found = reduced_mask(source.masks.subject(read_mask(source.mask_file(path))))
+    return found.astype(np.float64)
+
+
+def reduced_image(linear: Float32[np.ndarray, "h w 3"]) -> Reduced:
     """Square root of the mean colour, reduced: shadows count about as much as lit skin."""
-    gray = np.sqrt(np.clip(np.nan_to_num(source.read(path, frame).mean(2), posinf=0.0), 0, None))
-    return _reduced(gray)
+    return _reduced(np.sqrt(np.clip(np.nan_to_num(linear.mean(2), posinf=0.0), 0, None)))
 
 
-def _mask(source: ImageSource, path: str) -> Float64[np.ndarray, " pixels"]:
-    return _reduced(source.masks.subject(read_mask(source.mask_file(path))).astype(np.float32))
+def reduced_mask(subject: UInt8[np.ndarray, "h w"]) -> Reduced:
+    """A mask, reduced."""
+    return _reduced(subject.astype(np.float32))
 
 
-def _reduced(values: np.ndarray) -> Float64[np.ndarray, " pixels"]:
-    return cv2.resize(values, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA).astype(np.float64).ravel()
+def _reduced(values: Shaped[np.ndarray, "h w"]) -> Reduced:
+    return cv2.resize(values, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA).astype(np.float32).ravel()

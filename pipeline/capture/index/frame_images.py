@@ -10,6 +10,7 @@ import pandas as pd
 from pipeline.base.errors import Complaints, listed
 from pipeline.capture.archives import is_there
 from pipeline.capture.index.csv_tables import DTYPES, Kind, complain_repeats, complain_unknown
+from pipeline.capture.index.exchanged_images import Compared
 from pipeline.capture.index.image_checks import ExpectedImage
 from pipeline.capture.index.parquet_tables import read_parquet
 from pipeline.capture.mask_format import MaskFormat
@@ -121,17 +122,26 @@ def _is_relative(path: str) -> bool:
     return True
 
 
-def expected_images(images: pd.DataFrame, cameras: pd.DataFrame | None, manifest: Capture) -> Iterator[ExpectedImage]:
+def expected_images(
+    images: pd.DataFrame, cameras: pd.DataFrame | None, manifest: Capture, compared: Compared | None = None
+) -> Iterator[ExpectedImage]:
     """Expectations of the images and masks found, one after the other.
 
     A mask that all images of a camera share, one after the other, is expected once.
+
+    Args:
+        images: camera, frame, path, mask_path.
+        cameras: camera, width, height.
+        manifest: the capture's description.
+        compared: those that are reduced as they are inspected; None: none.
     """
     masks, imported = mask_format(manifest), manifest.imported is not None
     sizes = {} if cameras is None else {row.camera: (row.width, row.height) for row in cameras.itertuples()}
     before = None
     for row in images.itertuples():
-        yield ExpectedImage(row.path, "color", row.camera, sizes[row.camera], masks=masks, imported=imported)
+        size, given = sizes[row.camera], {"masks": masks, "imported": imported, "frame": row.frame}
+        given["compared"] = compared.source if compared and (row.camera, row.frame) in compared.keys else None
+        yield ExpectedImage(row.path, "color", row.camera, size, **given)
         if isinstance(row.mask_path, str) and (row.camera, row.mask_path) != before:
             before = row.camera, row.mask_path
-            size = sizes[row.camera]
-            yield ExpectedImage(row.mask_path, "mask", row.camera, size, masks=masks, imported=imported)
+            yield ExpectedImage(row.mask_path, "mask", row.camera, size, **given)

@@ -14,7 +14,8 @@ import numpy as np
 from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.base.files import digest_bytes
 from pipeline.capture.archives import read_bytes
-from pipeline.capture.images import decode_image, decode_mask, decode_stored
+from pipeline.capture.images import ImageSource, decode_color, decode_mask, decode_stored
+from pipeline.capture.index.exchanged_images import Reduced, reduced_image, reduced_mask
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat, reduced_size
 from pipeline.capture.paths import locate
 
@@ -38,6 +39,8 @@ class ExpectedImage:
         table: what says so, for messages.
         masks: how a mask stores the subject, and how images are reduced as they are read.
         imported: True for images of an imported capture, which may lie behind its link.
+        compared: the source of an image, or of a mask, that is compared with other cameras'; None for all others.
+        frame: that an image belongs to.
     """
 
     path: str
@@ -47,6 +50,8 @@ class ExpectedImage:
     table: str = "the table of cameras"
     masks: MaskFormat = PLAIN_MASKS
     imported: bool = False
+    compared: ImageSource | None = None
+    frame: int | None = None
 
 
 IndexSection = tuple[dict[str, Any], list[ExpectedImage]]
@@ -67,13 +72,15 @@ class Flaw:
 class Inspection:
     """An image's content digest and flaws, and the reason if it cannot be decoded.
 
-    `black`: no pixel is above 0.
+    `black`: no pixel is above 0. `reduced`: the image or mask as `pipeline.capture.index.exchanged_images` reduces it,
+    for those that are compared.
     """
 
     digest: str
     flaws: tuple[Flaw, ...] = ()
     unreadable: str = ""
     black: bool = False
+    reduced: Reduced | None = None
 
 
 def inspect_image(root: Path, image: ExpectedImage) -> Inspection:
@@ -84,12 +91,17 @@ def inspect_image(root: Path, image: ExpectedImage) -> Inspection:
         return Inspection("", unreadable=str(error))
     digest = digest_bytes(content)
     try:
-        decode = {"color": decode_image, "mask": decode_mask, "pattern": decode_stored}[image.what]
+        decode = {"color": decode_color, "mask": decode_mask, "pattern": decode_stored}[image.what]
         pixels = decode(content, Path(image.path))
     except InputError as error:
         return Inspection(digest, unreadable=str(error))
     subject = image.masks.subject(pixels) if image.what == "mask" else pixels
-    return Inspection(digest, tuple(_flaws(image, pixels)), black=not subject.any())
+    flaws, reduced = tuple(_flaws(image, pixels)), None
+    if image.compared is not None and not flaws:
+        reduced = reduced_mask(subject) if image.what == "mask" else reduced_image(
+            image.compared.linear(pixels, image.frame)
+        )  # fmt: skip
+    return Inspection(digest, flaws, black=not subject.any(), reduced=reduced)
 
 
 def _flaws(image: ExpectedImage, pixels: np.ndarray) -> Iterable[Flaw]:
@@ -139,11 +151,16 @@ def _finished(image: ExpectedImage, found: Inspection | Future[Inspection]) -> t
     return image, found if isinstance(found, Inspection) else found.result()
 
 
-def gather(inspected: Iterable[tuple[ExpectedImage, Inspection]], complaints: Complaints) -> dict[str, str]:
-    """Complain about flawed images, by camera and flaw. Returns path to digest."""
+def gather(
+    inspected: Iterable[tuple[ExpectedImage, Inspection]], complaints: Complaints
+) -> tuple[dict[str, str], dict[str, Reduced]]:
+    """Complain about flawed images, by camera and flaw. Returns path to digest, and to what was reduced."""
     digests, alike, unreadable, masks_black = {}, defaultdict(list), defaultdict(list), Counter()
+    reduced = {}
     for image, inspection in inspected:
         digests[image.path] = inspection.digest
+        if inspection.reduced is not None:
+            reduced[image.path] = inspection.reduced
         if image.what == "mask" and not inspection.unreadable:
             masks_black[inspection.black] += 1
         if inspection.unreadable:
@@ -162,4 +179,4 @@ def gather(inspected: Iterable[tuple[ExpectedImage, Inspection]], complaints: Co
         key = f"{flaw.camera}: {flaw.key}"
         found = f"{flaw.found} in {len(paths)} images" if len(paths) > 1 else flaw.found
         complaints.add(listed(paths), key, expected=flaw.expected, found=found)
-    return digests
+    return digests, reduced

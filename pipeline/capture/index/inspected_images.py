@@ -21,6 +21,8 @@ from pipeline.base.files import read_table, write_table
 from pipeline.capture.archives import is_there
 from pipeline.capture.index import tables
 from pipeline.capture.index.calibration_sections import find_calibration
+from pipeline.capture.index.contents import image_source
+from pipeline.capture.index.exchanged_images import Compared
 from pipeline.capture.index.frame_images import IMAGE_COLUMNS, expected_images
 from pipeline.capture.index.image_checks import ExpectedImage, Flaw, Inspection, inspections
 from pipeline.capture.index.parquet_tables import read_parquet
@@ -28,8 +30,9 @@ from pipeline.capture.paths import fill
 from pipeline.capture.schema.capture_yaml import Capture
 from pipeline.capture.schema.manifest import read_manifest
 
-COLUMNS = ("what", "camera", "path", "digest", "black", "unreadable", "flaws")
-"""Of the table. `flaws` is a JSON list of [camera, key, expected, found], empty for none."""
+COLUMNS = ("what", "camera", "path", "digest", "black", "unreadable", "flaws", "reduced")
+"""Of the table. `flaws` is a JSON list of [camera, key, expected, found], empty for none; `reduced` is null but for the
+few images that are compared with other cameras' masks, 4 kB each."""
 
 
 class InspectedImages:
@@ -57,8 +60,10 @@ class InspectedImages:
         return self._found.get((image.what, image.camera), {}).get(image.path)
 
 
-def _inspection(digest: str, black: bool, unreadable: str, flaws: str) -> Inspection:
-    return Inspection(digest, tuple(Flaw(*each) for each in json.loads(flaws)) if flaws else (), unreadable, black)
+def _inspection(digest: str, black: bool, unreadable: str, flaws: str, reduced: bytes | None) -> Inspection:
+    small = None if reduced is None else np.frombuffer(reduced, np.float32)
+    known = tuple(Flaw(*each) for each in json.loads(flaws)) if flaws else ()
+    return Inspection(digest, known, unreadable, black, small)
 
 
 def inspect_frames(root: Path, out: Path, first: int, count: int, threads: int) -> int:
@@ -76,8 +81,9 @@ def inspect_frames(root: Path, out: Path, first: int, count: int, threads: int) 
     rows = []
     for image, found in inspections(root, _images(root, first, count), threads):
         flaws = json.dumps([astuple(flaw) for flaw in found.flaws]) if found.flaws else ""
-        rows.append((image.what, image.camera, image.path, found.digest, found.black, found.unreadable, flaws))
-    write_table(out, pd.DataFrame(rows, columns=list(COLUMNS)).astype({"black": bool}))
+        reduced = None if found.reduced is None else found.reduced.tobytes()
+        rows.append((image.what, image.camera, image.path, found.digest, found.black, found.unreadable, flaws, reduced))
+    write_table(out, pd.DataFrame(rows, columns=list(COLUMNS)).astype({"black": bool, "reduced": object}))
     return len(rows)
 
 
@@ -98,24 +104,30 @@ def _images(root: Path, first: int, count: int) -> Iterable[ExpectedImage]:
     place = np.arange(len(photographs)) * len(frames) // max(len(photographs), 1)
     shared = [photographs[n] for n in np.flatnonzero((place >= first) & (place < first + count))]
     there = [image for image in shared if is_there(root / image.path)]
-    numbers = np.sort(frames["frame"].to_numpy())[first : first + count]
+    numbers, pattern = np.sort(frames["frame"].to_numpy()), manifest.images.table is None
     listed = _listed(root, manifest, cameras["camera"].tolist(), numbers.tolist(), ignored)
+    compared = Compared.among(listed, cameras, image_source(root, manifest, frames))
+    known = listed["camera"].isin(cameras["camera"]) & listed["frame"].isin(numbers[first : first + count])
+    listed = listed[known].copy()
+    keys = list(zip(listed["camera"], listed["frame"], strict=True))
     for column in ("path", "mask_path"):
-        listed[column] = [path if isinstance(path, str) and is_there(root / path) else None for path in listed[column]]
-    return chain(there, expected_images(listed[listed["path"].notna()], cameras, manifest))
+        paths = [path if isinstance(path, str) else None for path in listed[column]]
+        if pattern:
+            paths = [p and fill(p, camera=c, frame=n) for p, (c, n) in zip(paths, keys, strict=True)]
+        listed[column] = [path if path and is_there(root / path) else None for path in paths]
+    return chain(there, expected_images(listed[listed["path"].notna()], cameras, manifest, compared))
 
 
 def _listed(
     root: Path, manifest: Capture, cameras: list[str], numbers: list[int], complaints: Complaints
 ) -> pd.DataFrame:
-    """Images of these frames as a capture names them, whether or not they are there; columns of `IMAGE_COLUMNS`."""
+    """Images that a capture names, whether or not they are there; columns of `IMAGE_COLUMNS`.
+
+    Of captures that name them by patterns, paths are the patterns: filled in for all frames they take seconds.
+    """
     images, masks = manifest.images, manifest.masks
     if images.table is not None:
         table = read_parquet(root, images.table, IMAGE_COLUMNS, complaints)
-        if table is None:
-            return pd.DataFrame(columns=list(IMAGE_COLUMNS))
-        return table[table["camera"].isin(cameras) & table["frame"].isin(numbers)].copy()
-    pattern = masks.path if masks is not None else None
-    keys = [(camera, number) for camera in cameras for number in numbers]
-    rows = [(c, n, *(fill(p, camera=c, frame=n) if p else None for p in (images.path, pattern))) for c, n in keys]
-    return pd.DataFrame(rows, columns=list(IMAGE_COLUMNS))
+        return pd.DataFrame(columns=list(IMAGE_COLUMNS)) if table is None else table
+    keys = pd.MultiIndex.from_product([cameras, numbers], names=["camera", "frame"]).to_frame(index=False)
+    return keys.assign(path=images.path, mask_path=None if masks is None else masks.path)

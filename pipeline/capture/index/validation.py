@@ -14,15 +14,14 @@ import pandas as pd
 from pipeline.base.errors import Complaints
 from pipeline.base.progress import progress
 from pipeline.base.verdicts import Verdict
-from pipeline.capture.images import ImageSource
 from pipeline.capture.index import calibration_files, tables
 from pipeline.capture.index.calibration_sections import Contents, find_calibration
-from pipeline.capture.index.contents import capture_content, relative_exposures
+from pipeline.capture.index.contents import capture_content, image_source
 from pipeline.capture.index.detected_files import NOTHING_DETECTED, DetectedFiles
-from pipeline.capture.index.exchanged_images import complain_of_exchanged
+from pipeline.capture.index.exchanged_images import Compared, complain_of_exchanged
 from pipeline.capture.index.eye_tables import read_gaze_csv
 from pipeline.capture.index.feature_views import feature_content
-from pipeline.capture.index.frame_images import expected_images, find_frame_images, mask_format
+from pipeline.capture.index.frame_images import expected_images, find_frame_images
 from pipeline.capture.index.held_out import check_splits, images_table
 from pipeline.capture.index.image_checks import Known, gather, inspections, nothing_known
 from pipeline.capture.index.keypoint_tables import KeypointSource, copy_keypoints, read_points_csv
@@ -30,7 +29,6 @@ from pipeline.capture.index.light_spectra import read_light_gains, with_gains
 from pipeline.capture.index.mesh_tables import read_meshes
 from pipeline.capture.index.tables import EXPOSURE_COLUMNS
 from pipeline.capture.index.template_checks import check_template
-from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.schema.capture_yaml import Capture, FeatureCameras, Images
 from pipeline.capture.schema.manifest import MANIFEST, read_manifest
 
@@ -81,16 +79,15 @@ def index_folder(
     images, mask_digests = detected.masked(images)
     own = images if detected.masks is None else images.assign(mask_path=None)
     total = len(expected) + int(own[["path", "mask_path"]].notna().to_numpy().sum())
-    inspected = inspections(root, chain(expected, expected_images(own, found["cameras"], manifest)), threads, known)
-    digests = gather(progress(inspected, "images checked", total), complaints) | mask_digests
+    source, sizes = image_source(root, manifest, found["frames"], detected), found["cameras"]
+    compared = None if source is None or sizes is None else Compared.among(images, sizes, source)
+    inspected = inspections(root, chain(expected, expected_images(own, sizes, manifest, compared)), threads, known)
+    digests, reduced = gather(progress(inspected, "images checked", total), complaints)
+    digests |= mask_digests
     check_splits(manifest.splits, found["cameras"], found["frames"], complaints)
     complaints.raise_if_any()
-    facts = manifest.images
-    masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
-    exposures = relative_exposures(found["frames"])
     found["frames"] = found["frames"].drop(columns=list(EXPOSURE_COLUMNS), errors="ignore")
-    source = ImageSource(root, facts.transfer, facts.black_level, masks, detected.mask_folder, exposures, facts.reduced)
-    verdicts = complain_of_exchanged(images, found["cameras"], source, complaints)
+    verdicts = complain_of_exchanged(images, sizes, source, complaints, reduced)
     complaints.raise_if_any()
     contents = {name: calibration_files.with_digests(content, digests) for name, content in contents.items()}
     contents["capture"] = capture_content(root, manifest, found["eyes"], source)

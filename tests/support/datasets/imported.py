@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from pipeline.base.files import read_rows, read_table
-from pipeline.capture.index.exchanged_images import FRAMES
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.import_capture import ImportCapture
 from pipeline.config.train_avatar import TrainAvatar
@@ -42,8 +41,8 @@ def import_set(
 ) -> tuple[Path, Path]:
     """The folders of the native capture, and of the results of these stages.
 
-    On the way it is checked of every set that it is read in place: the index decodes each image and mask once, but for
-    the few frames in which it compares cameras, importing and tracking no mask twice, and the capture gets no pixels.
+    On the way it is checked of every set that it is read in place: the index decodes each image and mask once,
+    importing and tracking no mask twice, and the capture gets no pixels.
     """
     capture, results = folder / "captures/someone", folder / "results"
     before = sorted((path, path.stat().st_size) for path in source.rglob("*"))
@@ -57,10 +56,7 @@ def import_set(
     masks = {path.removeprefix("source/") for path in images.mask_path.dropna()}
     proven = Counter(path for _, path in looked_at.files if path.removeprefix(f"{source.resolve()}/") in masks)
     assert max(proven.values(), default=1) == 1, "importing decodes no mask twice"
-    compared = 2 * FRAMES * images.camera.nunique() if images.mask_path.notna().any() else 0
-    assert max(times.values()) <= 2 and len(decoded.files) <= len(times) + compared, (
-        "again only those that tell whether cameras were exchanged"
-    )
+    assert max(times.values()) == 1, "once, those that tell whether cameras were exchanged, too"
     assert sorted((path, path.stat().st_size) for path in source.rglob("*")) == before, (
         "nothing is written into the set"
     )

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from pipeline.base.errors import InputError
+from pipeline.base.errors import Complaints, InputError
+from pipeline.base.verdicts import verdict_table
+from pipeline.capture.images import ImageSource
 from pipeline.capture.index import image_checks
+from pipeline.capture.index.exchanged_images import complain_of_exchanged
 from pipeline.capture.index.inspected_images import InspectedImages
 from pipeline.stages.index_capture import run
 from tests.support.captures.broken import inspected_by_two
 from tests.support.captures.builder import build_capture, edit_manifest
+from tests.support.datasets.decodes import counted_decodes
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -30,15 +37,28 @@ def test_index_has_the_same_bytes_and_reads_no_image_again(tmp_path, monkeypatch
     monkeypatch.setattr(
         image_checks, "inspect_image", lambda root, image: (read.append(image), inspect(root, image))[1]
     )
-    run(capture=capture, out=tmp_path / "joined", inspected=tables)
+    with counted_decodes() as decoded:
+        run(capture=capture, out=tmp_path / "joined", inspected=tables)
     assert contents(tmp_path / "one") == contents(tmp_path / "joined")
-    assert not read
+    assert not read and not decoded.files
     found = [pd.read_parquet(table) for table in tables]
     assert [sum(not is_photograph(path) for path in table.path) for table in found] == [2 * 2 * 2, 2 * 2]
     named = re.findall(r'"path": "(calibration/[^"{]+\.(?:png|exr))"', "".join(text_of(tmp_path / "one")))
     photographs = [set(filter(is_photograph, table.path)) for table in found]
     assert set.union(*photographs) == set(named) and not set.intersection(*photographs)
     assert all(photographs) == measured
+
+
+def test_images_are_compared_as_if_they_were_read_again(tmp_path):
+    capture = build_capture(tmp_path / "tiny")
+    with counted_decodes() as decoded:
+        run(capture=capture, out=tmp_path / "one")
+    assert max(Counter(path for _, path in decoded.files).values()) == 1
+    images, cameras = (pd.read_parquet(tmp_path / f"one/{name}.parquet") for name in ("images", "cameras"))
+    source = ImageSource.from_index(capture, json.loads((tmp_path / "one/capture.json").read_text())["images"])
+    verdicts = complain_of_exchanged(images, cameras, source, Complaints(capture))
+    written = pd.read_csv(tmp_path / "one/verdicts_images.csv")
+    assert len(verdicts) == 2 and written.equals(pd.read_csv(io.StringIO(verdict_table(verdicts).to_csv(index=False))))
 
 
 def is_photograph(path: str) -> bool:
