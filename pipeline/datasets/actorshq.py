@@ -195,6 +195,7 @@ def say_given(provenance: Provenance, proof: str, images: pd.DataFrame) -> None:
     provenance.left_out.update(
         {
             "meshes.abc": "other vertices in each frame",
-            "aabbs.csv, occupancy_grids, light_annotations.csv": "nothing here needs them",
+            "aabbs.csv, occupancy_grids": "made of the masks",
+            "light_annotations.csv": "pixels of lamps, without places",
         }
     )

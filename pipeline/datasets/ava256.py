@@ -17,10 +17,11 @@ from pipeline.base.errors import Complaints, InputError, listed
 from pipeline.capture.mask_format import MaskFormat
 from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.even_light import STANDS_FOR, even_light
-from pipeline.datasets.goliath import SUBJECT_LABELS, say_masks
-from pipeline.datasets.goliath_archives import Archives, find_archives, image_size, image_table
+from pipeline.datasets.goliath import SUBJECT_LABELS
+from pipeline.datasets.goliath_archives import PARTS, Archives, find_archives, image_size, image_table
 from pipeline.datasets.goliath_cameras import METRES_PER_UNIT, calibrated_names, read_goliath_cameras
 from pipeline.datasets.goliath_meshes import find_meshes, read_rest
+from pipeline.datasets.goliath_notes import say_masks
 from pipeline.datasets.imported_capture import HeldOut, ImageStore, ImportedCapture, Provenance, TrackedMeshes
 from pipeline.datasets.kept_frames import frames_with_meshes, shown
 from pipeline.datasets.layout import csv_columns, json_key, require
@@ -85,7 +86,7 @@ def read_ava256(root: Path, settings: ImportCapture) -> ImportedCapture:
     if unseen := sorted(set(calibrated_names(inside / CALIBRATION)) - set(found.images)):
         provenance.left_out["cameras without images"] = shown(unseen)
     say_given(provenance, f"{origin}; {proof}", resolution)
-    say_masks(provenance, images)
+    say_masks(provenance, images, PARTS, "labels but background and chair")
     middle = posed_vertices(root, tracked, int(table.frame[0])).mean(0)
     lights, patterns = even_light(middle, frames.frame.tolist())
     return ImportedCapture(
@@ -166,8 +167,14 @@ def say_given(provenance: Provenance, meshes: str, resolution: str) -> None:
     )
     provenance.computed.update(
         {"lights": f"{STANDS_FOR}; avatars are not relit", "texture coordinates": "unwrap_atlas", "mean textures":
-         "bake_textures; the set's own uv_image is not read"}
+         "bake_textures"}
     )  # fmt: skip
     provenance.assumed["how images store light"] = "sRGB, as the set's programs show them, which do not say it"
     provenance.assumed["light"] = STANDS_FOR
-    provenance.left_out["keypoints_3d, uv_image, the headset's images"] = "nothing here needs them"
+    provenance.left_out.update(
+        {
+            "keypoints_3d": "all frames have meshes; nothing says which point each is",
+            "uv_image": "textures are baked anew",
+            "the headset's images": "of parts of the face, by other cameras",
+        }
+    )

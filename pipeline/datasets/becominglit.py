@@ -182,7 +182,8 @@ def say_given(
     )
     provenance.left_out.update(
         {
-            "landmark2d, flame_params, meshes_cano": "nothing here needs them",
+            "flame_params, meshes_cano": "the posed meshes say the same",
+            "landmark2d": "they went into these meshes",
             "sequences CALIB*, BACK*": "they have no subject",
         }
     )

@@ -1,4 +1,4 @@
-"""Archives of Goliath: one of images and one of part labels per camera."""
+"""Archives of Goliath: one of images and one of masks per camera."""
 
 from __future__ import annotations
 
@@ -18,8 +18,13 @@ from pipeline.datasets.imported_capture import Provenance
 
 log = logging.getLogger(__name__)
 
+PARTS = "segmentation_parts"
+"""Folder of the archives of part labels."""
+
+BACKGROUNDS = "per_view_background/per_view_background.zip"
+
 IMAGE = ("image/cam{camera}.zip/cam{camera}/", ".avif")
-MASK = ("segmentation_parts/cam{camera}.zip/cam{camera}/", ".png")
+MASK = ("{folder}/cam{camera}.zip/cam{camera}/", ".png")
 """Paths below the set's folder, before and after the six digits of the frame's number."""
 
 
@@ -31,7 +36,7 @@ class Archives:
     masks: Mapping[str, frozenset[int]]
 
 
-def find_archives(root: Path, wanted: Collection[str]) -> Archives:
+def find_archives(root: Path, wanted: Collection[str], mask_folder: str = PARTS) -> Archives:
     """Frames in the archives of images and masks, of all cameras or the `wanted` ones.
 
     Raises:
@@ -49,7 +54,7 @@ def find_archives(root: Path, wanted: Collection[str]) -> Archives:
         raise InputError(f"{root}/image: expected archives cam*.zip with members cam*/000000.avif, found {found}")
     masks = {}
     for name in chosen:
-        archive = root / f"segmentation_parts/cam{name}.zip"
+        archive = root / f"{mask_folder}/cam{name}.zip"
         masks[name] = _frames_in(archive, name, "png", shared) if archive.is_file() else frozenset()
     return Archives(images, masks)
 
@@ -60,6 +65,13 @@ def _frames_in(
     pattern = re.compile(rf"cam{re.escape(camera)}/(\d{{6}})\.{suffix}")
     frames = frozenset(int(match[1]) for match in map(pattern.fullmatch, members(archive)) if match)
     return shared.setdefault(frames, frames)
+
+
+def find_plates(root: Path, cameras: Collection[str]) -> str:
+    """Pattern, with {camera}, of images of the empty stage; empty unless each camera has one."""
+    archive = root / BACKGROUNDS
+    there = members(archive) if archive.is_file() else ()
+    return f"{BACKGROUNDS}/{{camera}}.png" if all(f"{camera}.png" in there for camera in cameras) else ""
 
 
 def image_size(root: Path, camera: str, frame: int) -> tuple[int, int]:
@@ -74,7 +86,9 @@ def image_path(camera: str, frame: int) -> str:
     return f"{IMAGE[0].format(camera=camera)}{frame:06d}{IMAGE[1]}"
 
 
-def image_table(found: Archives, frames: Collection[int], root: Path, provenance: Provenance) -> pd.DataFrame:
+def image_table(
+    found: Archives, frames: Collection[int], root: Path, provenance: Provenance, mask_folder: str = PARTS
+) -> pd.DataFrame:
     """camera, frame, path, mask_path of the frames' images; what is lacking is named."""
     numbers, parts, lacking = np.array(sorted(frames), np.int64), [], {}
     texts = pd.Series([f"{frame:06d}" for frame in numbers.tolist()], dtype="str")
@@ -86,7 +100,7 @@ def image_table(found: Archives, frames: Collection[int], root: Path, provenance
         masked = np.isin(numbers[kept], np.fromiter(masks, np.int64, len(masks)))
         (before, after), (before_mask, after_mask) = IMAGE, MASK
         paths = before.format(camera=camera) + own + after
-        mask_paths = (before_mask.format(camera=camera) + own + after_mask).where(masked)
+        mask_paths = (before_mask.format(folder=mask_folder, camera=camera) + own + after_mask).where(masked)
         parts.append(pd.DataFrame({"camera": camera, "frame": numbers[kept], "path": paths, "mask_path": mask_paths}))
     if lacking:
         log.warning("%s: cameras without some of %d images: %s", root, len(frames), lacking)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -28,6 +28,7 @@ class ImageStore:
         downsample_from_sensor: sensor pixels along a side of an image's pixel.
         masks: what the values of masks mean.
         reduced: stored pixels along a side of an image's pixel; sizes and `downsample_from_sensor` are those after it.
+        clean_plates: path of each camera's image of the empty stage, fully lit, with {camera}; empty: there is none.
     """
 
     table: pd.DataFrame
@@ -37,6 +38,7 @@ class ImageStore:
     downsample_from_sensor: int
     masks: MaskFormat = PLAIN_MASKS
     reduced: int = 1
+    clean_plates: str = ""
 
 
 OWN_MESH = "mesh.ply"
@@ -63,6 +65,10 @@ class TrackedMeshes:
     motion: Literal["given", "fitted"] = "given"
     elsewhere: Mapping[str, Path] = field(default_factory=dict)
     in_set: bool = True
+
+    def of_frames(self, frames: Collection[int]) -> TrackedMeshes:
+        """The meshes of these frames."""
+        return replace(self, table=self.table[self.table.frame.isin(list(frames))].reset_index(drop=True))
 
     def file(self, root: Path, path: str) -> Path:
         """The file that a path of the table names."""

@@ -92,9 +92,10 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
             **({"reduced": images.reduced} if images.reduced > 1 else {}),
         },
     }  # fmt: skip
-    if masks != PLAIN_MASKS:
+    if masks != PLAIN_MASKS or images.clean_plates:
         labels = {} if masks.labels is None else {"labels": list(masks.labels)}
-        content["masks"] = {**labels, "enlarged": masks.enlarged}
+        plates = {"clean_plates": f"{SOURCE}/{images.clean_plates}"} if images.clean_plates else {}
+        content["masks"] = {**labels, "enlarged": masks.enlarged, **plates}
     if found.constant_light:
         content["constant_light"] = True
     chosen = {}

@@ -24,9 +24,11 @@ from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.base.errors import InputError, listed
 from pipeline.base.files import write_json
 from pipeline.base.progress import progress
-from pipeline.datasets.goliath import BLACK_LEVEL, SHIPPED_FPS, SUBJECT_LABELS, TEST_CAMERAS, WHITE_BALANCE
+from pipeline.datasets.goliath import BLACK_LEVEL, SUBJECT_LABELS, WHITE_BALANCE
 from pipeline.datasets.goliath_beside import GoliathBeside, write_beside
 from pipeline.datasets.goliath_cameras import DOWNSAMPLE, METRES_PER_UNIT, MODELS
+from pipeline.datasets.goliath_frames import TEST_CAMERAS
+from pipeline.datasets.goliath_kinds import FPS, HEAD
 from pipeline.export.archives import write_zip
 from pipeline.export.goliath_motion import write_motion
 from pipeline.export.goliath_patterns import write_patterns
@@ -118,7 +120,7 @@ def _write_lists(root: Path, recording: Recording) -> None:
     segments = [f"{row.segment},{row.frame}" for row in frames.itertuples()]
     (root / "frame_segments_list.csv").write_text("\n".join(["segment_name,frame", *segments]) + "\n")
     steps = frames.groupby("segment").frame.diff().dropna()
-    fps = SHIPPED_FPS * (int(steps.mode().iloc[0]) if len(steps) else 1)
+    fps = FPS[HEAD.word] * (int(steps.mode().iloc[0]) if len(steps) else 1)
     if fps != recording.facts["fps"]:
         log.warning("the layout has no frames per second: other readers will take %g, not %g", fps,
                     recording.facts["fps"])  # fmt: skip

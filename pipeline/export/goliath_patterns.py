@@ -14,8 +14,8 @@ import pandas as pd
 
 from pipeline.base.errors import InputError, listed
 from pipeline.base.files import write_json
-from pipeline.datasets.goliath import FULL_DURATION
 from pipeline.datasets.goliath_cameras import METRES_PER_UNIT
+from pipeline.datasets.goliath_lights import FULL_DURATION
 from pipeline.lighting.frame_lights import CHANNELS
 
 log = logging.getLogger(__name__)

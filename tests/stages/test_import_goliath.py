@@ -18,6 +18,7 @@ from pipeline.base.files import read_arrays
 from pipeline.capture.images import ImageSource
 from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
+from pipeline.stages import segment_subject
 from pipeline.stages.import_capture import run
 from tests.support.datasets.goliath_layout import (
     BLACK,
@@ -96,7 +97,7 @@ def test_images_masks_and_colours_are_read_in_place(truth, imported):
     source = ImageSource.from_index(capture, json.loads((results / "index/capture.json").read_text())["images"])
     colors = json.loads((results / "calibration/color.json").read_text())["cameras"]
     row = images[(images.camera == CAMERAS[1]) & (images.frame == 3)].iloc[0]
-    shown = source.read(row.path, row.frame) @ np.array(colors[CAMERAS[1]]).T
+    shown = source.read(row.path, int(row.frame)) @ np.array(colors[CAMERAS[1]]).T
     counts = stored(truth.image(CAMERAS[1], 3)).astype(np.float64)
     # AVIF is lossy: a few counts of 255.
     np.testing.assert_allclose(shown, (counts - BLACK) * WHITE_BALANCE / 255, atol=0.06)
@@ -115,6 +116,27 @@ def test_splits_and_provenance_are_the_sets(imported):
     assert left_out["frames that lie between no two meshes"] == "3: 7, 8, 13"
     assert left_out["cameras without images"] == f"1: {BLIND_CAMERA}"
     assert left_out["lights that no pattern turns on"] == "1: L016"
+
+
+def test_backgrounds_mask_fully_lit_frames_where_they_are_asked_for(truth, imported, tmp_path):
+    described = yaml.safe_load((imported[0] / "capture.yaml").read_text())
+    plates = "source/per_view_background/per_view_background.zip/{camera}.png"
+    assert described["masks"]["clean_plates"] == plates
+    assert "segment_subject" in described["imported"]["given"]["clean plates"]
+    segment_subject.run(capture=imported[0], out=tmp_path / "out")
+    table = pd.read_parquet(tmp_path / "out/masks.parquet")
+    assert sorted(table.frame.unique()) == [frame for frame in KEPT if pattern_of(frame) == 0]
+    row = table[(table.camera == CAMERAS[1]) & (table.frame == 3)].iloc[0]
+    found = cv2.imread(str(tmp_path / "out/masks" / row.mask_path), cv2.IMREAD_UNCHANGED) >= 128
+    shown = truth.image(CAMERAS[1], 3).max(2) > 0
+    assert (found & shown).sum() / (found | shown).sum() > 0.9
+
+
+def test_without_a_background_of_every_camera_none_is_taken(shipped, tmp_path):
+    root = broken_copy(shipped, tmp_path)
+    (root / "per_view_background/per_view_background.zip").unlink()
+    run(dataset="goliath", source=root, subject="x", out=tmp_path / "out")
+    assert "clean_plates" not in yaml.safe_load((tmp_path / "out/capture.yaml").read_text())["masks"]
 
 
 def broken_copy(shipped, folder):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -62,13 +63,14 @@ def write_goliath(folder: Path, truth: TurningHead) -> Path:
                  "per_view_background", "keypoints_3d"):  # fmt: skip
         (root / part).mkdir(parents=True)
     lit = [frame for frame in truth.frames if pattern_of(frame) == 0]
-    _write_cameras(root, truth)
-    _write_lists(root, truth)
+    write_cameras(root, truth)
+    write_lists(root, SEGMENTS)
+    write_lights(root, truth)
     for name in CAMERAS:
         images = {f"cam{name}/{n:06d}.avif": avif(stored(truth.image(name, n))) for n in truth.frames}
-        _write_zip(root / f"image/cam{name}.zip", images)
+        write_zip(root / f"image/cam{name}.zip", images)
         masks = {f"cam{name}/{n:06d}.png": png(part_labels(truth, name, n)) for n in lit}
-        _write_zip(root / f"segmentation_parts/cam{name}.zip", masks)
+        write_zip(root / f"segmentation_parts/cam{name}.zip", masks)
     _write_tracking(root, truth, lit)
     _write_assets(root, truth, lit)
     return root
@@ -99,13 +101,16 @@ def png(pixels: np.ndarray) -> bytes:
     return cv2.imencode(".png", pixels)[1].tobytes()
 
 
-def _write_zip(path: Path, files: dict[str, bytes]) -> None:
+def write_zip(path: Path, files: dict[str, bytes]) -> None:
+    """An archive of these members."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in files.items():
             archive.writestr(name, content)
 
 
-def _write_cameras(root: Path, truth: TurningHead) -> None:
+def write_cameras(root: Path, truth: TurningHead) -> None:
+    """camera_calibration.json: K and T transposed, in sensor pixels and millimetres."""
     entries = []
     for name, camera in truth.cameras.items():
         T = np.eye(4)
@@ -119,16 +124,21 @@ def _write_cameras(root: Path, truth: TurningHead) -> None:
     (root / "camera_calibration.json").write_text(json.dumps({"KRT": entries}))
 
 
-def _write_lists(root: Path, truth: TurningHead) -> None:
-    rows = [(segment, frame) for segment, span in SEGMENTS.items() for frame in span]
+def write_lists(root: Path, segments: Mapping[str, range]) -> None:
+    """Lists of splits and segments."""
+    rows = [(segment, frame) for segment, span in segments.items() for frame in span]
     splits = [f"{frame},{'test' if segment == TEST_SEGMENT else 'train'}" for segment, frame in rows]
     (root / "frame_splits_list.csv").write_text("\n".join(["frame,split", *splits]) + "\n")
-    segments = [f"{segment},{frame}" for segment, frame in rows]
-    (root / "frame_segments_list.csv").write_text("\n".join(["segment_name,frame", *segments]) + "\n")
+    listed = [f"{segment},{frame}" for segment, frame in rows]
+    (root / "frame_segments_list.csv").write_text("\n".join(["segment_name,frame", *listed]) + "\n")
+
+
+def write_lights(root: Path, truth: TurningHead) -> None:
+    """Patterns, light positions, and a light that no pattern turns on."""
+    (root / "lights").mkdir(exist_ok=True)
     per_frame = [[frame, pattern_of(frame)] for frame in truth.frames]
     (root / "lights/light_pattern_per_frame.json").write_text(json.dumps(per_frame))
     patterns = [{"light_index_durations": light_pattern(number)} for number in range(max(truth.frames) + 1)]
-    # A light that no pattern turns on.
     places = [*(1000 * truth.lights_m).tolist(), [0.0, 0.0, 0.0]]
     content = {"light_positions": places, "light_patterns": patterns}
     (root / "lights/light_pattern_metadata.json").write_text(json.dumps(content))
@@ -137,13 +147,11 @@ def _write_lists(root: Path, truth: TurningHead) -> None:
 def _write_tracking(root: Path, truth: TurningHead, lit: list[int]) -> None:
     folder = root / "kinematic_tracking"
     meshes = {f"registration_vertices/{n:06d}.ply": ply(1000 * truth.in_head(n)) for n in lit}
-    _write_zip(folder / "registration_vertices.zip", meshes)
+    write_zip(folder / "registration_vertices.zip", meshes)
     np.save(folder / "registration_vertices_mean.npy", (1000 * truth.mean_in_head).astype(np.float64))
     (folder / "registration_vertices_variance.txt").write_text("12.5\n")
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in 1000 * truth.mean_in_head]
-    lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in truth.faces + 1]
-    (folder / "template_mesh.obj").write_text("\n".join(lines) + "\n")
-    _write_zip(root / "head_pose/head_pose.zip", {f"{n:06d}.txt": pose_text(truth, n).encode() for n in lit})
+    (folder / "template_mesh.obj").write_text(obj(1000 * truth.mean_in_head, truth.faces))
+    write_zip(root / "head_pose/head_pose.zip", {f"{n:06d}.txt": pose_text(truth, n).encode() for n in lit})
 
 
 def pose_text(truth: TurningHead, frame: int) -> str:
@@ -153,23 +161,35 @@ def pose_text(truth: TurningHead, frame: int) -> str:
     return "\n".join(" ".join(repr(float(value)) for value in row) for row in rows) + "\n"
 
 
-def ply(vertices: np.ndarray) -> bytes:
-    """A binary .ply of vertices alone."""
+def obj(vertices: np.ndarray, faces: np.ndarray) -> str:
+    """An .obj of triangles with texture coordinates' numbers."""
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
+    return "\n".join([*lines, *(f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in faces + 1)]) + "\n"
+
+
+def ply(vertices: np.ndarray, faces: np.ndarray | None = None) -> bytes:
+    """A binary .ply of vertices alone, or of triangles."""
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-    head += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
-    return head.encode() + vertices.astype("<f4").tobytes()
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    body = vertices.astype("<f4").tobytes()
+    if faces is not None:
+        head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\n"
+        rows = np.zeros(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
+        rows["count"], rows["corners"] = 3, faces
+        body += rows.tobytes()
+    return (head + "end_header\n").encode() + body
 
 
 def _write_assets(root: Path, truth: TurningHead, lit: list[int]) -> None:
     """What the set's loader reads beside: textures, backgrounds, keypoints."""
     gray = png(np.full((8, 8, 3), 90, np.uint8))
-    _write_zip(root / "uv_image/color.zip", {f"color/{n:06d}.png": gray for n in lit})
+    write_zip(root / "uv_image/color.zip", {f"color/{n:06d}.png": gray for n in lit})
     (root / "uv_image/color_mean.png").write_bytes(gray)
     (root / "uv_image/color_variance.txt").write_text("100.0\n")
     backgrounds = {}
     for name in CAMERAS:
         width, height = truth.image_size(name)
         backgrounds[f"{name}.png"] = png(np.tile(BLACK[::-1].astype(np.uint8), (height, width, 1)))
-    _write_zip(root / "per_view_background/per_view_background.zip", backgrounds)
+    write_zip(root / "per_view_background/per_view_background.zip", backgrounds)
     points = {f"{n:06d}.json": json.dumps({"0": [0.0, 0.0, 0.0, 1.0]}).encode() for n in lit}
-    _write_zip(root / "keypoints_3d/keypoints_3d.zip", points)
+    write_zip(root / "keypoints_3d/keypoints_3d.zip", points)
