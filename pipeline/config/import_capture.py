@@ -30,6 +30,11 @@ class ImportCapture(Settings):
         description="cells along the longest side of a visual hull, for objects without a mesh; fewer, if masks are so "
         "coarse that a cell would be smaller than two of their pixels",
     )
+    environments: bool = Field(
+        True,
+        description="of sets of single lights, take images under environments for testing: how bright each light is in "
+        "them is found from images of single lights by eight training cameras, which are decoded for that",
+    )
     reduced: int = Field(
         1,
         ge=1,

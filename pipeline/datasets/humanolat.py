@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,12 @@ import pandas as pd
 from pipeline.base.errors import Complaints, InputError
 from pipeline.capture.archives import read_bytes
 from pipeline.config.import_capture import ImportCapture
+from pipeline.datasets.environment_weights import (
+    StageImages,
+    environment_patterns,
+    no_environments,
+    with_environments,
+)
 from pipeline.datasets.humanolat_cameras import (
     FROM_CAMERA,
     FROM_WORLD,
@@ -26,6 +33,7 @@ from pipeline.datasets.humanolat_cameras import (
 )
 from pipeline.datasets.humanolat_images import (
     CALIBRATION,
+    EARLIER_IMAGES,
     FIRST_SKIPPED,
     FULL_IMAGE,
     IMAGES,
@@ -87,6 +95,14 @@ def read_humanolat(root: Path, settings: ImportCapture) -> ImportedCapture:
     if absent := sorted(set(lit_by) - set(frames)):
         log.warning("%d lights have no image; left out: images %s", len(absent), absent)
         provenance.left_out["lights without an image"] = shown(absent)
+    split = held_out(names, frames, order)
+    environments = no_environments()
+    if settings.environments:
+        lit = {image_of(k): light_name(light) for k, light in enumerate(order)}
+        stage = StageImages(root, images, lit, FULL_IMAGE)
+        trained, alone = [name for name in names if name not in split.cameras], dict.fromkeys(lights.light, 1.0)
+        environments = environment_patterns(stage, trained, EARLIER_IMAGES, alone, provenance)
+    frames = sorted({*frames, *environments.frame})
     model = decode_mesh(read_bytes(root / MODEL), root / MODEL)
     if not len(model.faces):
         raise InputError(f"{root / MODEL}: expected a mesh with faces, found vertices alone; {RELEASED}")
@@ -97,12 +113,12 @@ def read_humanolat(root: Path, settings: ImportCapture) -> ImportedCapture:
     store = image_store(root, names, images, frames, f"{MASKS}/{{}}.png")
     cameras, said = choose_direction(root, written, store, tracked, settings.least_overlap)
     say_given(provenance, said, store.table)
-    on = {n: lights.light.tolist() if lit_by[n] is None else [light_name(lit_by[n])] for n in frames}
-    patterns = [(n, light, 1.0) for n in frames for light in on[n]]
+    on = {n: [light_name(light)] if light is not None else lights.light.tolist() for n, light in lit_by.items()}
+    patterns = [(n, light, 1.0) for n in frames if n in on for light in on[n]]
     return ImportedCapture(
         "body", FPS, cameras, pd.DataFrame({"frame": frames, "timestamp_s": np.array(frames) / FPS, "segment": "pose"}),
-        store, lights, pd.DataFrame(patterns, columns=["frame", "light", "intensity"]), {}, tracked,
-        held_out(names, frames, order), provenance,
+        store, lights, with_environments(patterns, environments), {}, tracked,
+        replace(split, frames=sorted(set(environments.frame))), provenance,
     )  # fmt: skip
 
 
@@ -156,8 +172,8 @@ def say_given(provenance: Provenance, cameras: str, images: pd.DataFrame) -> Non
     provenance.computed.update({"texture coordinates": "unwrap_atlas"})
     provenance.left_out.update(
         {
-            "images before 14, and every 21st from 34": "white, gradients, environments; repeats of full light",
+            "image 0, and every 21st from 34": "repeats of full light",
             "lights on the door": "left out by the set's authors",
-            "smpl-x, openpose": "nothing here needs them",
+            "smpl-x, openpose": "the pose is still, and joints lie inside a mesh that has no skeleton",
         }
     )

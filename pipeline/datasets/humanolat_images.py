@@ -16,7 +16,10 @@ MODEL, MASKS, IMAGES = "model/model.obj", "segmentations/masks/000", "images_pro
 CALIBRATION, LIGHTS, ORDER = "cameras.calib", "LSX_light_positions_aligned.pc", "LSX3_light_z_spiral.txt"
 
 FULL_IMAGE = 14
-"""Number of the image with all lights on; those before it show white, gradients and environments."""
+"""Number of the image with all lights on."""
+
+EARLIER_IMAGES = range(1, FULL_IMAGE)
+"""Images of gradients and environments; image 0 has all lights on, too."""
 
 FIRST_SKIPPED, SKIP_STEP = 34, 21
 """The images 34, 55, 76, ... show no single light."""

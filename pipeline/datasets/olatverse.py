@@ -9,12 +9,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
 from pipeline.base.errors import Complaints, InputError
 from pipeline.config.import_capture import ImportCapture
+from pipeline.datasets.environment_weights import (
+    StageImages,
+    environment_patterns,
+    no_environments,
+    with_environments,
+)
 from pipeline.datasets.imported_capture import OWN_MESH, ImageStore, ImportedCapture, Provenance, TrackedMeshes
 from pipeline.datasets.kept_frames import shown
 from pipeline.datasets.layout import find_shared, require
@@ -55,6 +62,9 @@ IMAGES, MASKS, MODEL = "masked_olat", "mask", "model"
 FULL_IMAGE = 14
 """Number of the image with all lights on, before those of single lights; others of full light repeat it."""
 
+EARLIER_IMAGES = range(1, FULL_IMAGE)
+"""Images of environments."""
+
 POLARISED = ("Cam07", "Cam10", "Cam17", "Cam22", "Cam39")
 """Cameras behind polarisers, whose images are darker; the authors' benchmark leaves them out."""
 
@@ -81,19 +91,27 @@ def read_olatverse(root: Path, settings: ImportCapture) -> ImportedCapture:
     if absent := sorted(set(lit_by) - set(frames)):
         log.warning("%d lights have no image; left out: images %s", len(absent), absent)
         provenance.left_out["lights without an image"] = shown(absent)
+    split, environments = read_split(root, names, lights), no_environments()
+    if settings.environments:
+        single = {number: light_name(light) for light, number in lights.image_of.items()}
+        stage = StageImages(root, images, single, FULL_IMAGE)
+        shades = {light_name(light): shade for light, shade in lights.intensities.items()}
+        trained = [name for name in names if name not in split.cameras]
+        environments = environment_patterns(stage, trained, EARLIER_IMAGES, shades, provenance)
+    frames = sorted({*frames, *environments.frame})
     store = image_store(root, names, images, frames, f"{MASKS}/{{}}.png")
     unit, why = chosen_unit(poses, lights.places, str(root))
     chosen, meshes = read_object(root, store, poses, unit, frames, settings)
-    split = read_split(root, names, lights)
     say_given(provenance, chosen, why, store.table, split.origin)
     if meshes.in_set:
         provenance.given["meshes"] = f"{meshes.table.path[0]}, the same in all frames"
     else:
         say_own_mesh(provenance, settings, chosen, store)
-    patterns = [(n, light_name(light), lights.intensities[light]) for n in frames for light in lit_by[n]]
+    alone = [(n, light_name(k), lights.intensities[k]) for n in frames if n in lit_by for k in lit_by[n]]
     return ImportedCapture(
         "body", FPS, chosen.cameras, still_frames(frames), store, lights.table(),
-        pd.DataFrame(patterns, columns=["frame", "light", "intensity"]), {}, meshes, split.held_out(frames), provenance,
+        with_environments(alone, environments), {}, meshes,
+        replace(split.held_out(frames), frames=sorted(set(environments.frame))), provenance,
     )  # fmt: skip
 
 
@@ -154,8 +172,8 @@ def say_given(provenance: Provenance, chosen: Chosen, unit: str, images: pd.Data
     provenance.computed["texture coordinates"] = "unwrap_atlas"
     provenance.left_out.update(
         {
-            "images 0 to 13, and those of full light after 14": "environments; repeats of full light",
-            "pbr, normal_benchmark": "nothing here needs them",
+            "image 0, and those of full light after 14": "repeats of full light",
+            "pbr, normal_benchmark": "estimates of another method, no photographs",
             f"file_path of {SPLITS[0]} and {SPLITS[1]}": f"cameras and lights are taken; images are those of {IMAGES}",
         }
     )

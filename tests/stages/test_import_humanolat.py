@@ -13,10 +13,13 @@ import yaml
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
+from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.humanolat import held_out, image_of
 from pipeline.stages.import_capture import run
+from tests.support.datasets.environments import assert_explained
 from tests.support.datasets.humanolat_layout import (
     CAMERAS,
+    ENVIRONMENTS,
     FULL,
     LIGHTS,
     ORDER,
@@ -67,12 +70,42 @@ def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):
 
 def test_each_image_has_its_light_and_skipped_ones_none(truth, imported):
     patterns = pd.read_parquet(imported[1] / "index/patterns.parquet")
-    shown = patterns.groupby("frame").light.apply(list).to_dict()
+    single = patterns[~patterns.frame.isin(list(ENVIRONMENTS))]
+    assert single.intensity_r.eq(1).all() and single.intensity_b.eq(1).all()
+    shown = single.groupby("frame").light.apply(list).to_dict()
     assert shown.pop(FULL) == [f"L{light:03d}" for light in range(LIGHTS)]
     assert shown == {number: [f"L{light:03d}"] for number, light in images_of_lights().items()}
     # The numbers that the set's page lists.
     listed = {0: 15, 18: 33, 19: 35, 38: 54, 39: 56, 318: 348, 319: 350, 330: 361}
     assert {k: image_of(k) for k in listed} == listed
+
+
+def test_lights_of_environments_make_the_images_of_a_camera_that_tests(truth, imported):
+    patterns = pd.read_parquet(imported[1] / "index/patterns.parquet")
+    for number in ENVIRONMENTS:
+        assert_explained(truth, patterns, number, TEST_CAMERA)
+    described = yaml.safe_load((imported[0] / "capture.yaml").read_text())
+    assert described["splits"]["test_frames"] == list(ENVIRONMENTS)
+    said = described["imported"]["computed"]["light patterns of environments"]
+    assert "images 2: 3, 13" in said and f"over {len(CAMERAS) - 1} training cameras" in said
+
+
+def test_images_that_no_lights_explain_are_named_and_left_out(shipped, tmp_path, caplog):
+    root = copy_of(shipped, tmp_path)
+    for name in CAMERAS:
+        image = cv2.imread(str(root / f"images_processed/{name}/capture.{FULL:06d}.avif"))
+        cv2.imwrite(str(root / f"images_processed/{name}/capture.000013.avif"), image[::-1])
+    run(dataset="humanolat", source=root, subject="x", out=tmp_path / "out")
+    described = yaml.safe_load((tmp_path / "out/capture.yaml").read_text())
+    assert described["imported"]["left_out"]["images that single lights do not explain"].startswith("13 (0.")
+    assert described["splits"]["test_frames"] == [3]
+
+
+def test_without_environments_all_lights_are_white(shipped, tmp_path):
+    settings = ImportCapture(environments=False)
+    run(dataset="humanolat", source=shipped, subject="x", out=tmp_path / "out", settings=settings)
+    assert list(pd.read_csv(tmp_path / "out/patterns.csv")) == ["frame", "light", "intensity"]
+    assert not set(ENVIRONMENTS) & set(pd.read_csv(tmp_path / "out/frames.csv").frame)
 
 
 def test_the_direction_is_said_with_both_numbers(imported):

@@ -16,12 +16,15 @@ from pipeline.base.files import read_arrays
 from pipeline.config.import_capture import ImportCapture
 from pipeline.geometry.cameras import read_cameras
 from pipeline.stages.import_capture import run
+from tests.support.datasets.environments import assert_explained
 from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set, score_as_preset
 from tests.support.datasets.olatverse_layout import (
     BENCHMARK_TEST_CAMERA,
     BLIND_CAMERA,
     CAMERAS,
+    ENVIRONMENTS,
     FULL,
+    INTENSITY,
     LIGHTS,
     METRES,
     MILLIMETRES,
@@ -75,10 +78,17 @@ def test_cameras_lights_and_meshes_are_the_true_ones(truth, imported):
 
 def test_each_image_has_its_light_and_repeated_entries_count_once(imported):
     patterns = pd.read_parquet(imported[1] / "index/patterns.parquet")
+    patterns = patterns[~patterns.frame.isin(list(ENVIRONMENTS))]
     shown = patterns.groupby("frame").light.apply(list).to_dict()
     assert shown.pop(FULL) == [f"L{light:03d}" for light in range(LIGHTS)]
     assert shown == {number: [f"L{light:03d}"] for number, light in images_of_lights().items()}
     assert (patterns.intensity_r == 1).all()
+
+
+def test_lights_of_environments_make_the_images_of_a_camera_that_tests(truth, imported):
+    patterns = pd.read_parquet(imported[1] / "index/patterns.parquet")
+    for number in ENVIRONMENTS:
+        assert_explained(truth, patterns, number, BENCHMARK_TEST_CAMERA, INTENSITY)
 
 
 def test_axes_units_and_splits_are_said_with_all_numbers(imported):

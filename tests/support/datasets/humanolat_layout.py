@@ -1,8 +1,8 @@
 """A HumanOLAT capture in the exact layout of the set, with its traps, in either direction of its cameras.
 
 Lights in metres and a model and cameras in millimetres; intrinsics over the image's width, p1 and p2 exchanged; lights
-that fire in an order of their own, in images that skip 34, 55, ...; images before 14 that show something else; a dome
-whose centre is not the origin.
+that fire in an order of their own, in images that skip 34, 55, ...; images before 14 that show white
+light and environments, and nothing says how bright each light was in these; a dome whose centre is not the origin.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from tests.support.datasets.turning_head import TurningHead, dome_of_lights, ring_of_cameras
+from tests.support.datasets.turning_head import TurningHead, dome_of_lights, environment, ring_of_cameras
 
 SUBJECT, POSE, CAPTURE = "SUBJECT_C001", "POSE_01", "capture"
 CAMERAS = [f"Cam{number:02d}" for number in range(1, 6)]
@@ -24,7 +24,10 @@ LIGHTS = 20
 ORDER = [(7 * k + 3) % LIGHTS for k in range(LIGHTS)]
 """Lights in the order in which they fire."""
 
-FULL, EARLIER = 14, (0, 13)
+FULL, WHITE = 14, 0
+ENVIRONMENTS = {3: (1.0, 0.5, 0.6), 13: (-0.7, 0.2, 1.0)}
+"""Images under environments, and the direction of their lamp."""
+
 FULL_INTENSITY = 1.0
 SKIPPED = range(34, 362, 21)
 
@@ -39,15 +42,17 @@ def true_head(image: tuple[int, int] = (48, 72)) -> TurningHead:
     """The truth: a still head, images as large as the sensor and free of distortion."""
     frames = {FULL: dict.fromkeys(range(LIGHTS), FULL_INTENSITY)}
     frames |= {number: {light: FULL_INTENSITY} for number, light in images_of_lights().items()}
+    lights_m = dome_of_lights(LIGHTS)
+    frames |= {number: environment(lights_m, lamp) for number, lamp in ENVIRONMENTS.items()}
     cameras = {name: replace(c, dist=np.zeros(5)) for name, c in ring_of_cameras(CAMERAS, image).items()}
-    return TurningHead(cameras, 1, dome_of_lights(LIGHTS), frames, (FULL,), still=True)
+    return TurningHead(cameras, 1, lights_m, frames, (FULL,), still=True)
 
 
 def write_humanolat(folder: Path, truth: TurningHead, direction: str = "camera-from-world") -> Path:
     """Write the capture below a folder; returns that of its pose."""
     root, shared = folder / SUBJECT / POSE, folder / SUBJECT / POSE / "shared"
     for name in CAMERAS:
-        for number in [*EARLIER, *truth.frames, SKIPPED[0]]:
+        for number in [WHITE, *truth.frames, SKIPPED[0]]:
             shown = truth.image(name, number if number in truth.frames else FULL)
             _write(root / f"images_processed/{name}/{CAPTURE}.{number:06d}.avif", avif(srgb(shown)))
         mask = truth.labels(name, FULL, np.full(len(truth.faces), 255))

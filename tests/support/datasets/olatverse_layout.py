@@ -1,8 +1,8 @@
 """OLATverse objects in the exact layout of the set, with its traps.
 
 Cameras and model in millimetres, lights in metres, or all in metres; poses world-from-camera, in Blender's axes or in
-OpenCV's; lights that repeat; images before 14 that show environments, and 34, 55, ... of full light; polarised cameras;
-a camera without images; images twice as bright; objects without a model and without a split.
+OpenCV's; lights that repeat; images before 14 that show environments and white light, and 34, 55, ... of full light;
+polarised cameras; a camera without images; images twice as bright; objects without a model and without a split.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from tests.support.datasets.turning_head import TrueCamera, TurningHead, dome_of_lights, ring_of_cameras
+from tests.support.datasets.turning_head import TrueCamera, TurningHead, dome_of_lights, environment, ring_of_cameras
 
 OBJECT, CAPTURE = "data-040325-C091", "C091"
 CAMERAS = ["Cam01", "Cam03", "Cam05", "Cam20", "Cam27"]
@@ -25,7 +25,10 @@ BENCHMARK_TEST_CAMERA = "Cam27"
 """The one that the object's own files test."""
 
 LIGHTS = 20
-FULL, ENVIRONMENTS = 14, (0, 5)
+FULL, WHITE = 14, 0
+ENVIRONMENTS = {5: (0.8, 0.6, 0.7)}
+"""Images under environments, and the direction of their lamp."""
+
 SKIPPED = range(34, 363, 21)
 REPEATED = 4
 INTENSITY, BRIGHTER = 0.5, 2.0
@@ -42,9 +45,12 @@ def true_object(image: tuple[int, int] = (48, 72)) -> TurningHead:
     """The truth: an object that stands still; one camera looks through a polariser."""
     frames = {FULL: dict.fromkeys(range(LIGHTS), INTENSITY)}
     frames |= {number: {light: INTENSITY} for number, light in images_of_lights().items()}
+    lights_m = dome_of_lights(LIGHTS)
+    for number, lamp in ENVIRONMENTS.items():
+        frames[number] = {light: INTENSITY * weight for light, weight in environment(lights_m, lamp).items()}
     ring = ring_of_cameras([*CAMERAS, POLARISED, BLIND_CAMERA], image, arc=300)
     cameras = {name: replace(camera, dist=np.zeros(5)) for name, camera in ring.items()}
-    return TurningHead(cameras, 1, dome_of_lights(LIGHTS), frames, (FULL,), still=True)
+    return TurningHead(cameras, 1, lights_m, frames, (FULL,), still=True)
 
 
 def write_olatverse(
@@ -59,7 +65,7 @@ def write_olatverse(
     """
     root = folder / OBJECT
     for name in [*CAMERAS, POLARISED]:
-        for number in [*ENVIRONMENTS, *truth.frames, SKIPPED[0]]:
+        for number in [WHITE, *truth.frames, SKIPPED[0]]:
             shown = truth.image(name, number if number in truth.frames else FULL)
             darker = 0.4 if name == POLARISED else 1.0
             _write(root / f"masked_olat/{name}/{CAPTURE}.{number:06d}.avif", avif(BRIGHTER * darker * shown))

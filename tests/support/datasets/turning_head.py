@@ -50,7 +50,7 @@ class TurningHead:
         cameras: by name, at sensor resolution.
         downsample: sensor pixels along a side of an image's pixel.
         lights_m: place of each light.
-        frames: frame -> radiant intensity of each lit light.
+        frames: frame -> radiant intensity of each lit light, one number or three of R, G and B.
         keyed: frames at which the motion bends; in between it is linear, and turns evenly.
         still: True if nothing moves.
     """
@@ -58,7 +58,7 @@ class TurningHead:
     cameras: dict[str, TrueCamera]
     downsample: int
     lights_m: np.ndarray
-    frames: dict[int, dict[int, float]]
+    frames: dict[int, dict[int, float | np.ndarray]]
     keyed: tuple[int, ...]
     still: bool = False
 
@@ -123,12 +123,16 @@ class TurningHead:
 
     def image(self, name: str, frame: int) -> np.ndarray:
         """Linear RGB of the image, black beside the head."""
+        return self.lit_by(name, frame, self.frames[frame])
+
+    def lit_by(self, name: str, frame: int, lights: dict[int, float | np.ndarray]) -> np.ndarray:
+        """Linear RGB of the image under other lights."""
         vertices = self.vertices(frame)
         corners = vertices[self.faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         radiance = np.zeros((len(self.faces), 3))
-        for light, intensity in self.frames[frame].items():
+        for light, intensity in lights.items():
             away = self.lights_m[light] - corners.mean(1)
             distance = np.linalg.norm(away, axis=1, keepdims=True)
             cosine = np.clip((normal * away).sum(1, keepdims=True) / distance, 0, None)
@@ -200,3 +204,15 @@ def dome_of_lights(count: int, radius_m: float = 1.2) -> np.ndarray:
     around = np.pi * (3 - np.sqrt(5)) * np.arange(count)
     ring = np.sqrt(1 - z**2)
     return CENTER_M + radius_m * np.stack([ring * np.cos(around), z, ring * np.sin(around)], 1)
+
+
+SKY, LAMP = np.array([0.06, 0.08, 0.12]), np.array([0.9, 0.6, 0.3])
+SHARPNESS = 4
+"""Power of the cosine to the lamp's direction."""
+
+
+def environment(lights_m: np.ndarray, toward: tuple[float, float, float]) -> dict[int, np.ndarray]:
+    """Brightness of each light in three channels, over that alone: a sky, and a warm lamp in a direction."""
+    away = lights_m - CENTER_M
+    cosine = away @ np.array(toward) / np.linalg.norm(away, axis=1) / np.linalg.norm(toward)
+    return {light: SKY + max(float(c), 0.0) ** SHARPNESS * LAMP for light, c in enumerate(cosine)}
