@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from pipeline.capture.images import decode_stored
 from pipeline.capture.mask_format import PLAIN_MASKS, MaskFormat
 from pipeline.config.import_capture import ImportCapture
 from pipeline.datasets.becominglit_cameras import camera_names, read_colors, read_shared_lens
+from pipeline.datasets.becominglit_landmarks import ORDER, landmark_files, read_landmarks
 from pipeline.datasets.becominglit_sequences import (
     ALPHA,
     MESHES,
@@ -31,6 +33,7 @@ from pipeline.datasets.becominglit_sequences import (
 )
 from pipeline.datasets.imported_capture import HeldOut, ImageStore, ImportedCapture, Provenance, TrackedMeshes
 from pipeline.datasets.kept_frames import frames_with_meshes, shown
+from pipeline.datasets.landmarks import placed_keypoints
 from pipeline.datasets.layout import require
 from pipeline.datasets.light_durations import intensities, lit_lights, read_durations, read_lights
 from pipeline.datasets.mask_agreement import prove_meshes
@@ -107,6 +110,10 @@ def read_becominglit(root: Path, settings: ImportCapture) -> ImportedCapture:
     store = ImageStore(images[images.camera.isin(names)].reset_index(drop=True), sizes, "srgb", 0.0, 1, masks)
     proof = prove_meshes(root, store, cameras, tracked, settings.least_overlap)
     say_given(provenance, sequences, folder, store.table, proof)
+    keypoints = None
+    if landmark_files(root, sequences, names):
+        pieces = partial(read_landmarks, root, sequences, sizes, frames.frame.tolist())
+        keypoints = placed_keypoints(root, pieces, ORDER, cameras, tracked, provenance)
     lit = lit_lights(patterns, len(lights), provenance)
     pattern_of = {each.first + frame: number for each in sequences for frame, number in each.pattern_of.items()}
     # As the set's loader does: durations are whole numbers.
@@ -115,7 +122,7 @@ def read_becominglit(root: Path, settings: ImportCapture) -> ImportedCapture:
         "head", FPS, cameras, frames.assign(timestamp_s=frames.frame / FPS)[["frame", "timestamp_s", "segment"]], store,
         lights[lights.light.isin(lit)].reset_index(drop=True),
         intensities(frames.frame.tolist(), pattern_of, whole, FULL_DURATION, PARTIAL_GAIN), colors, tracked,
-        held_out(frames, names), provenance,
+        held_out(frames, names), provenance, keypoints=keypoints,
     )  # fmt: skip
 
 
@@ -183,7 +190,6 @@ def say_given(
     provenance.left_out.update(
         {
             "flame_params, meshes_cano": "the posed meshes say the same",
-            "landmark2d": "they went into these meshes",
             "sequences CALIB*, BACK*": "they have no subject",
         }
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -76,6 +76,27 @@ class TrackedMeshes:
 
 
 @dataclass(frozen=True)
+class Keypoints:
+    """Keypoints that a set has in its images.
+
+    Attributes:
+        order: how they are numbered, as `keypoints_order` of capture.yaml names it.
+        places: keypoint (the order's point) and vertex of the mesh.
+        pieces: makes their tables (frame, camera, keypoint, x, y, confidence; pixels), read one after the other.
+    """
+
+    order: str
+    places: pd.DataFrame
+    pieces: Callable[[], Iterator[pd.DataFrame]]
+
+    def reduced(self, factor: int) -> Keypoints:
+        """The keypoints in images that are `factor` times smaller."""
+        return replace(
+            self, pieces=lambda: (piece.assign(x=piece.x / factor, y=piece.y / factor) for piece in self.pieces())
+        )
+
+
+@dataclass(frozen=True)
 class HeldOut:
     """Names and numbers that are never trained on, as in the tables."""
 
@@ -120,6 +141,7 @@ class ImportedCapture:
         provenance: said in the capture, and on the report.
         constant_light: True if the light never changes and the set does not say where it comes from; lights and
             patterns then stand for it.
+        keypoints: in its images; None: none.
     """
 
     kind: Literal["body", "head"]
@@ -134,3 +156,4 @@ class ImportedCapture:
     held_out: HeldOut
     provenance: Provenance
     constant_light: bool = False
+    keypoints: Keypoints | None = None

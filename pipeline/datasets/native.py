@@ -10,6 +10,7 @@ import yaml
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import digest_bytes, digest_file, write_json, write_table, written_whole
+from pipeline.base.large_tables import written_pieces
 from pipeline.capture.archives import read_bytes
 from pipeline.capture.mask_format import PLAIN_MASKS
 from pipeline.capture.paths import SOURCE
@@ -18,8 +19,9 @@ from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.mesh_files import Mesh
 
 TABLES = ("cameras.csv", "frames.csv", "lights.csv", "patterns.csv", "images.parquet", "meshes.parquet",
-          "cameras.json", "color.json", "template.glb", OWN_MESH)  # fmt: skip
-"""All that is written beside capture.yaml; without colours there is no color.json, with a set's meshes no OWN_MESH."""
+          "cameras.json", "color.json", "template.glb", "keypoints_2d.parquet", "keypoints.csv", OWN_MESH)  # fmt: skip
+"""All that is written beside capture.yaml; without colours there is no color.json, with a set's meshes no OWN_MESH,
+without keypoints no tables of them."""
 
 
 def write_native(out: Path, source: Path, dataset: str, subject: str, found: ImportedCapture) -> None:
@@ -48,6 +50,11 @@ def write_native(out: Path, source: Path, dataset: str, subject: str, found: Imp
     if found.colors:
         write_json(out / "color.json", {"cameras": {name: m.tolist() for name, m in found.colors.items()}})
     write_mesh(out / "template.glb", found.meshes.rest)
+    if found.keypoints is not None:
+        write_table(out / "keypoints.csv", found.keypoints.places)
+        with written_pieces(out / "keypoints_2d.parquet") as table:
+            for piece in found.keypoints.pieces():
+                table.add(piece)
     with written_whole(out / "capture.yaml") as temporary:
         temporary.write_text(yaml.safe_dump(described(out, dataset, subject, found), sort_keys=False))
 
@@ -98,6 +105,10 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
         content["masks"] = {**labels, "enlarged": masks.enlarged, **plates}
     if found.constant_light:
         content["constant_light"] = True
+    placed, keypoints = {}, {}
+    if found.keypoints is not None:
+        placed = {"keypoints": "keypoints.csv"}
+        keypoints = {"keypoints_2d": "keypoints_2d.parquet", "keypoints_order": found.keypoints.order}
     chosen = {}
     if held_out.validation_patterns is not None:
         chosen["validation_patterns"] = [int(frame) for frame in held_out.validation_patterns]
@@ -106,7 +117,7 @@ def described(out: Path, dataset: str, subject: str, found: ImportedCapture) -> 
     provenance = found.provenance
     return content | {
         "cameras": "cameras.csv", "frames": "frames.csv", "lights": "lights.csv", "patterns": "patterns.csv",
-        "template": {"mesh": "template.glb", "scale_to_m": 1.0},
+        **keypoints, "template": {"mesh": "template.glb", "scale_to_m": 1.0, **placed},
         "meshes": {
             "table": "meshes.parquet", "motion": found.meshes.motion, "scale_to_m": found.meshes.scale_to_m,
         },

@@ -30,4 +30,5 @@ def reduced(found: ImportedCapture, factor: int) -> ImportedCapture:
     }
     found.provenance.computed["resolution"] = f"import_capture.reduced: means of {factor} x {factor} pixels, as read"
     images = replace(store, sizes=sizes, downsample_from_sensor=downsample, reduced=factor)
-    return replace(found, cameras=cameras, images=images)
+    keypoints = None if found.keypoints is None else found.keypoints.reduced(factor)
+    return replace(found, cameras=cameras, images=images, keypoints=keypoints)

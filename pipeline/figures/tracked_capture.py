@@ -23,6 +23,7 @@ from pipeline.geometry.skin import Template, read_template
 from pipeline.geometry.tracked import read_tracked
 from pipeline.tracking.image_cameras import image_cameras
 from pipeline.tracking.keypoint_targets import NO_TARGETS, KeypointTargets, read_keypoint_targets
+from pipeline.tracking.tracking_inputs import detected_pixels
 
 
 @dataclass(frozen=True)
@@ -121,10 +122,11 @@ def read_tracked_capture(
     chunks = [_read_chunk(path, template, targets) for path in tracking]
     tables, *arrays = zip(*chunks, strict=True)
     vertices, keypoints, triangulated = map(np.concatenate, arrays)
-    detected = [
-        _detected(index / "keypoints_2d.parquet", list(cameras), table.frame.to_numpy(), targets.names)
-        for table in tables
-    ]
+    detected = []
+    for table in tables:
+        numbers = table.frame.to_numpy(np.int64)
+        rows = read_rows(index / "keypoints_2d.parquet", "frame", numbers)
+        detected.append(detected_pixels(rows, list(cameras), numbers, targets.names))
     synced = read_table(patterns)
     frames = pd.concat([table.assign(chunk=number) for number, table in enumerate(tables)], ignore_index=True)
     frames = frames.merge(read_table(index / "frames.parquet"), on="frame", how="left", validate="one_to_one")
@@ -158,16 +160,3 @@ def _read_chunk(
         joints = targets.joints[on_joint]
         keypoints[:, on_joint] = point_positions(tracked_points(template, joints, np.full_like(joints, -1)), pose)
     return table, tracked.vertices, keypoints, arrays["keypoints"]
-
-
-def _detected(path: Path, cameras: list[str], frames: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Detected keypoints of the frames of a chunk, pixels; NaN where not."""
-    table = read_rows(path, "frame", frames)
-    table = table[table.camera.isin(cameras) & table.keypoint.isin(names)]
-    rows = tuple(
-        pd.Index(values).get_indexer(table[column])
-        for values, column in ((cameras, "camera"), (frames, "frame"), (list(names), "keypoint"))
-    )
-    found = np.full((len(cameras), len(frames), len(names), 2), np.nan)
-    found[rows] = table[["x", "y"]].to_numpy(np.float64)
-    return found

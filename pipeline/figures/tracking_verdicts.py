@@ -37,7 +37,7 @@ Beyond the first, the camera was knocked or is calibrated badly; beyond the seco
 """
 
 ELSEWHERE = ("given", "between", "held")
-"""Statuses of frames whose meshes were tracked elsewhere: nobody detected keypoints in them."""
+"""Statuses of frames whose meshes were tracked elsewhere: keypoints, if there are any, moved nothing."""
 
 Reasons = list[tuple[Grade, str]]
 
@@ -70,7 +70,8 @@ def frame_verdicts(found: TrackedCapture) -> list[Verdict]:
     for row, error, overlap, jump, is_jump in zip(frames.itertuples(), errors, overlaps, jumps, jumped, strict=True):
         numbers = f"{row.status}, {error:.2f} px, {row.inliers} of {row.observations} keypoints fit"
         if row.status in ELSEWHERE:
-            numbers = f"tracked elsewhere, {row.status}"
+            seen = f", {error:.2f} px, {row.inliers} of {row.observations} keypoints fit" if row.observations else ""
+            numbers = f"tracked elsewhere, {row.status}{seen}"
         numbers += f", silhouettes overlap {overlap:.3f}" if np.isfinite(overlap) else ""
         reasons = _keypoint_reasons(row.status, row.inliers / max(row.observations, 1))
         reasons += _overlap_reasons(overlap, low_overlap)

@@ -37,17 +37,21 @@ from pipeline.tracking.fit_verdicts import complain_of_misfits, fit_verdicts
 from pipeline.tracking.given_meshes import GivenTracking, read_given
 from pipeline.tracking.hinges import hinge_axes
 from pipeline.tracking.image_cameras import CAMERA_COLUMNS, image_cameras
-from pipeline.tracking.keypoint_targets import read_keypoint_targets
+from pipeline.tracking.keypoint_targets import NO_TARGETS, read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
 from pipeline.tracking.mesh_tracker import Tracking, TrackingLimits, track
 from pipeline.tracking.motion_prior import MotionPrior
 from pipeline.tracking.photometric_refinement import PhotometricSettings, fully_lit_frames, photometric_refinement
 from pipeline.tracking.silhouette_cue import SilhouetteCue
 from pipeline.tracking.surface_tracker import DeformationPrior, track_surface
-from pipeline.tracking.tracking_inputs import keypoint_observations, mask_views
+from pipeline.tracking.tracking_inputs import detected_pixels, keypoint_observations, keypoint_residuals, mask_views
 from pipeline.tracking.vertex_offsets import skinning_jacobians
 
 LOG = logging.getLogger("track_mesh")
+
+NEAR_SHARE = 0.01
+"""Of an image's height: a keypoint that is further from a given mesh's is elsewhere. Networks look for landmarks in
+some 256 pixels, and are good to one or two of them; what they found did not place the mesh."""
 
 
 def run(
@@ -85,6 +89,9 @@ def run(
     # Of the tables of all images and keypoints, what the job looks at: not all frames of the capture.
     frame_numbers = with_context.frame.to_numpy(np.int64)
     images = read_rows(table, "frame", frame_numbers)
+    targets = NO_TARGETS
+    if content["template"].get("keypoints") is not None:
+        targets = read_keypoint_targets(capture / content["template"]["keypoints"], template)
     if "meshes" in content:
         given = read_given(
             capture, read_table(index / "meshes.parquet"), content["meshes"], template, frames,
@@ -93,11 +100,15 @@ def run(
         numbers = frames.frame.to_numpy(np.int64)[first:last]
         used = image_cameras(cameras, every, downsample, True)
         masked = mask_views(source, images, used, numbers, settings.outline_cameras, settings.outline_size_px)
-        write_given(out, chunk, numbers, template.faces, given, masked)
+        rows = read_rows(index / "keypoints_2d.parquet", "frame", numbers)
+        detected = detected_pixels(rows, list(used), numbers, targets.names)
+        away = keypoint_residuals(detected, used.values(), given.vertices[:, targets.vertices])
+        near_px = max(settings.inlier_px, NEAR_SHARE * max(camera.height for camera in used.values()))
+        table = given.table(numbers, list(masked.values()), template.faces, away, near_px)
+        write_given(out, chunk, table, template.faces, given, masked, len(targets.names))
         return
-    if content["template"].get("keypoints") is None:
+    if targets is NO_TARGETS:
         raise InputError("capture.yaml: template.keypoints: expected a csv of keypoints on the template, found none")
-    targets = read_keypoint_targets(capture / content["template"]["keypoints"], template)
     used = image_cameras(cameras, every, downsample, settings.use_test_cameras)
     keypoints = read_rows(index / "keypoints_2d.parquet", "frame", frame_numbers)
     observations = keypoint_observations(keypoints, used, frame_numbers, targets)
@@ -146,19 +157,20 @@ def run(
 
 
 def write_given(
-    out: Path, chunk: int, frames: np.ndarray, faces: np.ndarray, given: GivenTracking, masked: dict
+    out: Path, chunk: int, table: pd.DataFrame, faces: np.ndarray, given: GivenTracking, masked: dict, keypoints: int
 ) -> None:
     """Write meshes that were tracked elsewhere, and say which frames lie between them."""
-    table = given.table(frames, list(masked.values()), faces)
     for status, why in (("between", "interpolated between given ones"), ("held", "the nearest given one's")):
         if named := table.frame[table.status == status].tolist():
             LOG.warning("%d frames have no mesh: %s: %s", len(named), why, named)
     overlaps = {name: silhouette_overlap([view], given.vertices, faces) for name, view in masked.items()}
-    # Nobody detected keypoints; whether the masks fit is said here, and decided when a set is imported.
-    verdicts = [verdict for verdict in fit_verdicts(0, 0, overlaps) if verdict.kind == "masks"]
+    # Whether keypoints and masks fit is said here, and decided when a set is imported.
+    inliers, observations = int(table.inliers.sum()), int(table.observations.sum())
+    verdicts = fit_verdicts(inliers, observations, overlaps)
+    verdicts = [verdict for verdict in verdicts if verdict.kind == "masks" or observations]
     log_verdicts(LOG, verdicts)
     write_table(out / f"verdicts_{chunk:04d}.csv", verdict_table(verdicts))
-    write_arrays(out / f"{chunk:04d}.safetensors", given.arrays(frames))
+    write_arrays(out / f"{chunk:04d}.safetensors", given.arrays(table.frame.to_numpy(np.int64), keypoints))
     write_table(out / f"{chunk:04d}.parquet", table)
 
 

@@ -41,27 +41,39 @@ class GivenTracking:
     status: list[str]
 
     def table(
-        self, frames: Int64[np.ndarray, " frames"], views: Sequence[View], faces: Int64[np.ndarray, "faces 3"]
-    ) -> pd.DataFrame:
-        """Table of track_mesh: a row per frame; nobody detected keypoints."""
-        none = np.zeros(len(frames), np.int64)
+        self, frames: Int64[np.ndarray, " frames"], views: Sequence[View], faces: Int64[np.ndarray, "faces 3"],
+        residual_px: Float64[np.ndarray, "cameras frames keypoints"], inlier_px: float,
+    ) -> pd.DataFrame:  # fmt: skip
+        """Table of track_mesh: a row per frame.
+
+        Args:
+            frames: their numbers.
+            views: of masks.
+            faces: of the template.
+            residual_px: distance of keypoints, where some were detected, from the meshes'; NaN elsewhere.
+            inlier_px: up to which it counts as near.
+        """
+        none, near = np.zeros(len(frames), np.int64), residual_px < inlier_px
+        count = near.sum((0, 2))
+        rms = np.sqrt((np.where(near, residual_px, 0.0) ** 2).sum((0, 2)) / np.maximum(count, 1))
         return pd.DataFrame(
             {
-                "frame": frames, "status": self.status, "rms_px": np.nan, "inliers": none, "observations": none,
-                "keypoints": none, "masks": np.sum([view.usable for view in views], axis=0) if views else none,
+                "frame": frames, "status": self.status, "rms_px": np.where(count > 0, rms, np.nan), "inliers": count,
+                "observations": np.isfinite(residual_px).sum((0, 2)), "keypoints": none,
+                "masks": np.sum([view.usable for view in views], axis=0) if views else none,
                 "masks_interpolated": none, "silhouette_iou": silhouette_overlap(views, self.vertices, faces),
             }
         )  # fmt: skip
 
-    def arrays(self, frames: Int64[np.ndarray, " frames"]) -> dict[str, np.ndarray]:
-        """Arrays of track_mesh, without joints and keypoints."""
+    def arrays(self, frames: Int64[np.ndarray, " frames"], keypoints: int) -> dict[str, np.ndarray]:
+        """Arrays of track_mesh, without joints; as many keypoints are triangulated nowhere."""
         count = len(frames)
         return {
             "frames": frames, "vertices": self.vertices.astype(np.float32),
             "root_rotation": self.pose.root_rotation.astype(np.float32),
             "root_translation": self.pose.root_translation.astype(np.float32),
-            "offsets": self.offsets.astype(np.float32), "keypoints": np.zeros((count, 0, 3), np.float32),
-            "keypoint_sigma_m": np.zeros((count, 0), np.float32),
+            "offsets": self.offsets.astype(np.float32), "keypoints": np.full((count, keypoints, 3), np.nan, np.float32),
+            "keypoint_sigma_m": np.full((count, keypoints), np.nan, np.float32),
         }  # fmt: skip
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import InputError
 from pipeline.base.progress import progress
@@ -57,6 +59,32 @@ def keypoint_observations(
         if mine.any():
             normalised[number, rows[1][mine], rows[2][mine]] = camera.undistort(pixels[mine])
     return Observations(list(cameras.values()), normalised, confidence)
+
+
+def detected_pixels(
+    table: pd.DataFrame, cameras: Sequence[str], frames: Int64[np.ndarray, " frames"], names: Sequence[str]
+) -> Float64[np.ndarray, "cameras frames keypoints 2"]:
+    """Detected keypoints of some cameras, frames and names, pixels; NaN where not."""
+    table = table[table.camera.isin(cameras) & table.frame.isin(frames) & table.keypoint.isin(names)]
+    rows = tuple(
+        pd.Index(values).get_indexer(table[column])
+        for values, column in ((list(cameras), "camera"), (frames, "frame"), (list(names), "keypoint"))
+    )
+    found = np.full((len(cameras), len(frames), len(names), 2), np.nan)
+    found[rows] = table[["x", "y"]].to_numpy(np.float64)
+    return found
+
+
+def keypoint_residuals(
+    detected: Float64[np.ndarray, "cameras frames keypoints 2"], cameras: Iterable[Camera],
+    points: Float64[np.ndarray, "frames keypoints 3"],
+) -> Float64[np.ndarray, "cameras frames keypoints"]:  # fmt: skip
+    """Distances of detected keypoints from where known points are seen, pixels; NaN if not."""
+    away = np.full(detected.shape[:3], np.nan)
+    for number, camera in enumerate(cameras):
+        pixels, depth = camera.project(points)
+        away[number] = np.where(depth > 0, np.linalg.norm(detected[number] - pixels, axis=-1), np.nan)
+    return away
 
 
 def mask_views(

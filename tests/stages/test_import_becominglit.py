@@ -15,15 +15,21 @@ from pipeline.base.color import corrected
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays
 from pipeline.capture.images import ImageSource
+from pipeline.capture.keypoint_orders import read_orders
 from pipeline.config.import_capture import ImportCapture
+from pipeline.figures.tracked_capture import read_tracked_capture
+from pipeline.figures.tracking_verdicts import frame_verdicts
 from pipeline.stages import book_patterns
 from pipeline.stages.import_capture import run
 from tests.support.datasets.becominglit_layout import (
     CAMERAS,
+    LANDMARKS,
+    ON_OUTLINE,
     SEQUENCES,
     TEST_CAMERA,
     intensity,
     light_pattern,
+    marked_vertices,
     pattern_of,
     true_head,
     write_becominglit,
@@ -32,6 +38,10 @@ from tests.support.datasets.imported import assert_true_cameras, assert_true_lig
 
 FRAMES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 6, 100000: 9, 100001: 10, 100002: 11, 100003: 12}
 """Imported -> true: the sequences are EXP-2 and FREE, whose last frame lies behind its last mesh."""
+
+
+CHIN = "face_8"
+"""The lowest point of a face's outline, which is nearly the same from all sides."""
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +88,46 @@ def test_meshes_are_the_true_ones(truth, imported):
         np.testing.assert_allclose(vertices, truth.vertices(FRAMES[frame]), atol=1e-6 if lit else 1e-3)
     turn = arrays["root_rotation"]
     assert np.abs(turn - turn[0]).max() > 0.05, "the motion of the head is no part of its shape"
+
+
+def test_landmarks_mark_the_true_vertices_and_fit_the_meshes(truth, imported):
+    capture, results = imported
+    order, right = read_orders()["wflw_98"].points, marked_vertices(truth)
+    placed = pd.read_csv(capture / "keypoints.csv").set_index("keypoint").vertex
+    assert set(placed.index) - {order[k] for k in range(LANDMARKS) if k not in ON_OUTLINE} <= {CHIN}
+    assert all(placed[order[k]] == right[k] for k in range(LANDMARKS) if k not in ON_OUTLINE)
+    table = pd.read_parquet(results / "tracking/0000.parquet").set_index("frame")
+    given, seen = table[table.status == "given"], len(placed) * len(CAMERAS)
+    assert (given.observations == seen).all() and (given.inliers == seen).all() and (given.rms_px < 0.2).all()
+    assert (table.observations[table.status == "between"] == 0).all()
+    verdicts = pd.read_csv(results / "tracking/verdicts_0000.csv").set_index("kind")
+    assert verdicts.reason["keypoints"].startswith(f"100% of {seen * len(given)} detections")
+
+
+def test_review_shows_landmarks_beside_given_meshes(imported):
+    capture, results = imported
+    found = read_tracked_capture(
+        capture, results / "index", results / "calibration", [results / "tracking/0000.safetensors"],
+        results / "frames.parquet",
+    )  # fmt: skip
+    inner = [name != CHIN for name in found.keypoint_names]
+    assert np.nanmax(found.residual_px[..., inner]) < 1e-4 and np.isnan(found.triangulated_m).all()
+    verdicts, seen = {verdict.name: verdict for verdict in frame_verdicts(found)}, len(CAMERAS) * len(inner)
+    assert f" px, {seen} of {seen} keypoints fit" in verdicts["0"].reason
+    assert verdicts["0"].grade == "good" and "keypoints fit" not in verdicts["1"].reason
+
+
+def test_landmarks_of_something_else_are_refused_by_name_and_without_any_nothing_is_lost(shipped, tmp_path):
+    root = shutil.copytree(shipped, tmp_path / "1001")
+    path = root / f"sequences/FREE/landmark2d/PIPnet/cam_{CAMERAS[0]}.npz"
+    np.savez(path, **{"0": np.zeros((68, 2))})
+    with pytest.raises(InputError, match=rf"cam_{CAMERAS[0]}.npz: expected 98 x 2 finite numbers .* found \(68, 2\)"):
+        run(dataset="becominglit", source=root, subject="x", out=tmp_path / "out")
+    for folder in root.glob("sequences/*/landmark2d"):
+        shutil.rmtree(folder)
+    run(dataset="becominglit", source=root, subject="x", out=tmp_path / "out")
+    described = yaml.safe_load((tmp_path / "out/capture.yaml").read_text())
+    assert "keypoints_2d" not in described and "keypoints" not in described["template"]
 
 
 def test_colours_are_those_of_the_sets_own_order(truth, imported):
@@ -135,6 +185,8 @@ def test_a_quarter_of_the_size_is_the_mean_of_light(truth, shipped, tmp_path):
     np.testing.assert_allclose(small[5, 3], whole[20:24, 12:16].mean((0, 1)), rtol=1e-5)
     assert mask[9, 6] == 255 and mask[mask < 255].max() > 0
     assert facts["downsample_from_sensor"] == 4
+    tracked = pd.read_parquet(results / "tracking/0000.parquet")
+    assert tracked.observations.max() > 0 and tracked.rms_px.max() < 0.1, "landmarks are reduced, too"
     assert_true_cameras(results, truth, CAMERAS, 4)
     described = yaml.safe_load((capture / "capture.yaml").read_text())["imported"]["computed"]
     assert described["resolution"] == "import_capture.reduced: means of 4 x 4 pixels, as read"

@@ -3,7 +3,8 @@
 The world's y points down and its z away from the face; one K for all cameras, counted from the corner; a singular
 `light_pattern`; durations of partially lit frames that are 0.66 times what they stand for; sRGB of colours before each
 camera's matrix, over a black level that comes after it; frames that count from 0 in each sequence; sequences without a
-subject; meshes of fully lit frames alone.
+subject; meshes of fully lit frames alone; landmarks as shares of the image's sides, some of which are no point of the
+mesh but of its outline, another in each view.
 """
 
 from __future__ import annotations
@@ -30,6 +31,9 @@ EMPTY_SEQUENCES = ("BACKGROUND", "CALIB-1")
 DURATION, DIMMED = 3000, 0.66
 BLACK = 4 / 255
 FACE, HAIR, CLOTH = 2, 14, 3
+LANDMARKS, ON_OUTLINE = 98, range(33)
+"""Landmarks of WFLW; the first are the outline of the face."""
+
 TURN = np.diag([1.0, -1.0, -1.0])
 """The set's world from the truth's."""
 
@@ -83,6 +87,8 @@ def write_becominglit(folder: Path, truth: TurningHead) -> Path:
                 _write(sequence / f"alpha_birefnet/cam_{camera}/frame_{here:06d}.jpg", encoded(".jpg", alpha))
         per_frame = [[frame - span[0], pattern_of(frame)] for frame in span]
         _write(sequence / "light_pattern_per_frame.json", json.dumps(per_frame).encode())
+        for camera in CAMERAS:
+            write_landmarks(sequence / f"landmark2d/PIPnet/cam_{camera}.npz", truth, camera, span)
         for frame in span:
             if pattern_of(frame) == 0:
                 mesh = ply(truth.vertices(frame) @ TURN.T, truth.faces)
@@ -90,6 +96,29 @@ def write_becominglit(folder: Path, truth: TurningHead) -> Path:
     for name in EMPTY_SEQUENCES:
         _write(root / f"sequences/{name}/light_pattern_per_frame.json", b"[[0, 0]]")
     return root
+
+
+def marked_vertices(truth: TurningHead) -> np.ndarray:
+    """The vertex of each landmark, all in front; those of the outline have none that is theirs."""
+    front = np.argsort(-truth.in_head(0)[:, 2])
+    return front[np.arange(LANDMARKS) % 50]
+
+
+def write_landmarks(path: Path, truth: TurningHead, camera: str, span: range) -> None:
+    """Landmarks of the fully lit frames, 98 x 2 of 0 to 1, by the frame's number in its sequence."""
+    width, height = truth.image_size(camera)
+    found = {}
+    for frame in span:
+        if pattern_of(frame) == 0:
+            # Pixels count from the corner here.
+            pixels = truth.cameras[camera].project(truth.vertices(frame)) + 0.5
+            points = pixels[marked_vertices(truth)]
+            around = np.linspace(0, np.pi, len(ON_OUTLINE))
+            reach = (pixels.max(0) - pixels.min(0)) / 2
+            points[: len(ON_OUTLINE)] = pixels.mean(0) + reach * np.stack([np.cos(around), np.sin(around)], 1)
+            found[str(frame - span[0])] = points / [width, height]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(path, **found)
 
 
 def stored(linear: np.ndarray, matrix: np.ndarray) -> np.ndarray:
