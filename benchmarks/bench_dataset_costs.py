@@ -65,6 +65,8 @@ class RealSize:
 
 REAL = {
     "goliath": RealSize(172, 30_000, 1334, 2048),
+    "goliath_hand": RealSize(172, 30_000, 1334, 2048, "frames assumed: those of a head"),
+    "goliath_body": RealSize(220, 10_000, 1334, 2048),
     "becominglit": RealSize(16, 10_000, 550, 802, "reduced to a quarter; frames assumed: two minutes and a half"),
     "humanolat": RealSize(40, 332, 810, 1440),
     "openillumination": RealSize(22, 142, 2000, 1500, "OLAT; size of the images assumed"),
@@ -124,7 +126,7 @@ def run_fake(fake: FakeSet, factor: float) -> Measured:
         chosen = ImportCapture(**yaml.safe_load(fake.settings(folder, truth)))
         started = time.process_time()
         capture, results = import_set(fake.dataset, shipped, folder, chosen)
-        packed(capture, results, ATLAS.get(fake.dataset, 32))
+        packed(capture, results, ATLAS.get(fake.name, 32))
         cpu_s, image_mp = time.process_time() - started, width * height / 1e6
         images = len(read_table(results / "index/images.parquet"))
         return Measured(image_mp, image_mp * images, cpu_s, peak_mb(), size_mb(capture) + size_mb(results))
@@ -136,9 +138,9 @@ def peak_mb() -> float:
     return int(line.split()[1]) / 1024
 
 
-def peak_of(dataset: str, factor: float) -> float:
+def peak_of(name: str, factor: float) -> float:
     """Largest memory of a process that takes a fake through the stages and does nothing else, megabytes."""
-    (fake,) = [fake for fake in FAKES if fake.dataset == dataset]
+    (fake,) = [fake for fake in FAKES if fake.name == name]
     return run_fake(fake, factor).peak_mb
 
 
@@ -147,22 +149,22 @@ def measure(fake: FakeSet) -> list[Measured]:
     run_fake(fake, FACTORS[0])
     found = [run_fake(fake, factor) for factor in FACTORS]
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as alone:
-        peaks = alone.map(partial(peak_of, fake.dataset), FACTORS)
+        peaks = alone.map(partial(peak_of, fake.name), FACTORS)
         found = [replace(each, peak_mb=peak) for each, peak in zip(found, peaks, strict=True)]
-    print(fake.dataset, *found, sep="\n", flush=True)
+    print(fake.name, *found, sep="\n", flush=True)
     return found
 
 
 def row(fake: FakeSet, found: Sequence[Measured]) -> str:
     """A row of the table."""
-    real = REAL[fake.dataset]
+    real = REAL[fake.name]
     cpu = Line.through([each.all_mp for each in found], [each.cpu_s for each in found]).at(real.all_mp)
     disk = Line.through([each.all_mp for each in found], [each.disk_mb for each in found]).at(real.all_mp)
     peak = Line.through([each.image_mp for each in found], [each.peak_mb for each in found]).at(real.image_mp)
     shown = " / ".join(f"{each.cpu_s:.1f} s, {each.peak_mb:.0f}, {each.disk_mb:.1f} MB" for each in found)
     size = f"{real.cameras} x {real.frames:,} x {real.width} x {real.height}{f' ({real.note})' if real.note else ''}"
     ranges = (words(disk, 1000.0), words(peak, 1000.0), words(cpu, 60.0))
-    return f"| {fake.dataset} | {shown} | {size} | {' | '.join(ranges)} |"
+    return f"| {fake.name} | {shown} | {size} | {' | '.join(ranges)} |"
 
 
 def words(found: Range, unit: float) -> str:
@@ -173,9 +175,9 @@ def words(found: Range, unit: float) -> str:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--only", nargs="*", default=[fake.dataset for fake in FAKES], help="sets; no page is written")
+    parser.add_argument("--only", nargs="*", default=[fake.name for fake in FAKES], help="sets; no page is written")
     options = parser.parse_args()
-    fakes = {fake.dataset: fake for fake in FAKES}
+    fakes = {fake.name: fake for fake in FAKES}
     lines = [
         "| set | three fakes: processor, memory, disk | a capture: cameras x frames x pixels | disk written, GB | "
         "memory of a process, GB | minutes of a processor |",

@@ -93,7 +93,7 @@ def count_fake(fake: FakeSet) -> Counted:
         capture, results = import_set(
             fake.dataset, shipped, folder, ImportCapture(**yaml.safe_load(fake.settings(folder, truth)))
         )
-        packed(capture, results, ATLAS.get(fake.dataset, 32))
+        packed(capture, results, ATLAS.get(fake.name, 32))
         if read_json(results / "index/capture.json")["kind"] == "head":
             bake(capture, results)
         return counted(found, capture, read_table(results / "index/images.parquet"))
@@ -193,9 +193,9 @@ def video_table() -> list[str]:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--only", nargs="*", default=[fake.dataset for fake in FAKES], help="sets; no page is written")
+    parser.add_argument("--only", nargs="*", default=[fake.name for fake in FAKES], help="sets; no page is written")
     options = parser.parse_args()
-    fakes = {fake.dataset: fake for fake in FAKES}
+    fakes = {fake.name: fake for fake in FAKES}
     lines = table([(name, count_fake(fakes[name])) for name in options.only])
     videos = video_table()
     print("\n".join([*lines, *videos]))

@@ -1,9 +1,11 @@
-"""What the page of fakes shows beside their errors: both directions of HumanOLAT, exports read back, visual hulls."""
+"""What the page of fakes shows beside their errors: directions, environments, exports, visual hulls."""
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,11 +23,12 @@ from pipeline.capture.cameras.known_cameras import read_known_cameras
 from pipeline.capture.images import ImageSource
 from pipeline.capture.schema.camera_schema import KnownCameras
 from pipeline.config.import_capture import ImportCapture
+from pipeline.datasets.environment_weights import CHANNELS
 from pipeline.effects.scene_evidence import read_colors
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.mesh_files import decode_mesh
 from pipeline.stages import export_capture, import_capture
-from tests.support.datasets import goliath_layout, humanolat_layout, openillumination_layout
+from tests.support.datasets import goliath_layout, humanolat_layout, olatverse_layout, openillumination_layout
 from tests.support.datasets.imported import import_set
 from tests.support.datasets.turning_head import TurningHead
 
@@ -68,6 +71,47 @@ def direction_table(folder: Path, image: tuple[int, int]) -> list[str]:
         off = camera_error(read_cameras(capture / "cameras.json"), truth, humanolat_layout.FULL)
         lines.append(f"| {written} | {first} | {second} | {taken} | {off:.0e} |")
     return lines
+
+
+def environment_table(folder: Path, image: tuple[int, int]) -> list[str]:
+    """Lines of a table: lights found for images under environments, seen by a camera that took no part."""
+    columns = ("set", "image", "light that is not explained", "of the held-out camera's image", "lights, correlation")
+    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    for dataset, layout, truth, write, unit, camera in (
+        ("humanolat", humanolat_layout, humanolat_layout.true_head, humanolat_layout.write_humanolat, 1.0,
+         humanolat_layout.TEST_CAMERA),
+        ("olatverse", olatverse_layout, olatverse_layout.true_object, olatverse_layout.write_olatverse,
+         olatverse_layout.INTENSITY, olatverse_layout.BENCHMARK_TEST_CAMERA),
+    ):  # fmt: skip
+        true, capture = truth(image=image), folder / dataset / "capture"
+        shipped = write(folder / dataset / "set", true)
+        with logged("pipeline.datasets.environment_weights") as said:
+            import_capture.run(dataset=dataset, source=shipped, subject="x", out=capture)
+        patterns = pd.read_csv(capture / "patterns.csv")
+        for frame in layout.ENVIRONMENTS:
+            misfit = next(line.args[1] for line in said if line.args[0] == frame)
+            rows = patterns[patterns.frame == frame].set_index("light")
+            shades = {int(name[1:]): unit * np.array(row, float) for name, row in rows[CHANNELS].iterrows()}
+            shown = true.image(camera, frame)
+            error = float(np.sqrt(((true.lit_by(camera, frame, shades) - shown) ** 2).sum() / (shown**2).sum()))
+            both = np.array([[shades.get(k, np.zeros(3)), shade] for k, shade in true.frames[frame].items()]).mean(2)
+            lines.append(f"| {dataset} | {frame} | {misfit:.3f} | {error:.3f} | {np.corrcoef(both.T)[0, 1]:.3f} |")
+    return lines
+
+
+@contextlib.contextmanager
+def logged(name: str) -> Iterator[list[logging.LogRecord]]:
+    """Collect what a log says meanwhile."""
+    found, log = [], logging.getLogger(name)
+    handler, level = logging.Handler(), log.level
+    handler.emit = found.append
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield found
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
 
 
 def hull_table(folder: Path, image: tuple[int, int]) -> list[str]:

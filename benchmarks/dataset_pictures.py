@@ -29,7 +29,7 @@ def draw(fake: FakeSet, truth: TurningHead, project: Path, path: Path, most: int
 
     Sets without masks get the true one.
     """
-    results, capture = project / "results" / fake.dataset, project / "captures" / fake.dataset
+    results, capture = project / "results" / fake.name, project / "captures" / fake.name
     described, images = read_json(results / "index/capture.json"), read_table(results / "index/images.parquet")
     source = ImageSource.from_index(capture, described["images"])
     cameras = read_cameras(results / "calibration/cameras.json")

@@ -11,6 +11,7 @@ from tests.support.datasets import (
     ava256_layout,
     becominglit_layout,
     faceolat_layout,
+    goliath_kinds_layout,
     goliath_layout,
     humanolat_layout,
     nersemble_layout,
@@ -33,6 +34,7 @@ class FakeSet:
         settings: of import_capture, as YAML; may write files that they name into the folder.
         constant_light: True if the set does not say where light comes from.
         image: width and height of its images.
+        part: word that tells it from other fakes of its set; empty: none.
     """
 
     dataset: str
@@ -43,6 +45,12 @@ class FakeSet:
     settings: Callable[[Path, TurningHead], str] = lambda folder, truth: "{}"
     constant_light: bool = False
     image: tuple[int, int] = (96, 144)
+    part: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the fake, and of the subject that it becomes."""
+        return f"{self.dataset}_{self.part}" if self.part else self.dataset
 
 
 def true_frame_of(sequences: Mapping[str, range]) -> Callable[[int], int]:
@@ -55,6 +63,14 @@ FAKES = (
     FakeSet(
         "goliath", goliath_layout.true_head, goliath_layout.write_goliath,
         len(goliath_layout.CAMERAS),
+    ),
+    FakeSet(
+        "goliath", goliath_kinds_layout.true_hand, goliath_kinds_layout.write_hands,
+        len(goliath_kinds_layout.CAMERAS), part="hand",
+    ),
+    FakeSet(
+        "goliath", goliath_kinds_layout.true_body, goliath_kinds_layout.write_body,
+        len(goliath_kinds_layout.CAMERAS), constant_light=True, part="body",
     ),
     FakeSet(
         "becominglit", becominglit_layout.true_head, becominglit_layout.write_becominglit,
