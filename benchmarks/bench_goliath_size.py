@@ -4,7 +4,7 @@
 
 Writes the fake of `benchmarks.goliath_capture` (3.3 GB in the folder for temporary files), imports it through the
 workflow, has Snakemake plan the rest, before and after, and inspects some of its chunks, as nodes of a cluster would.
-Memory is that of the largest process, seconds are of the wall. Writes the numbers between marks of docs/datasets.md.
+Memory is that of the largest process. Writes the numbers between marks of docs/datasets.md.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ INSPECTED = 3
 
 @dataclass(frozen=True)
 class Run:
-    """A run of Snakemake: seconds, memory of its largest process, and the jobs by rule."""
+    """A run of Snakemake: seconds of wall and processors, memory of its largest process, jobs by rule."""
 
     wall_s: float
+    cpu_s: float
     peak_mb: float
     jobs: dict[str, int]
 
@@ -71,7 +72,7 @@ def snakemake(folder: Path, *words: str) -> Run:
     table = text.rpartition("Job stats:")[2]
     rows = dict(re.findall(r"^(\w+) +(\d+)$", table, flags=re.MULTILINE))
     jobs = {rule: int(count) for rule, count in rows.items() if rule != "total"}
-    return Run(wall, used.ru_maxrss / 1024, jobs)
+    return Run(wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, jobs)
 
 
 def write_project(folder: Path, shipped: Path) -> None:
@@ -118,17 +119,23 @@ def measure(size: GoliathSize, folder: Path) -> list[str]:
         f"{len(images):,} images of {frames:,} frames that have a mesh or lie between two, in {2 * size.cameras + 2} "
         f"archives. The set takes {before:.1f} GB before and {size_gb(shipped):.1f} GB after, `captures/<name>` "
         f"{own:.2f} GB.\n",
-        "| step | jobs | wall of one, s | largest process, MB |",
-        "|---|---|---|---|",
-        f"| plan, before anything has run | {sum(fresh.jobs.values())} | {fresh.wall_s:.1f} | {fresh.peak_mb:,.0f} |",
-        f"| `import_capture` | 1 | {imported.wall_s:.0f} | {imported.peak_mb:,.0f} |",
-        f"| plan, once it is imported | {sum(plan.jobs.values())} | {plan.wall_s:.1f} | {plan.peak_mb:,.0f} |",
+        "| step | jobs | wall of one, s | processors, s | largest process, MB |",
+        "|---|---|---|---|---|",
+        f"| plan, before anything has run | {sum(fresh.jobs.values())} | {cells(fresh, 1)} |",
+        f"| `import_capture` | 1 | {cells(imported)} |",
+        f"| plan, once it is imported | {sum(plan.jobs.values())} | {cells(plan, 1)} |",
         f"| `inspect_images`, {per_chunk:,.0f} images | {plan.jobs['inspect_images']} | "
-        f"{max(run.wall_s for run in runs):.0f} | {max(run.peak_mb for run in runs):,.0f} |",
+        f"{cells(max(runs, key=lambda run: run.wall_s))} |",
         "",
         f"Chunks {', '.join(chunks)} were inspected: each of their images once, none in two of them. Seconds are of a "
-        "run of Snakemake, its plan included, on two shared cores; memory is that of its largest process.",
+        "run of Snakemake, its plan included, on two cores that others used at the same time: those of processors are "
+        "what it took, those of the wall what it took beside them. Memory is that of its largest process.",
     ]
+
+
+def cells(run: Run, digits: int = 0) -> str:
+    """Seconds of wall and of processors, and memory, as cells of the table."""
+    return f"{run.wall_s:.{digits}f} | {run.cpu_s:.{digits}f} | {run.peak_mb:,.0f}"
 
 
 def size_gb(folder: Path) -> float:

@@ -70,7 +70,7 @@ def write_goliath_size(folder: Path, size: GoliathSize = GoliathSize()) -> Path:
     truth, root = still_head(size), folder / NAME
     for part in ("image", "segmentation_parts", "kinematic_tracking", "head_pose", "lights"):
         (root / part).mkdir(parents=True)
-    layout._write_cameras(root, truth)
+    layout.write_cameras(root, truth)
     _write_lists(root, size, truth)
     numbers = np.arange(size.frames)
     lit = numbers[:: layout.LIT_EVERY]
