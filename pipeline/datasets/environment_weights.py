@@ -88,8 +88,8 @@ def environment_patterns(
         provenance: gets notes.
     """
     chosen = evenly(sorted(name for name in cameras if stage.full in stage.paths[name]), FITTED_CAMERAS)
-    there = [number for number in wanted if any(number in stage.paths[name] for name in chosen)]
     single = [number for number in stage.lights if all(number in stage.paths[name] for name in chosen)]
+    there = [number for number in wanted if single and any(number in stage.paths[name] for name in chosen)]
     parts, missed = [], {}
     blocks = {name: _read_blocks(stage, name, [stage.full, *single, *there]) for name in chosen} if there else {}
     for frame in there:
