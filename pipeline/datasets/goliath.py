@@ -62,15 +62,16 @@ def read_goliath(root: Path, settings: ImportCapture) -> ImportedCapture:
         provenance.left_out["frames that lie between no two meshes"] = shown(dropped)
     images = image_table(found, frames.frame.tolist(), root, provenance, kind.masks)
     tracked = meshes.of_frames(frames.frame)
+    plates = find_plates(root, {name: sizes[name] for name in cameras}, provenance)
     store = ImageStore(
         images, sizes, "linear", BLACK_LEVEL if kind.lit else 0.0, DOWNSAMPLE,
-        mask_format(root, kind, images.mask_path.dropna()), clean_plates=find_plates(root, cameras),
+        mask_format(root, kind, images.mask_path.dropna()), clean_plates=plates,
     )  # fmt: skip
     proof = prove_meshes(root, store, cameras, tracked, settings.least_overlap)
     names = calibrated_names(root / "camera_calibration.json")
     if unseen := sorted(set(names) - set(found.images)):
         provenance.left_out["cameras without images"] = shown(unseen)
-    say_given(provenance, kind, f"{origin}; {proof}", bool(store.clean_plates))
+    say_given(provenance, kind, f"{origin}; {proof}", bool(plates))
     say_masks(provenance, images, kind.masks, "labels but background and chair" if kind.parts else "that is not 0")
     beside = read_beside(root, names, len(lights.places)) if lights else None
     fps, tested = shipped_fps(root) * frame_step(frames), TEST_CAMERAS

@@ -67,11 +67,30 @@ def _frames_in(
     return shared.setdefault(frames, frames)
 
 
-def find_plates(root: Path, cameras: Collection[str]) -> str:
-    """Pattern, with {camera}, of images of the empty stage; empty unless each camera has one."""
+def find_plates(root: Path, sizes: Mapping[str, tuple[int, int]], provenance: Provenance) -> str:
+    """Pattern, with {camera}, of images of the empty stage; empty if a camera lacks one.
+
+    The set's loader drops a fourth channel and resizes plates of another size; here such a one counts as lacking.
+
+    Args:
+        root: folder of the capture.
+        sizes: width and height of the images, by camera.
+        provenance: gets the note.
+    """
     archive = root / BACKGROUNDS
-    there = members(archive) if archive.is_file() else ()
-    return f"{BACKGROUNDS}/{{camera}}.png" if all(f"{camera}.png" in there for camera in cameras) else ""
+    if not archive.is_file():
+        return ""
+    there, unlike = members(archive), []
+    for camera, (width, height) in sizes.items():
+        plate = archive / f"{camera}.png"
+        if plate.name not in there or decode_stored(read_bytes(plate), plate).shape != (height, width, 3):
+            unlike.append(camera)
+    if unlike:
+        lacking = f"cameras without one of three channels, as large as their images: {listed(unlike)}"
+        provenance.left_out[BACKGROUNDS] = lacking
+        log.warning("%s: backgrounds are left out; %s", root, lacking)
+        return ""
+    return f"{BACKGROUNDS}/{{camera}}.png"
 
 
 def image_size(root: Path, camera: str, frame: int) -> tuple[int, int]:

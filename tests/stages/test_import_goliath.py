@@ -29,9 +29,11 @@ from tests.support.datasets.goliath_layout import (
     light_pattern,
     part_labels,
     pattern_of,
+    png,
     stored,
     true_head,
     write_goliath,
+    write_zip,
 )
 from tests.support.datasets.imported import assert_true_cameras, assert_true_lights, import_set
 
@@ -137,6 +139,22 @@ def test_without_a_background_of_every_camera_none_is_taken(shipped, tmp_path):
     (root / "per_view_background/per_view_background.zip").unlink()
     run(dataset="goliath", source=root, subject="x", out=tmp_path / "out")
     assert "clean_plates" not in yaml.safe_load((tmp_path / "out/capture.yaml").read_text())["masks"]
+
+
+@pytest.mark.parametrize("other", [(2, 3), (1, 4)], ids=["half the size", "four channels"])
+def test_backgrounds_unlike_the_images_are_left_out_and_their_cameras_named(truth, shipped, tmp_path, other):
+    root = broken_copy(shipped, tmp_path)
+    plates = {}
+    for name in CAMERAS:
+        width, height = truth.image_size(name)
+        smaller, channels = other if name == CAMERAS[1] else (1, 3)
+        plates[f"{name}.png"] = png(np.zeros((height // smaller, width // smaller, channels), np.uint8))
+    write_zip(root / "per_view_background/per_view_background.zip", plates)
+    run(dataset="goliath", source=root, subject="x", out=tmp_path / "out")
+    described = yaml.safe_load((tmp_path / "out/capture.yaml").read_text())
+    assert "clean_plates" not in described["masks"]
+    left_out = described["imported"]["left_out"]["per_view_background/per_view_background.zip"]
+    assert left_out.endswith(f"as large as their images: {CAMERAS[1]}")
 
 
 def broken_copy(shipped, folder):
