@@ -173,7 +173,7 @@ def say_given(provenance: Provenance, meshes: str, resolution: str) -> None:
     provenance.assumed["light"] = STANDS_FOR
     provenance.left_out.update(
         {
-            "keypoints_3d": "all frames have meshes; nothing says which point each is",
+            "keypoints_3d": "points in space, of no image; nothing says which each is, and all frames have meshes",
             "uv_image": "textures are baked anew",
             "the headset's images": "of parts of the face, by other cameras",
         }

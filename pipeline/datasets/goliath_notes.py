@@ -11,7 +11,7 @@ from pipeline.datasets.goliath_lights import FULL_DURATION
 from pipeline.datasets.imported_capture import Provenance
 
 NOT_USED = {
-    "keypoints_3d": "frames without a mesh have none either; nothing says which point of the body each is",
+    "keypoints_3d": "points in space, of no image; nothing says which each is; frames without a mesh have none",
     "scan_mesh": "other vertices in each frame",
     "uv_image": "its texture coordinates are in the set's shared assets, a pickle; textures are baked anew",
 }

@@ -174,6 +174,7 @@ def say_given(provenance: Provenance, cameras: str, images: pd.DataFrame) -> Non
         {
             "image 0, and every 21st from 34": "repeats of full light",
             "lights on the door": "left out by the set's authors",
-            "smpl-x, openpose": "the pose is still, and joints lie inside a mesh that has no skeleton",
+            "openpose": "joints inside a mesh that has no skeleton; the set does not say of which size of images",
+            "smpl-x": "the pose is still, and the mesh is the subject's own",
         }
     )
