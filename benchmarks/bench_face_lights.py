@@ -8,7 +8,6 @@ The photographs and their licence (GPL-3) stay outside of the repository: the pi
 from __future__ import annotations
 
 import argparse
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from jaxtyping import Float64
 from matplotlib.lines import Line2D
 
 from benchmarks.face_lights import LitFace, Model, face_evidence, read_lit_face, unexplained
+from benchmarks.marked_page import paragraphs
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.figures.style import FAINT, GRADE_COLORS, INK, MUTED, picture
 from pipeline.stages.plan_effects import decide
@@ -60,11 +60,6 @@ subject.
 """
 
 
-def paragraph(text: str) -> str:
-    """A paragraph in lines of 120 letters."""
-    return "\n\n".join(textwrap.fill(part, 120) for part in text.split("\n\n")) + "\n"
-
-
 def page(face: LitFace, settings: PlanEffects) -> str:
     """The page as Markdown."""
     shares = {label: 100 * unexplained(face, *model) for label, model in MODELS.items()}
@@ -80,9 +75,9 @@ def page(face: LitFace, settings: PlanEffects) -> str:
     return "\n".join([
         "# Near lights on a face\n",
         "<!-- Written by `python -m benchmarks.bench_face_lights`: change it there. -->\n",
-        paragraph(TEXT.format(distance=np.round(face.points[0, 2], 2))),
+        paragraphs(TEXT.format(distance=np.round(face.points[0, 2], 2))),
         f"| energy unexplained, lights | red | green | blue |\n|---|---|---|---|\n{rows}\n",
-        paragraph(after),
+        paragraphs(after),
         "![Unexplained energy by the exponents of distance and of the lobe](pictures/near_lights.png)",
     ]) + "\n"  # fmt: skip
 

@@ -8,12 +8,12 @@ The photographs stay outside of the repository: the picture shows numbers alone.
 from __future__ import annotations
 
 import argparse
-import textwrap
 from pathlib import Path
 
 import numpy as np
 from matplotlib.lines import Line2D
 
+from benchmarks.marked_page import paragraphs
 from benchmarks.photographed_targets import (
     FILTERS_NM,
     angles_deg,
@@ -56,11 +56,6 @@ that near LEDs are seen in other directions.
 """
 
 
-def paragraph(text: str) -> str:
-    """A paragraph in lines of 120 letters."""
-    return textwrap.fill(text, 120) + "\n"
-
-
 def page(data: Path, tolerance: float) -> tuple[str, dict[int, Linearity]]:
     """The page as Markdown, and the response behind each filter."""
     charts, balls = data / "chart_photographs", data / "mirrorball_psbox"
@@ -81,17 +76,17 @@ def page(data: Path, tolerance: float) -> tuple[str, dict[int, Linearity]]:
     told = "\n".join([
         "# Photographed charts and mirror balls\n",
         "<!-- Written by `python -m benchmarks.bench_photographed_targets`: change it there. -->\n",
-        paragraph(HEAD),
+        paragraphs(HEAD),
         "## A sensor and its chart\n",
-        paragraph(SENSOR),
+        paragraphs(SENSOR),
         f"| filter | linear to {100 * tolerance:g} % up to | black level found | off below half of full scale | off at "
         "300 predicted |\n|---|---|---|---|---|\n" + "\n".join(sensor) + "\n",
         "![Departure from a line by predicted count](pictures/sensor_linearity.png)\n",
-        paragraph(CHART.format(
+        paragraphs(CHART.format(
             inside=chart.inside, median=np.median(chart.middle_px), worst=chart.middle_px.max(), patch=chart.patch_px
         )),
         "## Two mirror balls\n",
-        paragraph(BALLS),
+        paragraphs(BALLS),
         "| directions by | mean angle | largest |\n|---|---|---|\n" + "\n".join(directions),
     ])  # fmt: skip
     return told + "\n", found

@@ -8,7 +8,6 @@ The data stay outside of the repository.
 from __future__ import annotations
 
 import argparse
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from matplotlib.colors import Normalize
 from scipy.spatial.transform import Rotation
 
 from benchmarks.gltf_by_definition import Glb, posed_both_ways
+from benchmarks.marked_page import paragraphs
 from benchmarks.real_data import (
     HEAD_M,
     HEAD_TEXELS,
@@ -47,7 +47,7 @@ PANORAMAS, FIGURE = "hdr_polyhaven", "rigged_cesiumman/CesiumMan.glb"
 DISTANCES = (1, 2, 4, 8)
 """Times as far away as they are that lights are put."""
 
-CHECKED_TEXELS, NORMALS, SIGMAS = 100, 30, (0.02, 0.06, 0.25)
+CHECKED_TEXELS, NORMALS, SIGMAS = 100, 30, (0.025, 0.06, 0.25)
 
 HEADING = """\
 Data of others that are no captures: what the pipeline computes from each, beside the same by definition, without its
@@ -87,11 +87,6 @@ such vertices would be drawn towards the origin.
 """
 
 
-def paragraph(text: str) -> str:
-    """A paragraph in lines of 120 letters."""
-    return textwrap.fill(text, 120) + "\n"
-
-
 def stage_part(lights: np.ndarray, head: Atlas) -> list[str]:
     """The lights, and what `near_field` says of them around a head."""
     sphere, next_one, settings = fit_sphere(lights), nearest_distances(lights), PlanEffects()
@@ -109,7 +104,7 @@ def stage_part(lights: np.ndarray, head: Atlas) -> list[str]:
         least=next_one.min(), most=next_one.max(), head=HEAD_M,
     )  # fmt: skip
     heads = ("lights at", "95 % of the light is within", "every tenth texel, every light", "near_field")
-    return [f"## {len(lights)} lights of a stage\n", paragraph(told), table(heads, rows)]
+    return [f"## {len(lights)} lights of a stage\n", paragraphs(told), table(heads, rows)]
 
 
 def head_part(path: Path, head: Atlas, lights: np.ndarray) -> list[str]:
@@ -131,8 +126,8 @@ def head_part(path: Path, head: Atlas, lights: np.ndarray) -> list[str]:
     heads = ("layout", "texels", "of the map", "charts", "mean texel", "95 % size over 5 %", "95 % stretch",
              "surface in faces without a texel")  # fmt: skip
     return [
-        "## A scanned head\n", paragraph(SCAN.format(faces=len(head.faces), size=HEAD_TEXELS)), table(heads, rows),
-        paragraph(seen), "![The lights from above, and irradiance on the head](pictures/real_data.png)\n",
+        "## A scanned head\n", paragraphs(SCAN.format(faces=len(head.faces), size=HEAD_TEXELS)), table(heads, rows),
+        paragraphs(seen), "![The lights from above, and irradiance on the head](pictures/real_data.png)\n",
     ]  # fmt: skip
 
 
@@ -145,7 +140,7 @@ def sky_part(folder: Path) -> list[str]:
         errors = [matte_errors(environment, turns), *lobe_errors(environment, axes, SIGMAS)]
         rows.append((f"`{path.stem}`", *(f"{100 * error:.2f} %" for error in errors)))
     heads = ("panorama", "matte", *(f"gloss {sigma:g}" for sigma in SIGMAS))
-    return ["## Panoramas\n", paragraph(SKY.format(normals=NORMALS)), table(heads, rows)]
+    return ["## Panoramas\n", paragraphs(SKY.format(normals=NORMALS)), table(heads, rows)]
 
 
 def rig_part(path: Path) -> list[str]:
@@ -155,7 +150,7 @@ def rig_part(path: Path) -> list[str]:
         keys=len(ours), worst=np.abs(ours - true).max(), short=int((sums < 0.999).sum()),
         vertices=len(sums), least=sums.min(),
     )  # fmt: skip
-    return ["## A rigged figure\n", paragraph(told)]
+    return ["## A rigged figure\n", paragraphs(told)]
 
 
 def draw(path: Path, head: Atlas, lights: np.ndarray) -> None:
@@ -195,7 +190,7 @@ def main() -> None:
     draw(page.parent / "pictures" / "real_data.png", head, centred)
     parts = [
         "# Others' lights, head, panoramas and figure\n",
-        "<!-- Written by `python -m benchmarks.bench_real_data`: change it there. -->\n", paragraph(HEADING),
+        "<!-- Written by `python -m benchmarks.bench_real_data`: change it there. -->\n", paragraphs(HEADING),
         *stage_part(lights, head), *head_part(data / HEAD, head, centred), *sky_part(data / PANORAMAS),
         *rig_part(data / FIGURE),
     ]  # fmt: skip

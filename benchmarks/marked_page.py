@@ -1,9 +1,15 @@
-"""Parts of a page that a benchmark writes, between two marks."""
+"""Pages that a benchmark writes: paragraphs, and parts between two marks."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+
+
+def paragraphs(text: str) -> str:
+    """Paragraphs, which empty lines part, in lines of 120 letters."""
+    return "\n\n".join(textwrap.fill(part, 120) for part in text.split("\n\n")) + "\n"
 
 
 def write_between(page: Path, name: str, lines: Sequence[str]) -> None:

@@ -149,7 +149,7 @@ def relative_rms(found: np.ndarray, true: np.ndarray) -> float:
 
 
 def cosine_by_degree() -> Float64[np.ndarray, " degrees"]:
-    """What a clamped cosine keeps of each degree: 2 pi int_0^1 t P_l(t) dt (Ramamoorthi and Hanrahan 2001)."""
+    """What a clamped cosine keeps of each degree: 2 pi int_0^1 t P_l(t) dt (Funk and Hecke)."""
     t, weight = np.polynomial.legendre.leggauss(DEGREES)
     return np.pi * np.polynomial.legendre.legvander((t + 1) / 2, DEGREES - 1).T @ (weight * (t + 1) / 2)
 
