@@ -192,7 +192,7 @@ viewer:
 	cd viewer && npm ci && npm run build
 
 # Everything else is Snakemake's to make, and to decide whether it is up to date.
-Makefile pyproject.toml $(LOCKS): ;
+Makefile pyproject.toml envs/detect.yaml $(LOCKS): ;
 
 # The folder of a report, and that of a viewer, is its page.
 results/%/report: $(READY) FORCE

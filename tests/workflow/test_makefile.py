@@ -42,6 +42,14 @@ def test_target_ends_in_one_command(dry_run, target, command):
     assert sum(printed.count(run) for run in ("snakemake --cores", "-m benchmarks.", "-m mkdocs")) == 1
 
 
+def test_detector_of_a_fresh_copy_is_installed_from_its_own_list(dry_run):
+    """Without Snakemake, which has no rule for the list."""
+    printed = dry_run("--always-make", "detect")
+    assert "-m pip install --requirement .venv-detect/requirements.txt" in printed
+    assert "envs/detect.yaml > .venv-detect/requirements.txt" in printed
+    assert "snakemake" not in printed
+
+
 @pytest.mark.parametrize("changed", ["pyproject.toml", "envs/lock.txt", "envs/lock-cuda.txt"])
 def test_changed_requirement_or_lock_installs_the_first_lock_that_pip_can(dry_run, changed):
     printed = dry_run("--what-if", changed, ".venv/.ready").replace("\\\n", " ")
