@@ -46,9 +46,15 @@ FOREIGN = 0.5
 """Distance of a colour from the profile, over the white's, beyond which all are alike: what is so far off belongs to no
 eye, such as a lid where the template has none, and must not draw the iris to it."""
 
-LEAST_EXPLAINED = 0.65
-"""Share of what is not white below which pixels show no iris: on the procedural head open eyes have 0.71 to 0.87, and
-patches of its skin 0.05 to 0.58 (`benchmarks/bench_gaze.py`)."""
+LEAST_EXPLAINED = 0.4
+"""Share of what is not white below which pixels show no iris: on the procedural head open eyes have 0.64 to 0.87, in
+images three times as fine, in which glints do not blur with the iris, 0.45 to 0.63; patches of its skin that are as
+dark as an iris, brow and mouth, up to 0.34 (`benchmarks/bench_gaze.py`)."""
+
+PALEST = 0.55
+"""Median brightness within a start's disc, over the white's, above which there is no iris: skin that darkens towards an
+edge, where the profile learns a slope. On the procedural head open eyes have 0.20 to 0.41, a cheek 0.64 to 0.75; a pale
+iris of half the white's brightness, with its black pupil, has less than that half."""
 
 LEAST_VIEWS = 2
 """Pictures that have to show an eye: one alone cannot tell what it shows from what lies on the eye."""
@@ -148,10 +154,11 @@ class _Shown:
     def __init__(self, pixels: EyePixels, shape: EyeShape) -> None:
         self.pixels, self.shape = pixels, shape
         self.rows = [np.flatnonzero(pixels.view == view) for view in range(views_of(pixels))]
-        self.colors = np.zeros((len(pixels), 3))
+        self.colors = np.ones((len(pixels), 3))
         for rows in self.rows:
             white = np.percentile(pixels.colors[rows], WHITE, axis=0)
-            self.colors[rows] = pixels.colors[rows] / np.maximum(white, np.finfo(np.float64).tiny)
+            # Black pictures tell nothing, and count as white.
+            self.colors[rows] = np.divide(pixels.colors[rows], white, out=np.ones((len(rows), 3)), where=white > 0)
         self.ball = meet_sphere(pixels.origins, pixels.directions, shape.radius_m)[0]
         hits = (pixels.origins + self.ball[:, None] * pixels.directions).mean(0)
         self.middle = hits / np.linalg.norm(hits)
@@ -190,13 +197,19 @@ class _Shown:
         """Angles from an axis, and the colours there over the white's."""
         return self.angles(axis[None])[0], np.minimum(self.colors, 1.0)
 
+    def brightness_about(self, axis: np.ndarray) -> float:
+        """Median brightness of what shows of an iris about an axis, over the white's; that of white if nothing does."""
+        angles, colors = self.seen_about(axis)
+        middle = colors[angles < START * np.degrees(self.shape.limbus_angle)]
+        return float(np.median(middle)) if len(middle) else 1.0
+
     def judged(self, axis: np.ndarray, profile: np.ndarray, pixels: int) -> GazeEstimate:
         """The estimate of an axis: whether it is one, and how well it is known."""
         tried = grid_around(axis, *FINE[0])
         left = self.residuals(tried, profile)
         plain = np.minimum(((np.minimum(self.colors, 1.0) - 1.0) ** 2).sum(1), FOREIGN**2).sum()
         explained = float(1 - left[:, 0].sum() / plain) if plain > 0 else 0.0
-        if explained < LEAST_EXPLAINED:
+        if explained < LEAST_EXPLAINED or self.brightness_about(axis) > PALEST:
             return GazeEstimate("unclear", np.full(3, np.nan), np.nan, explained, len(self.rows), pixels)
         without = tried[(left.sum(0) - left).argmin(1)]
         moved = np.degrees(np.linalg.norm(without - axis, axis=1))

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.base.conventions import PIXEL_CENTER
 from pipeline.eyes.eye_pixels import LEAST_PIXELS, MARGIN_PX, join_views, meet_sphere, seen_pixels
 from pipeline.eyes.eye_verdicts import estimate_verdict
-from pipeline.eyes.gaze_estimate import FINE, estimate_gaze, grid_around
+from pipeline.eyes.gaze_estimate import FINE, LEAST_EXPLAINED, estimate_gaze, grid_around
 from tests.support.avatars.painted_eyes import CENTER, LOOKS, RADIUS_M, SHAPE, cameras, painted
 
 FINEST_DEG = FINE[-1][1]
@@ -59,6 +59,18 @@ def test_lids_that_the_template_lacks_show_no_iris(shown):
     found = estimate_gaze([*shown, pixels_of(LOOKS[0], skin=True)], SHAPE)
     assert [each.status for each in found] == ["estimated"] * 3 + ["unclear"]
     assert "no iris shows: 3" in estimate_verdict("left", [0, 1, 2, 3], found).reason
+
+
+def test_skin_that_darkens_towards_an_edge_shows_no_iris(shown):
+    """Three fifths as bright at one side as opposite: the profile learns the slope, and explains all of it."""
+    shaded = [pixels_of(gaze) for gaze in LOOKS]
+    for pixels in shaded:
+        hits = pixels.origins + meet_sphere(pixels.origins, pixels.directions, RADIUS_M)[0][:, None] * pixels.directions
+        away = np.degrees(np.arccos(np.clip(hits @ [0.8, 0.0, 0.6] / RADIUS_M, -1, 1)))
+        pixels.colors[:] = np.interp(away, [0, 60], [0.6, 1.0])[:, None] * [0.6, 0.4, 0.3]
+    found = estimate_gaze(shaded, SHAPE)
+    assert [each.status for each in found] == ["unclear"] * len(LOOKS)
+    assert min(each.explained for each in found) > LEAST_EXPLAINED, "darkness alone tells it from an eye"
 
 
 def test_one_picture_is_too_few(shown):
