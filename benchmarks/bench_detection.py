@@ -1,16 +1,17 @@
 """Keypoints and masks that are detected, beside those that a capture has: a page of docs.
 
     python -m benchmarks.bench_detection --captures captures/subjectA captures/head60 --results results \\
-        --faces ../shared/data/face_near_lights
+        --heads captures/subjectB captures/closeup --faces ../shared/data/face_near_lights
 
 Captures are synthetic and finished: their truth says where the template was, their own keypoints (a synthetic
-detector's, with known noise) where a detector should have found them. The faces are photographs of a real person, who
-is not shown. Needs `make detect`.
+detector's, with known noise) where a detector should have found them. Heads have eyes whose gaze is known. The faces
+are photographs of a real person, who is not shown. Needs `make detect`.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import tempfile
 import textwrap
 from pathlib import Path
@@ -19,19 +20,23 @@ import cv2
 import numpy as np
 import pandas as pd
 
-from benchmarks.detection_page import Found, page
+from benchmarks import bench_gaze
+from benchmarks.detection_page import Found, Looks, RealFace, page
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_arrays, read_table
-from pipeline.capture.keypoint_orders import points_of_template
+from pipeline.base.files import read_arrays, read_table, write_table
+from pipeline.capture.keypoint_orders import points_of_template, read_orders
 from pipeline.config.detect_landmarks import DetectLandmarks
 from pipeline.config.segment_subject import SegmentSubject
 from pipeline.detection.detector import read_points, run_detector
+from pipeline.eyes.iris_gaze import CLOSED, SIDES, openness
 from pipeline.stages import detect_landmarks, index_capture, segment_subject, track_mesh
 
 PAGE = Path("docs/detection.md")
 
 SURE = 0.7
 """Confidence of a capture's own keypoints that count as the reference: those that are neither hidden nor outliers."""
+
+FACE = "mediapipe_face_478"
 
 NEAR = 0.05
 """Of the image's height: a detection farther from the reference is called wrong."""
@@ -111,8 +116,21 @@ def vertex_error(capture: Path, chunks: list[Path]) -> str:
     return f"{middle:.1f} / {most:.1f}"
 
 
-def faces_found(folder: Path, detector: str, work: Path) -> tuple[int, int, int]:
-    """Photographs of the face, those in which its mesh was found, and those of bodies, each under a single lamp."""
+def gaze_by_irises(capture: Path, results: Path, folder: Path) -> Looks:
+    """Gaze of a drawn head by pixels alone, and with the irises that MediaPipe finds, too."""
+    points, index = bench_gaze.detected(capture, folder / "detected"), results / "index"
+    irises, rms = bench_gaze.iris_errors(capture, index, points), []
+    shutil.copytree(index, folder / "index")
+    for table in (bench_gaze.no_irises(), points):
+        write_table(folder / "index/eye_points.parquet", table)
+        angle = bench_gaze.errors(capture, results, folder / "index", folder).query("not interpolated").angle
+        rms.append(float(np.sqrt((angle**2).mean())))
+    width = bench_gaze.iris_width(capture, index)
+    return Looks(capture.name, width, irises.visible, irises.found, irises.median_px, irises.unseen, *rms)
+
+
+def real_face(folder: Path, detector: str, work: Path) -> RealFace:
+    """What is found of a face, its eyes closed, in photographs that show it under a single lamp each."""
     photographs, rows = sorted(folder.glob("[0-9]*.png")), ["image,path,camera,frame"]
     for number, path in enumerate(photographs):
         picture = work / f"{number}.png"
@@ -122,8 +140,18 @@ def faces_found(folder: Path, detector: str, work: Path) -> tuple[int, int, int]
         rows.append(f"{number},{picture},c,{number}")
     (work / "images.csv").write_text("\n".join(rows))
     run_detector(detector, ["landmarks", "--images", str(work / "images.csv"), "--out", str(work / "points.csv")])
-    seen = read_points(work / "points.csv").groupby("order").image.nunique()
-    return len(photographs), int(seen.get("mediapipe_face_478", 0)), int(seen.get("mediapipe_pose_33", 0))
+    points = read_points(work / "points.csv")
+    seen = points.groupby("order").image.nunique()
+    gaps = [gap for _, mesh in points[points.order == FACE].groupby("image") for gap in eye_gaps(mesh)]
+    closed = sum(gap < CLOSED for gap in gaps)
+    return RealFace(len(photographs), int(seen.get(FACE, 0)), int(seen.get("mediapipe_pose_33", 0)), len(gaps), closed)
+
+
+def eye_gaps(mesh: pd.DataFrame) -> list[float]:
+    """`openness` of both eyes of a face's mesh."""
+    names, numbers = read_orders()[FACE].points, mesh.number.astype(int)
+    named = {names[number]: place for number, place in zip(numbers, mesh[["x", "y"]].to_numpy(np.float64), strict=True)}
+    return [openness(named, side) for side in SIDES]
 
 
 def main() -> None:
@@ -131,6 +159,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=Path, nargs="+", required=True)
     parser.add_argument("--results", type=Path, default=Path("results"))
+    parser.add_argument("--heads", type=Path, nargs="*", default=[], help="captures with eyes, finished up to tracking")
     parser.add_argument("--faces", type=Path, help="folder of face_near_lights")
     parser.add_argument("--detector", default="", help="command; MediaPipe's of make detect if left out")
     parser.add_argument("--out", type=Path, default=PAGE)
@@ -140,12 +169,16 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             found.append(examine(capture, options.results / capture.name, options.detector, Path(folder)))
             print(found[-1], flush=True)
-    faces = None
+    looks, face = [], None
+    for capture in options.heads:
+        with tempfile.TemporaryDirectory() as folder:
+            looks.append(gaze_by_irises(capture, options.results / capture.name, Path(folder)))
+            print(looks[-1], flush=True)
     if options.faces is not None:
         with tempfile.TemporaryDirectory() as folder:
-            faces = faces_found(options.faces, options.detector, Path(folder))
-            print(faces)
-    options.out.write_text(page(found, faces))
+            face = real_face(options.faces, options.detector, Path(folder))
+            print(face)
+    options.out.write_text(page(found, looks, face))
 
 
 if __name__ == "__main__":
