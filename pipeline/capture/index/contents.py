@@ -35,13 +35,13 @@ def image_source(
     root: Path, manifest: Capture, frames: pd.DataFrame | None, detected: DetectedFiles = NOTHING_DETECTED
 ) -> ImageSource | None:
     """The source of a capture's images; None if description or frames are in doubt."""
-    facts = manifest.images
-    if facts is None or frames is None:
+    facts, exposures = manifest.images, {} if frames is None else relative_exposures(frames)
+    if facts is None or frames is None or min(exposures.values(), default=1.0) <= 0:
         return None
     masks = mask_format(manifest) if detected.masks is None else PLAIN_MASKS
     return ImageSource(
-        root, facts.transfer, facts.black_level, masks, detected.mask_folder, relative_exposures(frames), facts.reduced
-    )
+        root, facts.transfer, facts.black_level, masks, detected.mask_folder, exposures, facts.reduced
+    )  # fmt: skip
 
 
 def capture_content(root: Path, manifest: Capture, eyes: pd.DataFrame, source: ImageSource) -> dict[str, Any]:
