@@ -128,8 +128,8 @@ def measure(size: GoliathSize, folder: Path) -> list[str]:
         f"{cells(max(runs, key=lambda run: run.wall_s))} |",
         "",
         f"Chunks {', '.join(chunks)} were inspected: each of their images once, none in two of them. Seconds are of a "
-        "run of Snakemake, its plan included, on two cores: those of processors are what it took, those of the wall grow "
-        "with what else runs. Memory is that of its largest process.",
+        "run of Snakemake, its plan included, on two cores: those of processors are what it took, those of the wall "
+        "grow with what else runs. Memory is that of its largest process.",
     ]
 
 
