@@ -6,6 +6,7 @@ import csv
 import shutil
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,40 @@ def opencv_left_focal(data: Path) -> float:
     """Focal length of the left camera as its authors have it, pixels."""
     storage = cv2.FileStorage(str(data / "left_intrinsics.yml"), cv2.FILE_STORAGE_READ)
     return float(storage.getNode("camera_matrix").mat()[0, 0])
+
+
+@dataclass(frozen=True)
+class OpencvPair:
+    """The stereo pair by cv2: each lens by calibrateCamera, then the pair by stereoCalibrate."""
+
+    left_rms_px: float
+    right_focal_px: float
+    baseline_mm: float
+    turn_deg: float
+
+
+def opencv_pair(data: Path) -> OpencvPair:
+    """Calibrate the photographed stereo pair with OpenCV alone."""
+    grid = (CHECKERBOARD["squares_x"] - 1, CHECKERBOARD["squares_y"] - 1)
+    corners_m = np.zeros((grid[0] * grid[1], 3), np.float32)
+    corners_m[:, :2] = np.mgrid[: grid[0], : grid[1]].T.reshape(-1, 2) * CHECKERBOARD["square_m"]
+    left, right = ([_checkerboard(path, grid) for path in sorted(data.glob(f"{side}[0-9][0-9].jpg"))]
+                   for side in ("left", "right"))  # fmt: skip
+    points = [corners_m] * len(left)
+    alone = [cv2.calibrateCamera(points, seen, CHECKERBOARD_SIZE, None, None) for seen in (left, right)]
+    (rms, K1, d1, *_), (_, K2, d2, *_) = alone
+    _, _, _, _, _, R, t, *_ = cv2.stereoCalibrate(
+        points, left, right, K1, d1, K2, d2, CHECKERBOARD_SIZE, flags=cv2.CALIB_FIX_INTRINSIC
+    )
+    turn = np.degrees(np.linalg.norm(cv2.Rodrigues(R)[0]))
+    return OpencvPair(rms, float(K2[0, 0]), 1000 * float(np.linalg.norm(t)), float(turn))
+
+
+def _checkerboard(path: Path, grid: tuple[int, int]) -> np.ndarray:
+    gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    corners = cv2.findChessboardCorners(gray, grid)[1]
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
+    return cv2.cornerSubPix(gray, corners, (5, 5), (-1, -1), stop)
 
 
 def _write_index(folder: Path, sizes: Mapping[str, tuple[int, int]], section: Mapping[str, Any]) -> dict[str, Path]:

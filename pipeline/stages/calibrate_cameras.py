@@ -50,8 +50,8 @@ def run(
     Args:
         capture: folder of the capture.
         index: folder that index_capture wrote.
-        out: folder to write rig.json, residuals_cameras.parquet, quality_cameras.parquet and verdicts_cameras.csv to;
-            with `share`, SHARE.parquet.
+        out: folder to write rig.json, residuals_cameras.parquet, quality_cameras.parquet, pairs_cameras.parquet and
+            verdicts_cameras.csv to; with `share`, SHARE.parquet.
         threads: images searched at a time.
         found: tables that were written with `share`, of all shares: no board is looked for again.
         share: look for boards only in the images of every `shares`-th camera, from this one, and write a table of them.
@@ -83,6 +83,7 @@ def run(
     write_cameras(out / "rig.json", done.cameras)
     write_table(out / "residuals_cameras.parquet", done.residuals)
     write_table(out / "quality_cameras.parquet", done.quality)
+    write_table(out / "pairs_cameras.parquet", done.pairs)
     write_table(out / "verdicts_cameras.csv", verdict_table(done.verdicts))
 
 

@@ -67,6 +67,14 @@ def errors(cameras, planted):
     return fit_similarity(np.stack([cameras[name].center for name in planted]), true) - true
 
 
+def turn_errors(cameras, planted, pairs):
+    """Of the pairs with the first camera: size of the turn's error over its error bar."""
+    for row in pairs[pairs["first"] == "cam0"].itertuples():
+        found, true = (rig[row.second].R @ rig[row.first].R.T for rig in (cameras, planted))
+        apart = np.degrees(np.linalg.norm(cv2.Rodrigues(found @ true.T)[0]))
+        yield apart / (np.sqrt(3) * row.turn_sigma_deg)
+
+
 def test_rig_with_given_lenses_and_a_distance(capture, planted, tmp_path):
     given = {"format": "cameras_json", "path": "lenses.json"}
     distance = {"first": "cam0", "second": "cam7", "metres": apart(planted)}
@@ -121,6 +129,8 @@ def test_rig_whose_lenses_are_estimated_is_as_far_off_as_it_says(capture, plante
     assert np.sqrt(np.mean((focal / quality.focal_sigma[list(planted)]) ** 2)) < 2
     off = errors(done.cameras, planted) / quality.center_sigma_m[list(planted)].to_numpy()[:, None]
     assert np.sqrt(np.mean(off**2)) < 2
+    # Turns of seven relative poses: they share the first camera, and what that has in common.
+    assert np.sqrt(np.mean([error**2 for error in turn_errors(done.cameras, planted, done.pairs)])) < 2
     assert {verdict.name for verdict in done.verdicts} == set(planted)
     size = [np.std([rig[name].center for name in planted], axis=0) for rig in (done.cameras, planted)]
     assert np.linalg.norm(size[0]) == pytest.approx(np.linalg.norm(size[1]), rel=BALL_ERROR)

@@ -22,6 +22,7 @@ from pipeline.base.files import write_json, write_table
 from pipeline.base.verdicts import COLUMNS as VERDICT_COLUMNS
 from pipeline.calibration.cameras.camera_calibration import QUALITY_COLUMNS
 from pipeline.calibration.cameras.camera_calibration import RESIDUAL_COLUMNS as CORNER_RESIDUAL_COLUMNS
+from pipeline.calibration.cameras.relative_poses import PAIR_COLUMNS
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS
 from pipeline.config.effects import EFFECTS
 from pipeline.config.project import SECTIONS
@@ -151,6 +152,7 @@ def plain(name):
         ("budget.csv", BUDGET_COLUMNS),
         ("verdicts.csv", VERDICT_COLUMNS),
         ("calibration/quality_cameras.parquet", QUALITY_COLUMNS),
+        ("calibration/pairs_cameras.parquet", PAIR_COLUMNS),
         ("calibration/residuals_cameras.parquet", CORNER_RESIDUAL_COLUMNS),
         ("calibration/residuals_lights.parquet", RESIDUAL_COLUMNS),
         ("calibration/residuals.parquet", ALL_RESIDUAL_COLUMNS),

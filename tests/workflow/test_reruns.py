@@ -19,7 +19,11 @@ OUTPUTS = {
         *(f"{name}.json" for name in INDEX_JSON),
         "verdicts_images.csv",
     ],
-    "calibrate_cameras": ["rig.json", "residuals_cameras.parquet", "quality_cameras.parquet", "verdicts_cameras.csv"],
+    "calibrate_cameras": [
+        "rig.json",
+        *(f"{table}_cameras.parquet" for table in ("residuals", "quality", "pairs")),
+        "verdicts_cameras.csv",
+    ],
     "calibrate_color": ["color.json", "residuals_color.parquet", "quality_color.parquet", "verdicts_color.csv"],
     "calibrate_lights": ["lights.parquet", "cameras.json", "residuals_lights.parquet", "verdicts_lights.csv"],
     "book_patterns": ["patterns.parquet", "frames.parquet", "sync.json", "verdicts_patterns.csv", "sync.png"],

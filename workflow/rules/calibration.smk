@@ -8,6 +8,7 @@ rule calibrate_cameras:
         rig="results/{subject}/calibration/rig.json",
         residuals="results/{subject}/calibration/residuals_cameras.parquet",
         quality="results/{subject}/calibration/quality_cameras.parquet",
+        pairs="results/{subject}/calibration/pairs_cameras.parquet",
         verdicts="results/{subject}/calibration/verdicts_cameras.csv",
     log:
         "results/{subject}/logs/calibrate_cameras.log",

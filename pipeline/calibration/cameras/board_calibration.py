@@ -26,6 +26,7 @@ from pipeline.calibration.cameras.declared_boards import (
     times_from_index,
     views_to_search,
 )
+from pipeline.calibration.cameras.relative_poses import pair_table
 from pipeline.calibration.cameras.rig import Rig
 from pipeline.calibration.cameras.rig_calibration import Calibrated, calibrate_rig, inspect_rig
 from pipeline.calibration.cameras.rig_misfit import complain_of_misfits
@@ -76,7 +77,7 @@ def calibrate_from_boards(
         seen, names, settings.least_views, lambda name: explain_camera(capture, name, views, printed), complaints
     )
     if not group:
-        return CameraCalibration({}, pd.DataFrame(), pd.DataFrame(), failed, complaints)
+        return CameraCalibration({}, pd.DataFrame(), pd.DataFrame(), pd.DataFrame(), failed, complaints)
     chosen, held = seen.for_cameras(group), [names[c] for c in group]
     held_sizes = [sizes[name] for name in held]
     known = known_beforehand(capture, calibration, dict(zip(held, held_sizes, strict=True)), settings)
@@ -91,7 +92,8 @@ def calibrate_from_boards(
     log.info("all: %d corners, RMS %.3f px, noise %.3f px", len(squared), np.sqrt(squared.mean()), rig.sigma_px)
     verdicts = sorted([*failed, *judged], key=lambda verdict: names.index(verdict.name))
     cameras = dict(zip(held, rig.cameras, strict=True))
-    return CameraCalibration(cameras, residual_table(rig, chosen, held, boards), quality, verdicts, complaints)
+    pairs = pair_table(cameras, rig.pose_covariances)
+    return CameraCalibration(cameras, residual_table(rig, chosen, held, boards), quality, pairs, verdicts, complaints)
 
 
 def explain_camera(capture: Path, camera: str, views: Sequence[dict], searched: BoardSearch) -> str:

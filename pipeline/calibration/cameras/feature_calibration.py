@@ -28,6 +28,7 @@ from pipeline.calibration.cameras.declared_boards import known_beforehand
 from pipeline.calibration.cameras.feature_matches import Key, join_moments, write_features
 from pipeline.calibration.cameras.feature_rig import FeatureRig, map_rig
 from pipeline.calibration.cameras.image_coverage import covered_share
+from pipeline.calibration.cameras.relative_poses import pair_table
 from pipeline.calibration.cameras.rig_inputs import RigPriors
 from pipeline.calibration.lights.ball_photos import find_outlines
 from pipeline.calibration.lights.length_units import radius_in_rig
@@ -75,7 +76,9 @@ def calibrate_from_features(
     residuals = _residual_table(rig, keys, features, factor)
     quality = _quality(rig, residuals, cameras, scale, known)
     verdicts = [_judge(row, settings) for row in quality.itertuples()]
-    return CameraCalibration(cameras, residuals, quality, verdicts, _failures(capture, verdicts))
+    units = np.tile(np.repeat([1.0, scale], 3), len(cameras))
+    pairs = pair_table(cameras, [rig.pose_covariance() * np.outer(units, units)])
+    return CameraCalibration(cameras, residuals, quality, pairs, verdicts, _failures(capture, verdicts))
 
 
 def _failures(capture: Path, verdicts: Sequence[Verdict]) -> Complaints:
@@ -176,7 +179,7 @@ def _quality(
         rms = float(np.sqrt((mine[["residual_x", "residual_y"]].to_numpy() ** 2).sum(1).mean()))
         covered = covered_share(mine[["x", "y"]].to_numpy(np.float64), camera.width, camera.height)
         terms = int(np.count_nonzero(camera.dist)) if known.lenses is not None else 1
-        rows.append((name, mine.view.nunique(), len(mine), rms, focal[c], center[c], np.nan, covered, np.nan, terms))
+        rows.append((name, mine.view.nunique(), len(mine), rms, focal[c], center[c], covered, np.nan, terms))
     return pd.DataFrame(rows, columns=QUALITY_COLUMNS)
 
 

@@ -18,6 +18,7 @@ from jaxtyping import Float64
 from pipeline.calibration.cameras.feature_matches import SEED
 from pipeline.capture.cameras.colmap_cameras import read_image_camera
 from pipeline.geometry.cameras import Camera
+from pipeline.geometry.rotations import rotation_vector_from_matrix
 
 LOSS_PX = 1.0
 """Scale of the robust loss, image pixels: SIFT is good to half of one, wrong matches to none."""
@@ -34,12 +35,14 @@ class FeatureRig:
     Attributes:
         cameras: of the images that features were found in, in a unit of their own.
         centers, focals: by part of the points left out, centres laid over the rig's, and focal lengths.
+        turns: likewise, about each camera's axes from the rig's, where the first camera stays: rotation vectors.
         residuals: camera, feature (of its image), point, x, y, residual_x, residual_y, image pixels.
     """
 
     cameras: dict[str, Camera]
     centers: Float64[np.ndarray, "groups cameras 3"]
     focals: Float64[np.ndarray, "groups cameras"]
+    turns: Float64[np.ndarray, "groups cameras 3"]
     residuals: pd.DataFrame
 
     def center_sigma(self) -> Float64[np.ndarray, " cameras"]:
@@ -49,6 +52,15 @@ class FeatureRig:
         """
         own = np.stack([camera.center for camera in self.cameras.values()])
         return np.sqrt((GROUPS - 1) / GROUPS * ((self.centers - own) ** 2).sum(0).mean(1))
+
+    def pose_covariance(self) -> Float64[np.ndarray, "poses poses"]:
+        """Covariance of turns and centres in the rig's unit, the jackknife's.
+
+        Ordered as in `RigModel.pose_jacobian`.
+        """
+        own = np.stack([camera.center for camera in self.cameras.values()])
+        apart = np.concatenate([self.turns, self.centers - own], 2).reshape(GROUPS, -1)
+        return (GROUPS - 1) / GROUPS * apart.T @ apart
 
     def focal_sigma(self) -> Float64[np.ndarray, " cameras"]:
         """Standard deviation of each focal length, over itself."""
@@ -75,8 +87,7 @@ def map_rig(folder: Path, refine_focal: bool, refine_terms: bool) -> FeatureRig 
     model = max(models.values(), key=lambda each: each.num_reg_images())
     _adjust(model, refine_focal, refine_terms)
     cameras = _cameras(model)
-    centers, focals = _without_parts(model, cameras, refine_focal, refine_terms)
-    return FeatureRig(cameras, centers, focals, _residuals(model))
+    return FeatureRig(cameras, *_without_parts(model, cameras, refine_focal, refine_terms), _residuals(model))
 
 
 def _adjust(model: pycolmap.Reconstruction, focal: bool, terms: bool) -> None:
@@ -100,12 +111,12 @@ def _cameras(model: pycolmap.Reconstruction) -> dict[str, Camera]:
 
 def _without_parts(
     model: pycolmap.Reconstruction, cameras: Mapping[str, Camera], focal: bool, terms: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and focal lengths when each tenth of the points is left out."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres, focal lengths and turns when each tenth of the points is left out."""
     own = np.stack([camera.center for camera in cameras.values()])
     points = np.array(sorted(model.point3D_ids()))
     part = np.random.default_rng(0).permutation(len(points)) % GROUPS
-    centers, focals = [], []
+    centers, focals, turns, relative = [], [], [], _relative_turns(cameras)
     for k in range(GROUPS):
         rest = copy.deepcopy(model)
         for point in points[part == k]:
@@ -114,7 +125,14 @@ def _without_parts(
         found = _cameras(rest)
         centers.append(fit_similarity(np.stack([found[name].center for name in cameras]), own))
         focals.append([found[name].K[0, 0] for name in cameras])
-    return np.stack(centers), np.array(focals)
+        moved = _relative_turns({name: found[name] for name in cameras}) @ relative.transpose(0, 2, 1)
+        turns.append(rotation_vector_from_matrix(moved))
+    return np.stack(centers), np.array(focals), np.stack(turns)
+
+
+def _relative_turns(cameras: Mapping[str, Camera]) -> Float64[np.ndarray, "cameras 3 3"]:
+    R = np.stack([camera.R for camera in cameras.values()])
+    return R @ R[0].T
 
 
 def fit_similarity(

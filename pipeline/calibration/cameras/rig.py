@@ -13,7 +13,7 @@ import scipy.sparse
 from jaxtyping import Float64, Int64
 
 from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
-from pipeline.calibration.cameras.rig_model import RigModel
+from pipeline.calibration.cameras.rig_model import POSE, RigModel
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.least_squares import CAUCHY, solve_least_squares
 from pipeline.geometry.rotations import skew
@@ -39,10 +39,10 @@ class Rig:
         sigma_px: noise of one coordinate of a corner.
         focal_sigma: relative standard deviation of each camera's focal length.
         center_sigma_m: standard deviation of each camera's centre, root mean square over the axes.
-        turn_sigma_rad: standard deviation of each camera's orientation, root mean square over the axes.
-        turn_covariance: of all orientations, after the turn that all share is taken out; about the axes of the frame.
         center_covariance: of all centres, after the rigid motion that fits them best to the true ones: the rig's
             shape, which is all that a board tells. Where the first view happens to lie does not count.
+        pose_covariances: of each camera's turn and centre, as in `RigModel.pose_jacobian`, in the frame of the first
+            view; of several, error bars are the largest.
         intrinsics_covariance: of each `Camera.intrinsics`; zero where a term is not estimated.
         clock_sigma_s: standard deviation of the images' times, estimated; 0 where those of a view are taken at once.
         model, parameters, normal_inverse: the problem, its minimum, and the inverse of its weighted normal matrix.
@@ -55,9 +55,8 @@ class Rig:
     sigma_px: float
     focal_sigma: Float64[np.ndarray, " cameras"]
     center_sigma_m: Float64[np.ndarray, " cameras"]
-    turn_sigma_rad: Float64[np.ndarray, " cameras"]
-    turn_covariance: Float64[np.ndarray, "axes axes"]
     center_covariance: Float64[np.ndarray, "axes axes"]
+    pose_covariances: tuple[Float64[np.ndarray, "poses poses"], ...]
     intrinsics_covariance: Float64[np.ndarray, "cameras intrinsics intrinsics"]
     clock_sigma_s: float
     model: RigModel
@@ -103,19 +102,17 @@ def _adjust(model: RigModel) -> Rig:
     precision = 1.0 / np.square(sigma[free])
     inflation = robust_inflation(solution.residual / solution.sigma, len(free))
     covariance[np.ix_(free, free)] = _rescaled(solution.covariance, precision, inflation)
-    centers = center_covariance(covariance, model.center_jacobian(full), solved)
+    by_parameters = model.pose_jacobian(full)
+    poses = by_parameters @ covariance @ by_parameters.T
+    centers = center_covariance(poses, solved)
     intrinsics = np.stack([covariance[at, at] for at in map(model.intrinsics_columns, model.lens_index.tolist())])
     focal_sigma = np.sqrt(intrinsics[:, 0, 0]) / np.array([camera.K[0, 0] for camera in solved])
-    by_parameters = relative_turns(len(solved)) @ model.turn_jacobian(full)
-    turns = by_parameters @ covariance @ by_parameters.T
-    center_sigma, turn_sigma = (
-        np.sqrt(np.maximum(np.diag(both), 0).reshape(-1, 3).mean(1)) for both in (centers, turns)
-    )
+    center_sigma = np.sqrt(np.maximum(np.diag(centers), 0).reshape(-1, 3).mean(1))
     at = model.times_columns
     clock = _clock_sigma(full[at] - mean[at], covariance[at, at], model.clocked[0][:, 1], model.known.clock_sigma_s)
     return Rig(
-        solved, boards, solution.residual, solution.weight, solution.sigma, focal_sigma, center_sigma, turn_sigma,
-        turns, centers, intrinsics, clock, model, full, solution.covariance,
+        solved, boards, solution.residual, solution.weight, solution.sigma, focal_sigma, center_sigma, centers,
+        (poses,), intrinsics, clock, model, full, solution.covariance,
     )  # fmt: skip
 
 
@@ -187,18 +184,16 @@ def _rescaled(inverse: np.ndarray, precision: np.ndarray, inflation: float) -> n
 
 
 def center_covariance(
-    covariance: Float64[np.ndarray, "parameters parameters"],
-    jacobian: Float64[np.ndarray, "axes parameters"],
-    cameras: Sequence[Camera],
+    poses: Float64[np.ndarray, "poses poses"], cameras: Sequence[Camera]
 ) -> Float64[np.ndarray, "axes axes"]:
-    """Covariance of the centres after a best rigid motion."""
-    keep_by_parameters = shape_projection(cameras) @ jacobian
-    return keep_by_parameters @ covariance @ keep_by_parameters.T
+    """Covariance of the centres after a best rigid motion, of that of the poses."""
+    rows, keep = center_rows(len(cameras)), shape_projection(cameras)
+    return keep @ poses[np.ix_(rows, rows)] @ keep.T
 
 
-def relative_turns(cameras: int) -> Float64[np.ndarray, "axes axes"]:
-    """Projection of small turns of the cameras onto those that do not turn all alike."""
-    return np.eye(3 * cameras) - np.kron(np.full((cameras, cameras), 1 / cameras), np.eye(3))
+def center_rows(cameras: int) -> Int64[np.ndarray, " axes"]:
+    """Places of the centres in `RigModel.pose_jacobian`."""
+    return np.arange(cameras * POSE).reshape(cameras, POSE)[:, POSE - 3 :].ravel()
 
 
 def shape_projection(cameras: Sequence[Camera]) -> Float64[np.ndarray, "axes axes"]:

@@ -190,27 +190,19 @@ class RigModel:
         boards[:, :3, 3] = board_pose[:, 3:]
         return cameras, boards
 
-    def center_jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Derivative of all centres [3 cameras, parameters]. Centre = -R^T t; with R = exp(w) R0,
-        d centre = -R^T (dt + [t]x J(w) dw)."""
-        _, pose, _ = self.split(x)
-        jacobian = np.zeros((3 * len(self.cameras), len(x)))
-        for c, camera in enumerate(self.rig_at(x)[0]):
-            by_turn = skew(pose[c, 3:]) @ left_jacobian(pose[c, :3])
-            by_pose = -camera.R.T @ np.concatenate([by_turn, np.eye(3)], 1)
-            jacobian[3 * c : 3 * c + 3, self.pose_columns(c)] = by_pose
-        return jacobian
+    def pose_jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Derivative of all turns and centres [6 cameras, parameters], three rows of each.
 
-    def turn_jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Derivative of all orientations [3 cameras, parameters], radians.
-
-        As turns about the axes of the rig's frame: with R = exp(w) R0, dR R^T = [J(w) dw]x about the camera's axes,
-        R^T J(w) dw about the rig's.
+        A turn is about the camera's own axes; with R = exp(w) R0 it is J(w) dw, and the centre, -R^T t, moves by
+        -R^T (dt + [t]x J(w) dw).
         """
         _, pose, _ = self.split(x)
-        jacobian = np.zeros((3 * len(self.cameras), len(x)))
+        jacobian = np.zeros((POSE * len(self.cameras), len(x)))
         for c, camera in enumerate(self.rig_at(x)[0]):
-            jacobian[3 * c : 3 * c + 3, self.pose_columns(c)[:3]] = camera.R.T @ left_jacobian(pose[c, :3])
+            turn = left_jacobian(pose[c, :3])
+            center = -camera.R.T @ np.concatenate([skew(pose[c, 3:]) @ turn, np.eye(3)], 1)
+            by_pose = np.concatenate([np.concatenate([turn, np.zeros((3, 3))], 1), center])
+            jacobian[POSE * c : POSE * (c + 1), self.pose_columns(c)] = by_pose
         return jacobian
 
     @cached_property

@@ -34,8 +34,8 @@ def quality_table(calibrated: Calibrated, names: Sequence[str], shot: Int64[np.n
     """Quality of every camera, one row each.
 
     Number of views and corners, reprojection error (root mean square length, px), standard deviations of the focal
-    length (relative), and of centre (m) and orientation (degrees) within the rig, share of the image's 8 x 8 cells with
-    corners, largest angle between two boards (degrees), number of distortion coefficients.
+    length (relative) and of the centre within the rig (m), share of the image's 8 x 8 cells with corners, largest
+    angle between two boards (degrees), number of distortion coefficients.
     """
     rig, observations = calibrated.rig, calibrated.rig.model.observations
     rows = []
@@ -44,8 +44,7 @@ def quality_table(calibrated: Calibrated, names: Sequence[str], shot: Int64[np.n
         views = np.unique(observations.view[mine])
         rows.append((
             name, len(np.unique(shot[views])), int(mine.sum()), _rms(rig.residual[mine]), rig.focal_sigma[c],
-            rig.center_sigma_m[c], np.degrees(rig.turn_sigma_rad[c]),
-            covered_share(observations.pixel[mine], camera.width, camera.height),
+            rig.center_sigma_m[c], covered_share(observations.pixel[mine], camera.width, camera.height),
             largest_turn(camera.R @ rig.rig_from_board[views, :3, :3]), calibrated.distortion[c],
         ))  # fmt: skip
     return pd.DataFrame(rows, columns=QUALITY_COLUMNS)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from pipeline.calibration.cameras.rig import Rig, relative_turns, robust_slope, shape_projection
+from pipeline.calibration.cameras.rig import Rig, center_rows, robust_slope, shape_projection
 from pipeline.calibration.cameras.rig_calibration import Calibrated
 
 GROUPS, MOVING_GROUPS = 12, 6
@@ -52,18 +52,18 @@ def with_spread(calibrated: Calibrated, shot: Int64[np.ndarray, " views"]) -> Ca
     groups = np.array_split(shots, count) if moving else [shots[k::count] for k in range(count)]
     steps = _steps_without(rig, shot[rig.model.observations.view], groups, TAKEN_MOVING if moving else TAKEN)
     focal = steps[:, [rig.model.intrinsics_columns(int(lens)).start for lens in rig.model.lens_index]]
-    centers = steps @ (shape_projection(rig.cameras) @ rig.model.center_jacobian(rig.parameters)).T
-    turns = steps @ (relative_turns(len(rig.cameras)) @ rig.model.turn_jacobian(rig.parameters)).T
+    poses = steps @ rig.model.pose_jacobian(rig.parameters).T
+    centers = poses[:, center_rows(len(rig.cameras))] @ shape_projection(rig.cameras)
     focal_sigma = np.linalg.norm(focal, axis=0) / np.array([camera.K[0, 0] for camera in rig.cameras])
-    center_sigma, turn_sigma = (np.sqrt((both**2).sum(0).reshape(-1, 3).mean(1)) for both in (centers, turns))
+    center_sigma = np.sqrt((centers**2).sum(0).reshape(-1, 3).mean(1))
+    spread = poses.T @ poses
     if not moving:
         factor = _common_factor(rig, focal_sigma, center_sigma)
         focal_sigma, center_sigma = factor * rig.focal_sigma, factor * rig.center_sigma_m
-        turn_sigma = factor * rig.turn_sigma_rad
+        spread = factor**2 * rig.pose_covariances[0]
     wider = replace(
         rig, focal_sigma=np.maximum(rig.focal_sigma, focal_sigma),
-        center_sigma_m=np.maximum(rig.center_sigma_m, center_sigma),
-        turn_sigma_rad=np.maximum(rig.turn_sigma_rad, turn_sigma),
+        center_sigma_m=np.maximum(rig.center_sigma_m, center_sigma), pose_covariances=(*rig.pose_covariances, spread),
     )  # fmt: skip
     return replace(calibrated, rig=wider)
 

@@ -93,12 +93,3 @@ def center_errors(found, true):
     a, b = (np.stack([camera.center for camera in cameras]) for cameras in (found, true))
     turn, _ = scipy.spatial.transform.Rotation.align_vectors(a - a.mean(0), b - b.mean(0))
     return a - a.mean(0) - turn.apply(b - b.mean(0))
-
-
-def turn_errors(found, true):
-    """Turns [cameras, 3] of found against true orientations about the axes of the found rig, radians.
-
-    The true ones are first turned together, so that the errors are none in the mean.
-    """
-    between = scipy.spatial.transform.Rotation.from_matrix([f.R.T @ t.R for f, t in zip(found, true, strict=True)])
-    return (between * between.mean().inv()).as_rotvec()

@@ -39,7 +39,7 @@ def test_largest_turn_is_the_angle_between_boards_in_degrees():
 def test_camera_is_as_good_as_its_focal_length_is_known(known_to, grade, said):
     """In units of the error that is good; all else is as good as can be."""
     limits = CalibrateCameras(good_focal_error=0.001, largest_focal_error=0.005)
-    row = ("a", 99, 9999, 0.01, 0.001 * known_to, 1e-6, 1e-4, 1.0, 60.0, 5)
+    row = ("a", 99, 9999, 0.01, 0.001 * known_to, 1e-6, 1.0, 60.0, 5)
     quality = pd.DataFrame([row], columns=QUALITY_COLUMNS)
     unseen = Rig.__new__(Rig)  # no verdict but that on lens models looks at it
     calibrated = Calibrated(unseen, [5], [{}], unseen)

@@ -15,7 +15,6 @@ from tests.support.rigs.cameras import (
     center_errors,
     observe,
     planted_cameras,
-    turn_errors,
     without_small_views,
 )
 
@@ -48,8 +47,7 @@ def errors_over_bars(bend):
         errors = center_errors(calibrated.rig.cameras, cameras)
         for found, rig in ((own, calibrated.rig), (spread, wider.rig)):
             focal = [f.K[0, 0] / t.K[0, 0] - 1 for f, t in zip(rig.cameras, cameras, strict=True)]
-            turns = turn_errors(rig.cameras, cameras) / rig.turn_sigma_rad[:, None]
-            found.append([*(focal / rig.focal_sigma), *(errors / rig.center_sigma_m[:, None]).ravel(), *turns.ravel()])
+            found.append([*(focal / rig.focal_sigma), *(errors / rig.center_sigma_m[:, None]).ravel()])
     return [float(np.sqrt(np.mean(np.square(part)))) for part in (own, spread)]
 
 
@@ -57,7 +55,7 @@ def test_errors_that_an_images_corners_share_are_in_the_error_bars():
     """0.2 % of shear, as of a board that is not flat: a third of a pixel over a board 150 wide."""
     own, spread = errors_over_bars(2e-3)
     assert own > 1.8
-    # Of 224 numbers, of which those of a rig go together.
+    # Of 128 numbers, of which those of a rig go together.
     assert 0.7 < spread < 1.4
 
 
