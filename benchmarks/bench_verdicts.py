@@ -6,7 +6,7 @@
 What each function judges is made directly, so that a capture takes no more than a second. A false alarm: something of a
 sound capture is weak or failed. A miss: of a broken one, what is broken is good. Faults take turns. The table of
 verdicts is written as verdicts.csv, in which rows of verdicts that are measured anew are replaced, with a page of it
-beside, and put into a page of docs if asked.
+beside. Of a page of docs, these rows are replaced, too; the others stay.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
+from collections.abc import Collection
 from pathlib import Path
 
 import pandas as pd
@@ -26,7 +27,7 @@ from benchmarks.verdict_images import GAIN, LEVEL, SURVEY, TRANSFER
 from benchmarks.verdict_lights import BALL, LIGHT
 from benchmarks.verdict_logs import COLOR, LOG
 from benchmarks.verdict_rigs import CAMERA
-from docs.generate.markdown import put_between
+from docs.generate.markdown import parted, put_between
 
 JUDGED: dict[str, Judged] = {
     "images": IMAGES, "camera": CAMERA, "ball": BALL, "light": LIGHT, "color": COLOR, "log": LOG,
@@ -58,6 +59,13 @@ def as_markdown(rows: list[dict[str, object]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
+def merged(before: str, rows: list[dict[str, object]], measured: Collection[str]) -> str:
+    """A page's table with rows that were measured now, in the order of `JUDGED`; what else it has stays."""
+    new = as_markdown([row for row in rows if row["verdict"] in measured]).splitlines()
+    kept = {line.split(" | ")[0].removeprefix("| "): line for line in [*before.splitlines()[2:], *new[2:]]}
+    return "\n".join([*new[:2], *(kept[name] for name in JUDGED if name in kept)]) + "\n"
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -76,7 +84,7 @@ def main() -> None:
         pd.DataFrame(rows).to_csv(table, index=False)
     (asked.out / "table.md").write_text(as_markdown(rows))
     if asked.page:
-        put_between(asked.page, "verdicts", as_markdown(rows))
+        put_between(asked.page, "verdicts", merged(parted(asked.page, "verdicts")[1], rows, asked.verdicts))
 
 
 if __name__ == "__main__":
