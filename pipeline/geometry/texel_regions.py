@@ -29,12 +29,12 @@ def texels_by_region(atlas: Atlas) -> dict[str, Int64[np.ndarray, " _"]]:
 
 
 def in_regions(atlas: Atlas, names: Collection[str]) -> Bool[np.ndarray, " t"]:
-    """The texels of these regions; all if none is named.
+    """The texels of these regions.
 
     Raises:
         KeyError: if the atlas does not know one of them.
     """
-    inside, found = np.full(atlas.texel_count, not names), texels_by_region(atlas)
+    inside, found = np.zeros(atlas.texel_count, bool), texels_by_region(atlas)
     for name in names:
         inside[found[name]] = True
     return inside

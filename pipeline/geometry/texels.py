@@ -42,6 +42,11 @@ FACE, HEAD, HAIR = "face", "head", "hair"
 """Regions that something asks for; a template may have others."""
 
 
+def face_vertices(regions: Mapping[str, Int[np.ndarray, " _"]]) -> Int64[np.ndarray, " _"]:
+    """Vertices of the face, or else of the head; none if neither is known."""
+    return np.asarray(regions.get(FACE, regions.get(HEAD, ())), np.int64)
+
+
 @dataclass(frozen=True)
 class Atlas:
     """Map from the valid texels of a square to points of the template.

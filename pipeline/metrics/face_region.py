@@ -11,7 +11,7 @@ from jaxtyping import Bool, Int
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.depth_maps import draw_depth
 from pipeline.geometry.lenses import BROWN_CONRADY
-from pipeline.geometry.texels import FACE, HEAD
+from pipeline.geometry.texels import face_vertices
 
 ShownFace = Callable[[Any, Any], Bool[np.ndarray, "h w"]]
 """(frame record, image record) -> the pixels of the image that show the face."""
@@ -27,7 +27,7 @@ def shown_face(faces: Int[np.ndarray, "faces 3"], regions: Mapping[str, Int[np.n
         faces, regions: of the atlas.
     """
     faces = np.asarray(faces, np.int64)
-    own = faces[np.isin(faces, regions.get(FACE, regions.get(HEAD, ()))).all(1)]
+    own = faces[np.isin(faces, face_vertices(regions)).all(1)]
     if not len(own):
         return None
 

@@ -6,13 +6,15 @@ Reads the tracked meshes, the booked light patterns, the calibrations and a few 
 {effect: {"on", "mode", "evidence", "threshold", "why", "cost"}}. An effect whose mode is `auto` is on if its evidence
 exceeds its threshold (`pipeline.config.plan_effects` derives them); what is off costs nothing downstream, and "cost"
 says how much that spares: jobs, channels, parameters and estimated seconds of training. Where the template names
-regions, gloss and learned transport are decided for each: "regions" of their entries has {region: {"on", "evidence"}}.
+regions, gloss and, for bodies, learned transport are decided for each: "regions" of their entries has {region: {"on",
+"evidence"}}.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +120,8 @@ def run(
     seen = observe_texels(source, images, small, read_colors(color), texels, some, posed)
     regions = texels_by_region(texels)
     evidence |= appearance_evidence(seen, some, texels, posed, lit, settings, regions)
+    if described["kind"] == "head":  # Whose learned transport takes the place of all that is analytic.
+        evidence["learned_transport"] = replace(evidence["learned_transport"], regions={})
     effects = {}
     for name in EFFECTS:
         threshold = getattr(settings, THRESHOLDS.get(name, ""), 0.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 
 from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
@@ -10,7 +12,7 @@ from benchmarks.effect_scenes import SCENES, make_scene
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import read_plan, read_regions_on, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
-from pipeline.base.files import read_json
+from pipeline.base.files import read_json, write_json
 from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.train_avatar import TrainAvatar
@@ -33,6 +35,8 @@ CALLED_FOR = {
     "halves": {"specular", "deferred"},
 }
 
+SETTINGS = PlanEffects(rays=2048, texels=600)
+
 FULL, AUTO = TrainAvatar(shading="transfer", deferred="on"), TrainAvatar()
 
 
@@ -42,8 +46,7 @@ def scene(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     files = make_scene(folder, request.param, 40, **SMALLEST)
     given = {key: path for key, path in files.items() if key not in ("tracking", "frames")}
-    settings = PlanEffects(rays=2048, texels=600)
-    run(**given, tracking=(files["tracking"],), booked=files["frames"], out=folder / "effects.json", settings=settings)
+    run(**given, tracking=(files["tracking"],), booked=files["frames"], out=folder / "effects.json", settings=SETTINGS)
     return request.param, folder, read_json(folder / "effects.json")
 
 
@@ -64,6 +67,26 @@ def test_gloss_is_planned_where_it_is(scene):
     assert {region: part["on"] for region, part in regions.items()} == {"matte": False, REST: True}
     assert not any(part["on"] for part in effects["learned_transport"]["regions"].values())
     assert read_regions_on(folder / "effects.json") == {"specular": (REST,)}
+
+
+def test_a_heads_transport_is_planned_as_a_whole(scene, tmp_path):
+    """It takes the place of all that is analytic, which a patch of hair must not do."""
+    name, folder, effects = scene
+    if name != "halves":
+        return  # no other template names a region
+    index = shutil.copytree(folder / "index", tmp_path / "index")
+    write_json(index / "capture.json", read_json(index / "capture.json") | {"kind": "head"})
+    files = {key: folder / f"{key}.parquet" for key in ("patterns",)} | {
+        key: folder / f"calibration/{key}.{ending}"
+        for key, ending in (("lights", "parquet"), ("cameras", "json"), ("color", "json"))
+    }
+    run(
+        **files, capture=folder, index=index, atlas=folder / "atlas.safetensors",
+        tracking=(folder / "tracking/0000.safetensors",), booked=folder / "frames.parquet",
+        out=tmp_path / "effects.json", settings=SETTINGS,
+    )  # fmt: skip
+    found = read_json(tmp_path / "effects.json")
+    assert "regions" not in found["learned_transport"] and found["specular"] == effects["specular"]
 
 
 def parameters(folder, settings):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.glossy import GlossySamples
@@ -27,23 +27,28 @@ START_GGX_WIDTH = 0.4
 class GgxGloss(SpecularModel):
     """Cook-Torrance reflection, scaled per texel; each highlight is shadowed by itself.
 
-    Attributes:
-        glossy: 1 at texels of the regions that have gloss, else 0; None: all have.
+    The store's buffer `glossy` has the texels of the regions that have gloss; without it all have.
     """
 
     works_under_sky = False
 
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
-        some = in_regions(store.atlas, spec.gloss_regions) if spec.gloss_regions else None
-        self.glossy = None if some is None else torch.as_tensor(some, dtype=torch.float32)
+        if spec.gloss_regions:
+            glossy = torch.as_tensor(in_regions(store.atlas, spec.gloss_regions))
+            store.register_buffer("glossy", glossy, persistent=False)
         store.add("log_ggx_width", store.fill(START_GGX_WIDTH).log())
         store.add("log_gloss", store.fill(0.0))
+
+    @property
+    def glossy(self) -> Bool[Tensor, " texels"] | None:
+        """Texels that have gloss; None: all."""
+        return getattr(self.store, "glossy", None)
 
     def scale(self) -> Float[Tensor, " texels"]:
         """Factor on what a dielectric reflects; 0 where there is no gloss."""
         gloss = self.store.log_gloss.exp()
-        return gloss if self.glossy is None else gloss * self.glossy.to(gloss.device)
+        return gloss if self.glossy is None else gloss * self.glossy
 
     def texel_light(
         self, frame: PreparedFrame, viewed: ViewedParameters, center: Float[Tensor, "3"]
@@ -53,7 +58,7 @@ class GgxGloss(SpecularModel):
         toward, lights = unit(center - points), frame.incident.lights
         normals = frame.surface.bent_normals
         if self.glossy is not None:  # from behind, a point reflects nothing, in next to no time
-            toward = torch.where(self.glossy.to(toward.device)[:, None] > 0, toward, -normals.detach())
+            toward = torch.where(self.glossy[:, None], toward, -normals.detach())
         reflected = gather_reflections(points, normals, toward, width, lights)
         return self.scale()[:, None] * reflected
 

@@ -26,8 +26,7 @@ class LambertAndTransfer(ZonalTransfer):
     The transfer sees all lights, hidden ones too: what goes through a limb comes from behind it, and where light below
     the surface takes the place of light on it, the transfer is negative.
 
-    Attributes:
-        texels: those of the regions that have transfer; None: all.
+    The store's buffer `transporting` lists the texels of the regions that have transfer; without it all have.
     """
 
     works_under_sky = False
@@ -35,8 +34,9 @@ class LambertAndTransfer(ZonalTransfer):
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
         self.lambert = Lambert(store, spec)
-        some = np.flatnonzero(in_regions(store.atlas, spec.transport_regions)) if spec.transport_regions else None
-        self.texels = None if some is None else torch.as_tensor(some)
+        if spec.transport_regions:
+            texels = torch.as_tensor(np.flatnonzero(in_regions(store.atlas, spec.transport_regions)))
+            store.register_buffer("transporting", texels, persistent=False)
 
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
         """Nothing, for all texels."""
@@ -53,9 +53,9 @@ class LambertAndTransfer(ZonalTransfer):
         """Sum of both."""
         unhidden = replace(incident, lights=replace(incident.lights, visibility_bits=None))
         analytic = self.lambert.shade(parameters, surface, incident)
-        if self.texels is None:
+        at = getattr(self.store, "transporting", None)
+        if at is None:
             return analytic + super().shade(parameters, surface, unhidden)
-        at = self.texels.to(surface.axes.device)
         light = unhidden.along_axes(surface.gaussians.means[at], surface.axes[at], self.degrees)
         transfer = (None if own is None else own[at] for own in (parameters.transfer_color, parameters.transfer_mono))
         return analytic.index_add(0, at, shade_diffuse(self.store.albedo[at], *transfer, light))

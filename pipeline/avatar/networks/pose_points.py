@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.surface_points import spread_vertices
-from pipeline.geometry.texels import FACE, HEAD, Atlas
+from pipeline.geometry.texels import Atlas, face_vertices
 
 FEWEST_POINTS = 4
 """Three points fix a rigid motion; a fourth is what may move."""
@@ -58,7 +58,7 @@ def labelled_face(atlas: Atlas, count: int) -> Int64[np.ndarray, " points"]:
 
     Fewer than `FEWEST_POINTS`, or none, if it labels neither.
     """
-    inside = np.asarray(atlas.regions.get(FACE, atlas.regions.get(HEAD, ())), np.int64)
+    inside = face_vertices(atlas.regions)
     rest = atlas.rest_vertices.astype(np.float64)
     return inside[spread_vertices(rest[inside], count)] if len(inside) else inside
 

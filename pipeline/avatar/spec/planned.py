@@ -14,8 +14,8 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.trained_model import Kind
 
-REGIONS_OF = {"gloss_regions": "specular", "transport_regions": "learned_transport"}
-"""Field of a spec -> the effect that is on in these regions."""
+REGIONAL = {"gloss_regions": ("specular", "specular"), "transport_regions": ("learned_transport", "shading")}
+"""Field of a spec -> the effect that is on in these regions, and the setting that leaves it to the plan: auto."""
 
 
 def read_plan(path: Path) -> set[str]:
@@ -59,14 +59,13 @@ def resolve_spec(
     """
     decided = settings.decided(planned, kind)
     require_parts(decided)
-    names = {field.name for field in fields(AvatarSpec)} - {"given_geometry", *REGIONS_OF}
+    names = {field.name for field in fields(AvatarSpec)} - {"given_geometry", *REGIONAL}
     chosen = {name: getattr(decided, name) for name in names}
     modes = ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
     spec = AvatarSpec(**chosen | {name: chosen[name] == "on" for name in modes})
-    asked = {"gloss_regions": settings.specular, "transport_regions": settings.shading}
     if spec.analytic:
-        own = {name: regions.get(effect, ()) for name, effect in REGIONS_OF.items() if asked[name] == "auto"}
-        spec = replace(spec, **own)
+        left = {name: effect for name, (effect, asked) in REGIONAL.items() if getattr(settings, asked) == "auto"}
+        spec = replace(spec, **{name: regions.get(effect, ()) for name, effect in left.items()})
     # Light in the root's frame has no place for one texel's shadows.
     turns = spec.articulation or spec.traced
     return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")

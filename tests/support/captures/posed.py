@@ -65,7 +65,7 @@ def write_cameras_and_color(folder: Path, k1: float, gain: float) -> dict[str, P
     """
     paths = {"index": folder / "index", "cameras": folder / "cameras.json", "color": folder / "color.json"}
     facts = {"downsample_from_sensor": 2, "transfer": "linear", "black_level": 0.0}
-    write_json(folder / "index/capture.json", {"subject": "ball", "images": facts})
+    write_json(folder / "index/capture.json", {"subject": "ball", "kind": "body", "images": facts})
     columns = ["camera", "frame", "path", *TEST_FLAGS, *VALIDATION_FLAGS]
     write_table(paths["index"] / "images.parquet", pd.DataFrame(columns=columns))
     write_table(paths["index"] / "gaze.parquet", pd.DataFrame(columns=["frame", "eye", "x", "y", "z"]))
