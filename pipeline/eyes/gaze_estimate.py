@@ -48,8 +48,9 @@ eye, such as a lid where the template has none, and must not draw the iris to it
 
 LEAST_EXPLAINED = 0.4
 """Share of what is not white below which pixels show no iris: on the procedural head open eyes have 0.64 to 0.87, in
-images three times as fine, in which glints do not blur with the iris, 0.45 to 0.63; patches of its skin that are as
-dark as an iris, brow and mouth, up to 0.34 (`benchmarks/bench_gaze.py`)."""
+images three times as fine, in which glints do not blur with the iris, 0.45 to 0.63. Of patches of its skin that are as
+dark as an iris, mouths have up to 0.34 and brows up to 0.44: one of 30 brows is taken for an eye
+(`benchmarks/bench_gaze.py`)."""
 
 PALEST = 0.55
 """Median brightness within a start's disc, over the white's, above which there is no iris: skin that darkens towards an
