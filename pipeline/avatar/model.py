@@ -10,10 +10,11 @@ from __future__ import annotations
 import copy
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.glossy import GlossySamples
@@ -31,6 +32,7 @@ from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_parameters import GEOMETRY
 from pipeline.avatar.texels.texel_store import TexelStore
 from pipeline.eyes.eye_fit import FittedEye
+from pipeline.geometry.texel_regions import in_regions
 from pipeline.geometry.texels import Atlas
 from pipeline.rendering.splat_conventions import Splatted
 from pipeline.rendering.splat_types import CameraView
@@ -83,6 +85,11 @@ class Avatar(TexelStore):
             with torch.no_grad():
                 for name, values in self.eyes.start(spec, dict(self.named_parameters())).items():
                     getattr(self, name)[self.eyes.chosen] = values
+
+    @cached_property
+    def shadowed(self) -> Bool[np.ndarray, " texels"] | None:
+        """Texels that the surface may hide lights from, and send light to; all if None."""
+        return in_regions(self.atlas, self.spec.shadow_regions) if self.spec.shadow_regions else None
 
     def variant(self, **parts: object) -> Avatar:
         """An avatar of the same parameters, some of whose parts are others. See `Parts` for their names."""

@@ -28,11 +28,13 @@ class Evidence:
 
     Attributes:
         regions: the same number of each part of the surface, where the template names them.
+        unit: of these numbers.
     """
 
     value: float
     text: str
     regions: Mapping[str, float] = field(default_factory=dict)
+    unit: str = "dB"
 
 
 def choose_images(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.geometry.texels import Atlas
@@ -28,24 +29,32 @@ def texel_points(
     return points, unit_or(area_vectors(corners.reshape(-1, 3), triangles), 0.0)
 
 
-def blocked_from_afar(
+@dataclass(frozen=True)
+class FacingPairs:
+    """Random pairs of a texel and a light that it faces. `blocked`: those that are from afar."""
+
+    texels: Int64[np.ndarray, " n"]
+    blocked: Bool[np.ndarray, " n"]
+
+
+def facing_pairs(
     atlas: Atlas, frames: Iterable[PosedFrame], local_radius: float, pairs_per_frame: int, random: np.random.Generator
-) -> tuple[int, int]:
-    """Count random pairs of a texel and a light facing it, and those blocked from afar.
+) -> FacingPairs:
+    """Draw pairs of a texel and a light, keep those that face each other, and find out which are blocked from afar.
 
     Blocked are those by a surface further than `local_radius`: what blocks from nearer is shape that the local frame
-    and normal already stand for. Returns (blocked, facing).
+    and normal already stand for.
     """
-    blocked = facing = 0
+    found: list[tuple[np.ndarray, np.ndarray]] = [(np.zeros(0, np.int64), np.zeros(0, bool))]
     for vertices, positions in frames:
-        points, normals = texel_points(atlas, vertices, random.integers(atlas.texel_count, size=pairs_per_frame))
+        texels = random.integers(atlas.texel_count, size=pairs_per_frame)
+        points, normals = texel_points(atlas, vertices, texels)
         lights = positions[random.integers(len(positions), size=pairs_per_frame)]
         above = ((lights - points) * normals).sum(1) > 0
-        facing += int(above.sum())
         if above.any():
             hits = Occluders(vertices, atlas.faces).first_hits(points[above], normals[above], lights[above])
-            blocked += int(((hits > local_radius) & np.isfinite(hits)).sum())
-    return blocked, facing
+            found.append((texels[above], (hits > local_radius) & np.isfinite(hits)))
+    return FacingPairs(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
 
 def falloff_spread(

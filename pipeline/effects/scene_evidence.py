@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from pipeline.base.color import POLYNOMIALS
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json
-from pipeline.effects.appearance_evidence import Evidence
-from pipeline.effects.light_evidence import PosedFrame, blocked_from_afar, falloff_spread
+from pipeline.effects.appearance_evidence import FEWEST_OBSERVATIONS, Evidence
+from pipeline.effects.light_evidence import PosedFrame, facing_pairs, falloff_spread
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.rotations import (
     conjugate_quaternion,
@@ -36,21 +37,32 @@ SURFACE_FRAMES, SURFACE_TEXELS = 32, 1024
 
 
 def shadow_evidence(
-    atlas: Atlas, frames: list[PosedFrame], local_radius_percent: float, rays: int, random: np.random.Generator
-) -> Evidence:
-    """Share, in percent, of facing texel-light pairs that a distant surface blocks."""
+    atlas: Atlas, frames: list[PosedFrame], local_radius_percent: float, rays: int, random: np.random.Generator,
+    regions: Mapping[str, Int64[np.ndarray, " _"]] = MappingProxyType({}),
+) -> Evidence:  # fmt: skip
+    """Share, in percent, of facing texel-light pairs that a distant surface blocks.
+
+    Args:
+        regions: texels of each part of the surface that is judged by itself, too.
+    """
     if not frames:
         return Evidence(0.0, "no tracked frame has a light on")
     extent = float(np.ptp(atlas.rest_vertices, axis=0).max())
     radius = local_radius_percent / 100 * extent
-    blocked, facing = blocked_from_afar(atlas, frames, radius, -(-rays // len(frames)), random)
-    share = blocked / max(facing, 1)
+    pairs = facing_pairs(atlas, frames, radius, -(-rays // len(frames)), random)
+    facing = len(pairs.texels)
+    share = float(pairs.blocked.sum()) / max(facing, 1)
     error = np.sqrt(share * (1 - share) / max(facing, 1))
     text = (
         f"{100 * share:.2f} % (standard error {100 * error:.2f}) of {facing} facing texel-light pairs in {len(frames)} "
         f"frames are blocked by a surface further than {1e3 * radius:.0f} mm"
     )
-    return Evidence(100 * share, text)
+    inside = {name: pairs.blocked[np.isin(pairs.texels, texels)] for name, texels in regions.items()}
+    of_regions = {
+        name: 100 * float(blocked.mean()) if len(blocked) >= FEWEST_OBSERVATIONS else 100 * share
+        for name, blocked in inside.items()
+    }
+    return Evidence(100 * share, text, of_regions, "%")
 
 
 def near_field_evidence(atlas: Atlas, frames: list[PosedFrame], rays: int, random: np.random.Generator) -> Evidence:

@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Float64, Int, Int32
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int32
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
@@ -58,6 +58,7 @@ def trace_bounces(
     frames: Float[np.ndarray, "t 3 3"],
     face_normals: Float[np.ndarray, "f 3"],
     count: int,
+    some: Bool[np.ndarray, " t"] | None = None,
 ) -> Int32[np.ndarray, "t {count}"]:
     """Trace the texel that each of `count` rays from each texel hits.
 
@@ -68,19 +69,25 @@ def trace_bounces(
         occluders: the posed mesh.
         points, frames: posed texels; rays are spread by the cosine with the third column.
         face_normals: outward unit normals of all faces.
+        some: texels that send rays; the others hit none. All if not given.
     """
-    texels = len(points)
-    directions = (spread_directions(count, texels) @ frames.astype(np.float32).swapaxes(1, 2)).reshape(-1, 3)
-    above = np.repeat(face_normals[atlas.face].astype(np.float32), count, 0)
+    texels, sending = len(points), slice(None) if some is None else some
+    turned = frames[sending].astype(np.float32).swapaxes(1, 2)
+    directions = (spread_directions(count, texels)[sending] @ turned).reshape(-1, 3)
+    above = np.repeat(face_normals[atlas.face[sending]].astype(np.float32), count, 0)
     hit = np.full(len(directions), texels, np.int32)
-    face, barycentric = occluders.first_faces(np.repeat(points, count, 0), above, directions)
+    face, barycentric = occluders.first_faces(np.repeat(points[sending], count, 0), above, directions)
     rows = np.flatnonzero(face >= 0)
     face, barycentric = face[rows], barycentric[rows]
     outside = np.einsum("nd,nd->n", face_normals[face], directions[rows]) < 0
     uv = (atlas.uv[face] * barycentric[..., None]).sum(1)
     column, row = np.clip((uv * atlas.size).astype(np.int64), 0, atlas.size - 1).T
     hit[rows[outside]] = nearest_texels(atlas)[row, column][outside]
-    return hit.reshape(texels, count)
+    if some is None:
+        return hit.reshape(texels, count)
+    hits = np.full((texels, count), texels, np.int32)
+    hits[some] = hit.reshape(-1, count)
+    return hits
 
 
 def nearest_texels(atlas: Atlas) -> Int[np.ndarray, "size size"]:

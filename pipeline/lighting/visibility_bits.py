@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float64, UInt8
+from jaxtyping import Bool, Float, Float64, UInt8
 
 from pipeline.base.code_digest import code_digest
 from pipeline.base.files import digest_bytes, read_arrays, write_arrays
@@ -62,6 +62,22 @@ def trace_bits(
         seen[rays.rows[:, 1] - block.start, rays.rows[:, 0]] = occluders.occluded(rays) == -1
         bits[block.start : block.stop], traced = np.packbits(seen, axis=1), traced + len(rays.rows)
     return VisibilityBits(bits, count, traced)
+
+
+def trace_some_bits(
+    occluders: Occluders,
+    points: Float[np.ndarray, "t 3"],
+    face_normals: Float[np.ndarray, "t 3"],
+    places: Float64[np.ndarray, "m 3"],
+    some: Bool[np.ndarray, " t"],
+) -> UInt8[np.ndarray, "m bytes"]:
+    """Bits of `trace_bits` for some points; the others, for which no ray is traced, see all lights."""
+    traced = trace_bits(occluders, points[some], face_normals[some], places)
+    bits, seen = np.empty((len(places), (len(points) + 7) // 8), np.uint8), np.ones(len(points), bool)
+    for light in range(len(places)):
+        seen[some] = traced.seen(light)
+        bits[light] = np.packbits(seen)
+    return bits
 
 
 def irradiance_from_bits(

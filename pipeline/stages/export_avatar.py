@@ -16,7 +16,6 @@ from pathlib import Path
 
 import torch
 
-from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.matter import read_matter
 from pipeline.avatar.relighting.film import splats_of
@@ -130,8 +129,7 @@ def run(
 @torch.no_grad()
 def prepared(loaded: LoadedAvatar, record: FrameRecord) -> PreparedFrame:
     """A frame in its own light."""
-    inputs = FrameInputs(loaded.atlas, record, gains=loaded.light_gains, device=loaded.avatar.albedo.device)
-    return loaded.avatar.prepare(inputs)
+    return loaded.avatar.prepare(loaded.inputs(record))
 
 
 def main() -> None:

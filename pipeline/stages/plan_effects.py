@@ -6,8 +6,8 @@ Reads the tracked meshes, the booked light patterns, the calibrations and a few 
 {effect: {"on", "mode", "evidence", "threshold", "why", "cost"}}. An effect whose mode is `auto` is on if its evidence
 exceeds its threshold (`pipeline.config.plan_effects` derives them); what is off costs nothing downstream, and "cost"
 says how much that spares: jobs, channels, parameters and estimated seconds of training. Where the template names
-regions, gloss and, for bodies, learned transport are decided for each: "regions" of their entries has {region: {"on",
-"evidence"}}.
+regions, shadows, gloss and, for bodies, learned transport are decided for each: "regions" of their entries has {region:
+{"on", "evidence"}}.
 """
 
 from __future__ import annotations
@@ -102,8 +102,9 @@ def run(
     found_eyes = f"the images show where {eyes or 'no'} eyes look" if estimated_gaze else (
         f"the capture declares {eyes or 'no'} eyes and their gaze"
     )  # fmt: skip
+    regions = texels_by_region(texels)
     evidence = {
-        "shadow": shadow_evidence(texels, sample, settings.local_radius_percent, settings.rays, random),
+        "shadow": shadow_evidence(texels, sample, settings.local_radius_percent, settings.rays, random, regions),
         "near_field": near_field_evidence(texels, sample, settings.rays, random),
         "articulation": articulation_evidence(chunks, texels),
         "eyes": Evidence(float(eyes), found_eyes),
@@ -118,7 +119,6 @@ def run(
     some = np.sort(random.permutation(texels.texel_count)[: settings.texels])
     source = ImageSource.from_index(capture, described["images"])
     seen = observe_texels(source, images, small, read_colors(color), texels, some, posed)
-    regions = texels_by_region(texels)
     evidence |= appearance_evidence(seen, some, texels, posed, lit, settings, regions)
     if described["kind"] == "head":  # Whose learned transport takes the place of all that is analytic.
         evidence["learned_transport"] = replace(evidence["learned_transport"], regions={})
@@ -143,7 +143,7 @@ def decide(mode: str, evidence: Evidence, threshold: float) -> dict[str, Any]:
     if not evidence.regions:
         return {"on": exceeds, **entry, "why": compared}
     regions = {name: {"on": value > threshold, "evidence": value} for name, value in evidence.regions.items()}
-    each = ", ".join(f"{name} {value:.2f} dB" for name, value in evidence.regions.items())
+    each = ", ".join(f"{name} {value:.2f} {evidence.unit}" for name, value in evidence.regions.items())
     on = any(part["on"] for part in regions.values())
     return {"on": on, **entry, "why": f"{compared}; by region: {each}", "regions": regions}
 

@@ -116,8 +116,6 @@ def run(
         texels = read_atlas(atlas)
         frames = frames or shards / "frames"
         records, planned = read_frame_shards([frames]), read_plan(effects)
-        kept = cache_bytes(cache_mb, processes.device)
-        inputs = FrameStream(texels, records, kept, frames_in_use(settings, processes), processes.device, traced)
         kind = "head" if records.table.is_head.any() else "body"
         spec = resolve_spec(settings, planned, kind, read_regions_on(effects))
         require_drawable(spec, processes.device)
@@ -141,6 +139,10 @@ def run(
         avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
         if given_geometry is not None:
             take_geometry(avatar, given_geometry, atlas)
+        inputs = FrameStream(
+            texels, records, cache_bytes(cache_mb, processes.device), frames_in_use(settings, processes),
+            processes.device, traced, avatar.shadowed,
+        )  # fmt: skip
         chosen = chosen_images(images.table, records, settings, subject)
         if spec.head:
             seen = sorted(set(images.table.frame.iloc[chosen].tolist()))

@@ -14,7 +14,6 @@ import torch
 from jaxtyping import Float, Float32
 from scipy.spatial.transform import Rotation
 
-from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.relighting.driving_signal import from_code
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.capture.records import FrameRecord
@@ -101,7 +100,7 @@ def head_sliders(loaded: LoadedAvatar, records: Sequence[FrameRecord], axes: int
 
 @torch.no_grad()
 def _code_of(loaded: LoadedAvatar, record: FrameRecord) -> Float32[np.ndarray, " code"]:
-    return loaded.avatar.networks.encode(FrameInputs(loaded.atlas, record)).mean.numpy()
+    return loaded.avatar.networks.encode(loaded.inputs(record)).mean.numpy()
 
 
 def _posed(

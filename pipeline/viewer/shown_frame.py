@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, Float64, UInt8, UInt16, UInt32
 
-from pipeline.avatar.frames.inputs import FrameInputs
+from pipeline.avatar.frames.light_gains import AS_CALIBRATED
 from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.matter import read_matter
 from pipeline.avatar.model import Avatar
@@ -94,7 +94,8 @@ def shown_frame(
         code: latent code of a head, in place of what the encoder says of the record.
     """
     places = np.concatenate([lights, sky_positions()]).astype(np.float32)
-    inputs = FrameInputs(loaded.atlas, replace(record, light_positions=places, light_intensities=np.ones_like(places)))
+    lit = replace(record, light_positions=places, light_intensities=np.ones_like(places))
+    inputs = replace(loaded.inputs(lit), gains=AS_CALIBRATED)
     prepared = loaded.avatar.prepare(inputs, **({} if code is None else {"code": torch.tensor(code)}))
     means = prepared.gaussians.means.numpy().astype(np.float64)
     together = np.concatenate([means, record.vertices])

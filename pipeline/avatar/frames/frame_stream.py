@@ -8,6 +8,7 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 import torch
+from jaxtyping import Bool
 
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.frames.light_gains import AS_CALIBRATED, LightGains
@@ -15,7 +16,7 @@ from pipeline.avatar.frames.scratch import Scratch
 from pipeline.capture.records import FrameRecord
 from pipeline.geometry.texels import Atlas
 
-UNCOUNTED = ("atlas", "sky", "gains", "device")
+UNCOUNTED = ("atlas", "sky", "gains", "shadowed", "device")
 """What all frames share."""
 
 
@@ -34,13 +35,15 @@ class FrameStream(Mapping[int, FrameInputs]):
         in_use: number of frames that are visited at a time.
         device: where their tensors lie.
         scratch: where the traced light of other frames is kept; None: it is traced anew.
+        shadowed: as `FrameInputs` has it.
     """
 
     def __init__(
         self, atlas: Atlas, records: Mapping[int, FrameRecord], most_bytes: float | None = None, in_use: int = 1,
         device: torch.device | str = "cpu", scratch: Scratch | None = None,
+        shadowed: Bool[np.ndarray, " texels"] | None = None,
     ) -> None:  # fmt: skip
-        self.scratch = scratch
+        self.scratch, self.shadowed = scratch, shadowed
         self.atlas, self.records, self.device = atlas, records, device
         self.most_bytes, self.in_use = most_bytes, in_use
         self._gains, self._lock = AS_CALIBRATED, threading.Lock()
@@ -58,7 +61,8 @@ class FrameStream(Mapping[int, FrameInputs]):
         with self._lock:
             found, gains = self._visited.get(number) or self._kept.get(number), self._gains
         if found is None:
-            found = FrameInputs(self.atlas, self.records[number], gains=gains, device=self.device)
+            record, shared = self.records[number], {"shadowed": self.shadowed, "device": self.device}
+            found = FrameInputs(self.atlas, record, gains=gains, **shared)
             if self.scratch is not None:
                 self.scratch.restore(number, found)
         gone = {}

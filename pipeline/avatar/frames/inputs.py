@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
@@ -21,7 +21,7 @@ from pipeline.lighting.bounces import trace_bounces
 from pipeline.lighting.distant import far_lights, gather_harmonics, light_harmonics
 from pipeline.lighting.point_lights import PointLights
 from pipeline.lighting.visibility import Occluders
-from pipeline.lighting.visibility_bits import trace_bits
+from pipeline.lighting.visibility_bits import trace_bits, trace_some_bits
 
 BOUNCE_RAYS = 16
 """Rays per texel for light that other surfaces send, of which nine texels share theirs. On a recorded body its pictures
@@ -43,12 +43,14 @@ class FrameInputs:
     Attributes:
         sky: light of the frame in place of the record's lights.
         gains: factors of the record's lights.
+        shadowed: texels that the surface may hide lights from, and send light to; all if None.
     """
 
     atlas: Atlas
     record: FrameRecord
     sky: PreparedSky | None = None
     gains: LightGains = field(default=AS_CALIBRATED, kw_only=True)
+    shadowed: Bool[np.ndarray, " texels"] | None = field(default=None, kw_only=True)
     device: torch.device | str = field(default="cpu", kw_only=True)
 
     @cached_property
@@ -70,15 +72,15 @@ class FrameInputs:
     def visibility_bits(self) -> UInt8[np.ndarray, "lights bytes"]:
         """Texels that see each lit light, packed as in `PointLights`."""
         points, _, face_normals, occluders = occluding_surface(self)
-        return trace_bits(
-            occluders, points, face_normals[self.atlas.face], self.record.light_positions.astype(np.float64)
-        ).bits
+        asked = (occluders, points, face_normals[self.atlas.face], self.record.light_positions.astype(np.float64))
+        return trace_bits(*asked).bits if self.shadowed is None else trace_some_bits(*asked, self.shadowed)
 
     @cached_property
     def bounces(self) -> Int[Tensor, "texels rays"]:
         """The texel that each ray from each texel hits, see `pipeline.lighting.bounces`."""
         points, frames, face_normals, occluders = occluding_surface(self)
-        return self._tensor(trace_bounces(self.atlas, occluders, points, frames, face_normals, BOUNCE_RAYS))
+        hits = trace_bounces(self.atlas, occluders, points, frames, face_normals, BOUNCE_RAYS, self.shadowed)
+        return self._tensor(hits)
 
     @cached_property
     def head_from_world(self) -> Float[Tensor, "3 4"]:

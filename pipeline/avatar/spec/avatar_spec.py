@@ -99,8 +99,8 @@ class AvatarSpec:
         harmonics_frame: frame of a highlight's harmonics: each texel's "tangent" frame, or the "head"'s.
         last_layers: of decoders, weight-"normalised" as the others, or "plain"; they start at zero.
         matte: what is not gloss, beside GGX: as "lambert" has it, or "coated", so that grazing light passes less.
-        gloss_regions, transport_regions: regions of the template that have GGX, and transfer beside Lambert; all if
-            empty.
+        gloss_regions, transport_regions, shadow_regions: regions of the template that have GGX, transfer beside
+            Lambert, and traced visibility and bounces; all if empty.
     """
 
     specular: bool
@@ -151,6 +151,7 @@ class AvatarSpec:
     matte: Matte = "lambert"
     gloss_regions: tuple[str, ...] = ()
     transport_regions: tuple[str, ...] = ()
+    shadow_regions: tuple[str, ...] = ()
 
     @property
     def degrees(self) -> int:
@@ -274,7 +275,7 @@ class AvatarSpec:
         if self.specular_model in GLOSS_WORDS:
             parts.append(GLOSS_WORDS[self.specular_model] + of_regions(self.gloss_regions) + where)
         if self.shadow:
-            parts.append(f"{self.shadow_model} shadows")
+            parts.append(f"{self.shadow_model} shadows" + of_regions(self.shadow_regions))
         if self.indirect in INDIRECT_WORDS:
             parts.append(INDIRECT_WORDS[self.indirect])
         if not self.near_field:

@@ -14,7 +14,10 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.config.trained_model import Kind
 
-REGIONAL = {"gloss_regions": ("specular", "specular"), "transport_regions": ("learned_transport", "shading")}
+REGIONAL = {
+    "gloss_regions": ("specular", "specular"), "transport_regions": ("learned_transport", "shading"),
+    "shadow_regions": ("shadow", "shadow"),
+}  # fmt: skip
 """Field of a spec -> the effect that is on in these regions, and the setting that leaves it to the plan: auto."""
 
 
@@ -66,6 +69,7 @@ def resolve_spec(
     if spec.analytic:
         left = {name: effect for name, (effect, asked) in REGIONAL.items() if getattr(settings, asked) == "auto"}
         spec = replace(spec, **{name: regions.get(effect, ()) for name, effect in left.items()})
+        spec = spec if spec.traced else replace(spec, shadow_regions=())
     # Light in the root's frame has no place for one texel's shadows.
     turns = spec.articulation or spec.traced
     return spec if turns or spec.shading != "transfer" else replace(spec, shading="harmonics")

@@ -54,7 +54,7 @@ class LoadedAvatar:
 
     def trace(self, frame: FrameRecord) -> FrameInputs:
         """Trace a frame for `render`, so that it need not; it may be done on another thread."""
-        return self.avatar.trace(self._inputs(frame))
+        return self.avatar.trace(self.inputs(frame))
 
     @torch.no_grad()
     def render(self, frame: FrameRecord | FrameInputs, image: ImageRecord) -> tuple[Tensor, Tensor]:
@@ -72,12 +72,14 @@ class LoadedAvatar:
 
     def _prepared(self, frame: FrameRecord | FrameInputs) -> PreparedFrame:
         if self._frame is None or self._frame[0] is not frame:
-            inputs = frame if isinstance(frame, FrameInputs) else self._inputs(frame)
+            inputs = frame if isinstance(frame, FrameInputs) else self.inputs(frame)
             self._frame = (frame, self.avatar.prepare(inputs))
         return self._frame[1]
 
-    def _inputs(self, frame: FrameRecord) -> FrameInputs:
-        return FrameInputs(self.atlas, frame, gains=self.light_gains, device=self.avatar.albedo.device)
+    def inputs(self, frame: FrameRecord) -> FrameInputs:
+        """Inputs of a frame, as this avatar reads them."""
+        shared = {"shadowed": self.avatar.shadowed, "device": self.avatar.albedo.device}
+        return FrameInputs(self.atlas, frame, gains=self.light_gains, **shared)
 
 
 def camera_view(image: ImageRecord | Camera, device: torch.device | str = "cpu") -> CameraView:

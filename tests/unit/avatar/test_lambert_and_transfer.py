@@ -94,10 +94,40 @@ def test_regions_without_gloss_reflect_nothing():
     assert np.array_equal(read_matter(some).gloss > 0, cloth)
 
 
+def folded():
+    """The sheet with one corner folded up, under a low lamp behind it, which most of the rest is hidden from."""
+    up = np.array([[0, 0, 0], [0.0, 0, 0.06], [0, 0, 0], [0, 0, 0]], np.float32)
+    frame = make_frame(LABELLED, np.array([[1.5, 1.2, 0.3]]), np.full((1, 3), INTENSITY))
+    return replace(frame, vertices=LABELLED.rest_vertices + up)
+
+
+def test_regions_without_shadows_see_all_lights_and_trace_nothing():
+    avatars = {
+        name: Avatar(LABELLED, texel_spacing(SHEET), resolve_spec(TrainAvatar(), planned, regions=regions))
+        for name, planned, regions in (
+            ("whole", PLANNED, EVERYWHERE), ("part", PLANNED, {"shadow": ("cloth",)}),
+            ("none", PLANNED - {"shadow"}, {"shadow": ("cloth",)}),
+        )
+    }  # fmt: skip
+    inputs = {name: FrameInputs(LABELLED, folded(), shadowed=avatar.shadowed) for name, avatar in avatars.items()}
+    light = {name: avatar.prepare(inputs[name]).shading.diffuse for name, avatar in avatars.items()}
+    cloth = in_regions(LABELLED, ("cloth",))
+    assert avatars["whole"].shadowed is None and avatars["none"].spec.shadow_regions == ()
+    assert np.array_equal(avatars["part"].shadowed, cloth)
+    assert "traced shadows (cloth)" in avatars["part"].spec.in_words
+    hidden = (light["whole"] != light["none"]).any(1).numpy()
+    assert (hidden & cloth).any() and (hidden & ~cloth).any()
+    assert torch.equal(light["part"][cloth], light["whole"][cloth])
+    assert torch.equal(light["part"][~cloth], light["none"][~cloth])
+    # Light comes to the region from all texels; to the others from none.
+    assert torch.equal(inputs["part"].bounces[cloth], inputs["whole"].bounces[cloth])
+    assert (inputs["part"].bounces[~cloth] == LABELLED.texel_count).all()
+
+
 def test_what_is_asked_for_is_asked_for_everywhere():
-    regions = {"learned_transport": ("cloth",), "specular": ("cloth",)}
-    spec = resolve_spec(TrainAvatar(shading="combined", specular="on"), PLANNED, regions=regions)
-    assert spec.transport_regions == spec.gloss_regions == ()
+    regions = {"learned_transport": ("cloth",), "specular": ("cloth",), "shadow": ("cloth",)}
+    spec = resolve_spec(TrainAvatar(shading="combined", specular="on", shadow="on"), PLANNED, regions=regions)
+    assert spec.transport_regions == spec.gloss_regions == spec.shadow_regions == ()
 
 
 def test_transfer_is_paid_for_from_nothing_on():

@@ -52,6 +52,11 @@ def test_shadows_are_the_percentage_that_a_far_surface_blocks():
     lamp = np.array([[0.0, 0.0, 100.0]])
     found = shadow_evidence(atlas, [(vertices, lamp)], 10.0, 20000, np.random.default_rng(0))
     assert found.value == pytest.approx(50, abs=1.5)  # 0.35 % is its standard error.
+    west = (atlas.rest_vertices[atlas.corners] * atlas.barycentric[..., None]).sum(1)[:, 0] < 0
+    sides = {"west": np.flatnonzero(west), "east": np.flatnonzero(~west), "speck": np.arange(1)}
+    parts = shadow_evidence(atlas, [(vertices, lamp)], 10.0, 20000, np.random.default_rng(0), sides).regions
+    assert parts["west"] == 100 and parts["east"] == 0
+    assert parts["speck"] == found.value  # Too few pairs to judge it by itself.
     near = shadow_evidence(atlas, [(vertices, lamp)], 150.0, 20000, np.random.default_rng(0))
     assert near.value == 0  # Nearer than 150 % of the extent: a fold of the surface itself.
 

@@ -16,6 +16,7 @@ from pipeline.lighting.visibility_bits import (
     keep_bits,
     load_bits,
     trace_bits,
+    trace_some_bits,
     visibility_key,
 )
 from tests.support.meshes.lit_meshes import LIGHTS, floor_under_a_ball
@@ -45,6 +46,19 @@ def test_bits_say_what_rays_say() -> None:
     for light, position in enumerate(LIGHTS):
         np.testing.assert_array_equal(bits.seen(light), occluders.visible(points, normals, position)[0])
     assert bits.bits.nbytes == 5 * 38  # 300 points in 38 bytes
+
+
+def test_points_that_are_not_asked_for_see_all_lights() -> None:
+    occluders, points, normals = floor_under_a_ball()
+    some = np.arange(len(points)) % 3 == 1
+    bits, whole = (
+        trace_some_bits(occluders, points, normals, LIGHTS, some),
+        trace_bits(occluders, points, normals, LIGHTS),
+    )
+    for light in range(len(LIGHTS)):
+        seen = np.unpackbits(bits[light], count=len(points)).astype(bool)
+        np.testing.assert_array_equal(seen[some], whole.seen(light)[some])
+        assert seen[~some].all() and not whole.seen(light)[~some].all()
 
 
 def test_cost_model() -> None:
