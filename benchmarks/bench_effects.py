@@ -4,13 +4,14 @@
 
 Each scene of `benchmarks.effect_scenes` is photographed and planned. Three avatars are trained on it alike:
 `everything` (RFGCA's model with every effect on, whatever the plan says), `full` (that model with the effects of the
-scene as planned) and `auto` (the default settings: the plan decides learned transport and deferred shading, too). A row
-has the effects that are on, the PSNR of held-out images and what it loses against everything on, CPU seconds of
+scene as planned) and `auto` (the default settings: the plan decides learned transport and deferred shading, too). With
+`--turned`, more are: the default with one decision of the plan turned round, which tells what a wrong one would cost. A
+row has the effects that are on, the PSNR of held-out images and what it loses against everything on, CPU seconds of
 preparing light and training on one thread, the jobs that the workflow has left after the plan, counted by Snakemake,
 and parameters. CPU seconds hardly depend on what else the machine does.
 
-Scenes are drawn twice: cameras, lights, patterns and noise. Settings are chosen on `--draw validation`; the table is of
-`report`, which no setting was chosen by.
+Scenes are drawn several times: cameras, lights, patterns and noise. Settings are chosen on `--draws validation`; the
+table is of `report` and more of its kind, which no setting was chosen by.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ import json
 import logging
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 
 import pandas as pd
@@ -41,8 +43,21 @@ AVATARS = {"everything": EVERYTHING, "full": PAPER, "auto": {}}
 ALL_ON = PlanEffects(**dict.fromkeys([name for name in EFFECTS if name != "eyes"], "on"))
 
 
-DRAWS = {"report": " report", "validation": ""}
+TURNED: dict[str, tuple[dict, dict]] = {
+    "specular": ({"specular": "on"}, {"specular": "off"}),
+    "shadow": ({"shadow": "on"}, {"shadow": "off"}),
+    "near_field": ({"near_field": "on"}, {"near_field": "off"}),
+    "learned_transport": ({"shading": "combined"}, {"shading": "microfacet"}),
+}
+"""Decision -> what the default avatar is told where the plan says off, and where it says on."""
+
+DRAWS = {"report": " report", "report_2": " report 2", "report_3": " report 3", "validation": ""}
 """What is added to a scene's name, which seeds what is drawn."""
+
+LARGE = {"width": 160, "height": 200}
+"""Pixels of the pictures."""
+LARGE_ATLAS = 112
+"""Texels per side of their maps: about one per pixel."""
 
 
 def main() -> None:
@@ -51,29 +66,37 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/effects_comparison.csv"), help="table to write")
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
-    parser.add_argument("--draw", choices=DRAWS, default="report")
+    parser.add_argument("--draws", nargs="+", choices=DRAWS, default=["report"])
+    parser.add_argument("--turned", action="store_true", help="decisions turned round, too")
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
     torch.set_num_threads(1)
-    with tempfile.TemporaryDirectory() as name:
-        folder, rows = Path(name), []
-        scenes = {scene: photograph_and_plan(folder / scene, scene, options.draw) for scene in options.scenes}
-        jobs = jobs_of(folder, list(scenes))
-        for scene, files in scenes.items():
-            for row in bench_scene(folder / scene, scene, files, options.steps):
-                left = jobs[f"{scene}-{row['avatar']}"]
-                row |= {"jobs": sum(left.values()), "tracing_jobs": left.get("trace_irradiance", 0)}
-                rows.append({**row, "steps": options.steps, "draw": options.draw})
-                print(json.dumps({"bench": "effects", **rows[-1]}), flush=True)
-    write_table(options.out, pd.DataFrame(rows))
+    rows: list[dict] = []
+    for draw, scene in product(options.draws, options.scenes):
+        with tempfile.TemporaryDirectory() as name:
+            for row in bench_draw(Path(name), scene, draw, options.steps, options.turned):
+                rows.append(row)
+                print(json.dumps({"bench": "effects", **row}), flush=True)
+        write_table(options.out, pd.DataFrame(rows))
 
 
-def photograph_and_plan(folder: Path, name: str, draw: str) -> dict[str, Path]:
-    """A scene's files, and beside them its plan and one with everything on."""
-    files = make_scene(folder, name, draw=DRAWS[draw])
+def bench_draw(folder: Path, scene: str, draw: str, steps: int, turned: bool) -> Iterator[dict]:
+    """Photograph a scene, plan it, and train and score its avatars."""
+    files = make_scene(folder, scene, LARGE_ATLAS, DRAWS[draw], **LARGE)
     plan(files, folder / "planned.json", PlanEffects())
     plan(files, folder / "everything.json", ALL_ON)
-    return files
+    plans = {avatar: read_json(plan_for(folder, avatar)) for avatar in AVATARS}
+    jobs = count_jobs(folder / "project", plans, AVATARS, SMALL["frames"])
+    avatars = AVATARS | (turned_avatars(plans["auto"]) if turned else {})
+    for row in bench_scene(folder, scene, files, avatars, steps):
+        left = jobs.get(row["avatar"], {})
+        counted = {"jobs": sum(left.values()), "tracing_jobs": left.get("trace_irradiance", 0)} if left else {}
+        yield {**row, **counted, "steps": steps, "draw": draw}
+
+
+def turned_avatars(planned: Mapping[str, Mapping]) -> dict[str, dict]:
+    """Settings of default avatars with one decision turned round, by `not_` and its name."""
+    return {f"not_{name}": choices[bool(planned[name]["on"])] for name, choices in TURNED.items()}
 
 
 def plan_for(folder: Path, avatar: str) -> Path:
@@ -81,18 +104,12 @@ def plan_for(folder: Path, avatar: str) -> Path:
     return folder / ("everything.json" if avatar == "everything" else "planned.json")
 
 
-def jobs_of(folder: Path, scenes: list[str]) -> dict[str, dict[str, int]]:
-    """SCENE-AVATAR -> rule -> jobs that the workflow has left after the plan."""
-    pairs = [(scene, avatar) for scene in scenes for avatar in AVATARS]
-    plans = {f"{scene}-{avatar}": read_json(plan_for(folder / scene, avatar)) for scene, avatar in pairs}
-    variants = {f"{scene}-{avatar}": AVATARS[avatar] for scene, avatar in pairs}
-    return count_jobs(folder / "project", plans, variants, SMALL["frames"])
-
-
-def bench_scene(folder: Path, name: str, files: dict[str, Path], steps: int) -> Iterator[dict]:
+def bench_scene(
+    folder: Path, name: str, files: dict[str, Path], avatars: Mapping[str, dict], steps: int
+) -> Iterator[dict]:
     """Train and score a scene's avatars."""
     reference = None
-    for avatar, choices in AVATARS.items():
+    for avatar, choices in avatars.items():
         settings = TrainAvatar(steps=steps, **choices)
         row = bench_avatar(files, plan_for(folder, avatar), folder / avatar, name, settings)
         reference = row if reference is None else reference

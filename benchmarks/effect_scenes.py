@@ -1,20 +1,20 @@
-"""Six small scenes that call for different effects, path-traced by Mitsuba, as the files that plan_effects reads.
+"""Twelve small scenes that call for different effects, path-traced by Mitsuba, as the files that plan_effects reads.
 
 Cameras, lights, tracking and atlas are the truth: what differs between two avatars is what was simulated, and nothing
-else. A scene takes seconds.
+else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-import trimesh
-from scipy.spatial.transform import Rotation
 
+from benchmarks.effect_shapes import Shape, ball, body, bust, capped, dressed, halves, pair
 from pipeline.base.exr import save_exr
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.base.seeds import generator_for, seed_for
@@ -24,23 +24,19 @@ from pipeline.geometry.atlas import sampled_atlas
 from pipeline.geometry.cameras import write_cameras
 from pipeline.geometry.texels import Atlas, write_atlas
 from pipeline.synthesis import mitsuba_scenes as mitsuba
-from pipeline.synthesis.appearance import Unwrapped, bake, mottle, unwrap
+from pipeline.synthesis.appearance import Unwrapped
 from pipeline.synthesis.capture_files import held_out
-from pipeline.synthesis.figure import build_figure
-from pipeline.synthesis.head_shape import head_mesh
 from pipeline.synthesis.lens import view_points
 from pipeline.synthesis.sensor_model import SensorModel, write_8bit
 from pipeline.synthesis.stage_rig import StageRig, build_stage_rig, light_patterns, segment_for
 from pipeline.synthesis.subject import vertex_normals
+from pipeline.synthesis.translucency import Medium, translucent_mesh
 
 FAR_M = 40.0
 """Lights so far away that they shine within 1 % alike on a subject of 0.2 m."""
 
 BRIGHTNESS = 6.0
 """Sum of radiant intensity over squared distance: a white subject then is about half of full scale."""
-
-TEXTURE_SIZE = 128
-BALL_RADIUS_M = 0.15
 
 IDEAL = {"distortion": 0.0, "color_spread": 0.0}
 SMALL = {
@@ -49,73 +45,46 @@ SMALL = {
     "spp_fully_lit": 16, "supersampling": 2, "max_depth": 4, "camera_distance_m": 1.2, "framed_height_m": 0.4,
 }  # fmt: skip
 
+WAX = Medium(0.05, (0.98, 0.95, 0.88))
+"""Light goes 5 cm between scatterings, a third of the large ball's radius: from behind it shines through."""
+
+WAX_DEPTH = 32
+"""Longest paths through wax. What longer ones would carry is missing from all pictures alike."""
+
 
 @dataclass(frozen=True)
-class Shape:
-    """A mesh, its texture, and its vertices (and local joint rotations, if it has joints) over time.
+class Material:
+    """What a part is made of.
 
     Attributes:
-        matte: faces that have no gloss, whatever the others have; the template names them.
+        gloss_alpha: width of the coat's GGX lobe; None: no coat.
+        wax: a closed part that is filled with `WAX` in place of its texture.
     """
 
-    faces: np.ndarray
-    unwrapped: Unwrapped
-    texture: np.ndarray
-    at: Callable[[float, str], tuple[np.ndarray, np.ndarray | None]]
-    matte: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    gloss_alpha: float | None = None
+    wax: bool = False
+
+
+MATTE, SHINY, WAXEN = Material(), Material(0.15), Material(0.3, wax=True)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is photographed, how wide the lobe of its gloss is (None: matte), and in what stage."""
+    """What is photographed, of which material, and in what stage.
+
+    Attributes:
+        parts: materials of those parts that are not of `material`.
+    """
 
     shape: Callable[[], Shape]
-    gloss_alpha: float | None
+    material: Material
     settings: SynthesizeCapture
+    parts: Mapping[str, Material] = field(default_factory=dict)
 
-
-def turning(name: str, vertices: np.ndarray, faces: np.ndarray) -> Shape:
-    """A rigid thing that turns and shifts as a whole, of mottled colour."""
-    unwrapped = unwrap(vertices, faces, TEXTURE_SIZE)
-
-    def albedo(corners: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        points = np.einsum("kc,kcd->kd", barycentric, vertices[corners])
-        return (np.array([0.55, 0.4, 0.3]) * mottle(points, name, 0.06, 0.16)[:, None]).clip(0.02, 0.9)
-
-    def at(time_s: float, segment: str) -> tuple[np.ndarray, None]:
-        turn = Rotation.from_euler("yx", [40 * np.sin(2 * time_s + (segment == "b")), 10 * np.cos(3 * time_s)], True)
-        return turn.apply(vertices) + np.array([0.01 * np.sin(time_s), 0, 0]), None
-
-    return Shape(faces, unwrapped, bake(unwrapped, TEXTURE_SIZE, albedo), at)
-
-
-def ball() -> Shape:
-    """A sphere."""
-    sphere = trimesh.creation.icosphere(3, BALL_RADIUS_M)
-    return turning("ball", np.array(sphere.vertices), np.array(sphere.faces, np.int64))
-
-
-def halves() -> Shape:
-    """A sphere whose lower half has no gloss."""
-    whole = ball()
-    middles = whole.at(0.0, "a")[0][whole.faces].mean(1)
-    return replace(whole, matte=np.flatnonzero(middles[:, 1] < 0))
-
-
-def bust() -> Shape:
-    """The procedural head's skin, which keeps its face."""
-    return turning("bust", *head_mesh(0.012))
-
-
-def body() -> Shape:
-    """The procedural figure, which walks."""
-    figure = build_figure("body", 0.06, 256, 0.25)
-
-    def at(time_s: float, segment: str) -> tuple[np.ndarray, np.ndarray]:
-        moment = figure.at(time_s, segment)
-        return moment.vertices, moment.truth["joint_rotations"]
-
-    return Shape(figure.faces, figure.unwrapped, figure.texture, at)
+    @property
+    def wax(self) -> bool:
+        """Whether light enters anything."""
+        return any(material.wax for material in (self.material, *self.parts.values()))
 
 
 def stage(light_distance_m: float, **changes: object) -> SynthesizeCapture:
@@ -125,17 +94,30 @@ def stage(light_distance_m: float, **changes: object) -> SynthesizeCapture:
     return SynthesizeCapture(**keys)
 
 
+WAX_STAGE = {"spp": 32, "spp_fully_lit": 32}
+"""Paths that scatter are noisier."""
+
+TALL = {"camera_distance_m": 2.5, "framed_height_m": 2.05}
+DISTORTED = {"distortion": 1.0, "color_spread": 0.035}
+
 SCENES = {
-    "diffuse": Scene(ball, None, stage(FAR_M)),
-    "glossy": Scene(ball, 0.15, stage(FAR_M)),
-    "bust": Scene(bust, None, stage(FAR_M)),
-    "body": Scene(
-        body, 0.25, stage(2.2, distortion=1.0, color_spread=0.035, camera_distance_m=2.5, framed_height_m=2.05)
-    ),
-    "near": Scene(ball, None, stage(1.01)),
-    "halves": Scene(halves, 0.15, stage(FAR_M)),
+    "diffuse": Scene(ball, MATTE, stage(FAR_M)),
+    "glossy": Scene(ball, SHINY, stage(FAR_M)),
+    "bust": Scene(bust, MATTE, stage(FAR_M)),
+    "body": Scene(body, Material(0.25), stage(2.2, **DISTORTED, **TALL)),
+    "near": Scene(ball, MATTE, stage(1.01)),
+    "halves": Scene(halves, SHINY, stage(FAR_M), {"lower": MATTE}),
+    "lens": Scene(ball, MATTE, stage(FAR_M, **DISTORTED)),
+    "wax": Scene(ball, WAXEN, stage(FAR_M, **WAX_STAGE, framed_height_m=0.55)),
+    "pair": Scene(pair, SHINY, stage(FAR_M), {"left": MATTE}),
+    "wax_pair": Scene(pair, MATTE, stage(FAR_M, **WAX_STAGE), {"left": WAXEN}),
+    "capped": Scene(capped, SHINY, stage(1.5), {"cap": MATTE}),
+    "dressed": Scene(dressed, Material(0.25), stage(2.2, **TALL), {"clothes": MATTE}),
 }
 """By name."""
+
+MIXED = tuple(name for name, scene in SCENES.items() if scene.parts)
+"""Those of more than one material."""
 
 
 def make_scene(
@@ -173,30 +155,56 @@ def photograph(
     powers: np.ndarray,
 ) -> None:  # fmt: skip
     """All cameras' images and masks of a frame."""
-    settings, cut = scene.settings, shape.unwrapped
-    normals = vertex_normals(vertices, shape.faces)
-    points, turned, everywhere = vertices[cut.source], normals[cut.source], np.arange(len(cut.faces))
-    matte = everywhere if scene.gloss_alpha is None else shape.matte
-    meshes, shiny = [], np.setdiff1d(everywhere, matte)
-    if len(matte):
-        diffuse = {"type": "diffuse", "reflectance": mitsuba.bitmap_texture(shape.texture, "bilinear")}
-        meshes.append(mitsuba.triangle_mesh(diffuse, points, cut.faces[matte], cut.uv, turned))
-    if len(shiny):
-        meshes.append(
-            mitsuba.coated_mesh(shape.texture, scene.gloss_alpha, points, turned, cut.faces[shiny], cut.uv)
-        )  # fmt: skip
-    lit = powers > 0
-    world = mitsuba.lit_scene(meshes, rig.lights_xyz[lit], powers[lit], settings.max_depth)
+    settings, lit = scene.settings, powers > 0
+    positions, intensities = rig.lights_xyz[lit], powers[lit]
+    one = positions[:1], intensities[:1]
+    depth = WAX_DEPTH if scene.wax else settings.max_depth
+    world = mitsuba.lit_scene(part_meshes(scene, shape, vertices), *one, depth, integrator(scene))
+    # Light may cross wax as if it were not there: what is covered is seen on opaque parts.
+    covering = mitsuba.lit_scene(part_meshes(opaque(scene), shape, vertices), *one, 2) if scene.wax else None
     sensor = SensorModel(settings.shot_gain, settings.read_noise, settings.saturation, settings.black_level)
     for camera_name, camera in rig.cameras.items():
         view = view_points(camera, vertices, settings.supersampling)
-        samples = max(1, round(settings.spp / settings.supersampling**2))
-        developed = view.develop(mitsuba.render(world, view, samples, seed_for(name, camera_name, frame) % 2**31))
+        samples = max(1, round(settings.spp / settings.supersampling**2 / len(positions)))
+        seed = seed_for(name, camera_name, frame) % 2**31
+        seen = mitsuba.render_each_light(world, view, positions, intensities, samples, seed)
+        if covering is not None:
+            seen[..., 3] = mitsuba.render(covering, view, samples, seed)[..., 3]
+        developed = view.develop(seen)
         random = generator_for(name, "sensor", camera_name, frame)
         raw = sensor.expose(developed[..., :3], rig.raw_from_true[camera_name], random)
         save_exr(folder / f"images/{camera_name}/{frame:06d}.exr", raw)
         mask = np.where(developed[..., 3] >= 0.5, 255, 0).astype(np.uint8)
         write_8bit(folder / f"masks/{camera_name}/{frame:06d}.png", mask)
+
+
+def part_meshes(scene: Scene, shape: Shape, vertices: np.ndarray) -> list[Any]:
+    """A Mitsuba mesh for each material of a scene."""
+    cut, normals = shape.unwrapped, vertex_normals(vertices, shape.faces)
+    points, turned = vertices[cut.source], normals[cut.source]
+    named = np.concatenate([np.zeros(0, np.int64), *(shape.parts[part] for part in scene.parts)])
+    rest = np.setdiff1d(np.arange(len(cut.faces)), named)
+    meshes = []
+    for material, faces in [(scene.material, rest), *((scene.parts[part], shape.parts[part]) for part in scene.parts)]:
+        geometry = (points, turned, cut.faces[faces], cut.uv)
+        if material.wax:
+            meshes.append(translucent_mesh(WAX, material.gloss_alpha or 1.0, *geometry))
+        elif material.gloss_alpha is not None:
+            meshes.append(mitsuba.coated_mesh(shape.texture, material.gloss_alpha, *geometry))
+        else:
+            diffuse = {"type": "diffuse", "reflectance": mitsuba.bitmap_texture(shape.texture, "bilinear")}
+            meshes.append(mitsuba.triangle_mesh(diffuse, points, cut.faces[faces], cut.uv, turned))
+    return meshes
+
+
+def opaque(scene: Scene) -> Scene:
+    """The same scene without wax."""
+    return replace(scene, material=MATTE, parts={})
+
+
+def integrator(scene: Scene) -> Literal["path", "volpath"]:
+    """Mitsuba's, by whether light enters anything."""
+    return "volpath" if scene.wax else "path"
 
 
 def write_stage_files(
@@ -241,7 +249,7 @@ def write_stage_files(
     if moments[0][1] is not None:
         tracked["joint_rotations"] = np.stack([moment[1] for moment in moments]).astype(np.float32)
     write_arrays(folder / "tracking/0000.safetensors", tracked)
-    regions = {"matte": np.unique(shape.unwrapped.faces[shape.matte])} if len(shape.matte) else {}
+    regions = {part: np.unique(shape.unwrapped.faces[faces]) for part, faces in shape.parts.items()}
     atlas = replace(make_atlas(shape.unwrapped, vertices[0], atlas_size), regions=regions)
     write_atlas(folder / "atlas.safetensors", atlas)
     return {

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import tyro
 
@@ -24,33 +25,69 @@ HEADS = (
     "its time",
     "the default",
     "its time",
+    "best decision turned round",
 )
 
+SHOWN = ("full", "auto")
+"""Avatars that are held against the one with everything on."""
 
-def run(*, comparison: Path = Path("results/effects_comparison.csv"), page: Path = ROOT / "docs/effects.md") -> None:
+TURNED = "not_"
+"""How names of default avatars with a decision turned round begin."""
+
+
+def run(
+    *, comparison: tuple[Path, ...] = (Path("results/effects_comparison.csv"),), page: Path = ROOT / "docs/effects.md"
+) -> None:
     """Put a row per scene into the page's table, and one of medians.
 
     Args:
-        comparison: what `make effects` wrote.
+        comparison: what `make effects` wrote, in one file or several.
         page: the page with the table.
     """
-    rows = pd.read_csv(comparison).set_index(["scene", "avatar"])
-    scenes = list(dict.fromkeys(scene for scene, _ in rows.index))
-    lines = [cells(scene, rows.loc[scene]) for scene in scenes]
-    middle = rows.groupby("avatar")[["psnr_lost_db", "cpu_ratio"]].median()
+    rows = pd.concat([pd.read_csv(path) for path in comparison])
+    gains = {avatar: of_avatar(rows, avatar) for avatar in SHOWN}
+    lines = [cells(str(scene), of_scene) for scene, of_scene in rows.groupby("scene", sort=False)]
     last = ["median", "", ""]
-    for avatar in ("full", "auto"):
-        last += [f"{0.0 - middle.psnr_lost_db[avatar]:+.2f} dB", percent(middle.cpu_ratio[avatar])]
-    put_between(page, TABLE, table(HEADS, [*lines, last]))
+    for avatar in SHOWN:
+        last += [f"{-gains[avatar].psnr_lost_db.median():+.2f} dB", percent(gains[avatar].cpu_ratio.median())]
+    put_between(page, TABLE, table(HEADS, [*lines, [*last, ""]]))
+
+
+def of_avatar(rows: pd.DataFrame, avatar: str) -> pd.DataFrame:
+    """Means of an avatar over the draws of each scene."""
+    return rows[rows.avatar == avatar].groupby("scene", sort=False)[["psnr_lost_db", "cpu_ratio"]].mean()
 
 
 def cells(scene: str, rows: pd.DataFrame) -> list[str]:
-    """The cells of a scene: what each avatar gains on everything on, and its share of that one's time."""
-    planned = rows.effects["full"].split() if isinstance(rows.effects["full"], str) else ["none"]
-    shown = [scene, ", ".join(effect.replace("_", " ") for effect in planned), f"{rows.psnr_db['everything']:.2f} dB"]
-    for avatar in ("full", "auto"):
-        shown += [f"{0.0 - rows.psnr_lost_db[avatar]:+.2f} dB", percent(rows.cpu_ratio[avatar])]
-    return shown
+    """The cells of a scene: what each avatar gains on everything on, and its share of that one's time.
+
+    Means over the draws, and their standard errors where there are several.
+    """
+    effects = rows.effects[rows.avatar == "full"].iloc[0]
+    planned = effects.split() if isinstance(effects, str) else ["none"]
+    everything = rows.psnr_db[rows.avatar == "everything"].mean()
+    shown = [scene, ", ".join(effect.replace("_", " ") for effect in planned), f"{everything:.2f} dB"]
+    for avatar in SHOWN:
+        of_avatar = rows[rows.avatar == avatar]
+        shown += [gain(-of_avatar.psnr_lost_db.to_numpy()), percent(of_avatar.cpu_ratio.mean())]
+    return [*shown, best_turned(rows)]
+
+
+def gain(values: np.ndarray) -> str:
+    """Mean in dB with its standard error over draws; `values` of one draw have none."""
+    error = f" ± {values.std(ddof=1) / np.sqrt(len(values)):.2f}" if len(values) > 1 else ""
+    return f"{values.mean():+.2f}{error} dB"
+
+
+def best_turned(rows: pd.DataFrame) -> str:
+    """The decision that, turned round, makes the default best, and what it gains; a dash where none was."""
+    turned = rows[rows.avatar.str.startswith(TURNED)]
+    if turned.empty:
+        return "-"
+    default = rows[rows.avatar == "auto"].set_index("draw").psnr_db
+    gains = (turned.psnr_db - turned.draw.map(default)).groupby(turned.avatar).mean()
+    name = gains.idxmax().removeprefix(TURNED).replace("_", " ")
+    return f"{name} {gains.max():+.2f} dB"
 
 
 if __name__ == "__main__":

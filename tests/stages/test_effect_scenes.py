@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
 from benchmarks.effect_jobs import count_jobs
-from benchmarks.effect_scenes import SCENES, make_scene
+from benchmarks.effect_scenes import make_scene
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import read_plan, read_regions_on, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
@@ -33,14 +33,22 @@ CALLED_FOR = {
     "body": set(EFFECTS) - {"learned_transport", "eyes"},
     "near": {"near_field"},
     "halves": {"specular", "deferred"},
+    "capped": {"shadow", "near_field", "specular", "deferred"},
 }
+"""Of those scenes that are small enough for a test."""
+
+BY_REGION = {
+    "halves": {"shadow": set(), "specular": {REST}, "learned_transport": set()},
+    "capped": {"shadow": {REST}, "specular": {REST}, "learned_transport": set()},
+}
+"""Scenes of several materials -> effects -> the regions where they are on."""
 
 SETTINGS = PlanEffects(rays=2048, texels=600)
 
 FULL, AUTO = TrainAvatar(shading="transfer", deferred="on"), TrainAvatar()
 
 
-@pytest.fixture(scope="module", params=SCENES)
+@pytest.fixture(scope="module", params=CALLED_FOR)
 def scene(request, tmp_path_factory):
     """Name, folder and plan of a scene; made once for all tests."""
     folder = tmp_path_factory.mktemp(request.param)
@@ -58,15 +66,18 @@ def test_what_is_called_for_is_on(scene):
         assert set(effect["cost"]) == {"jobs", "channels", "parameters", "seconds"}
 
 
-def test_gloss_is_planned_where_it_is(scene):
+def test_effects_are_planned_where_they_are(scene):
     name, folder, effects = scene
-    if name != "halves":
+    if name not in BY_REGION:
         assert not any("regions" in effect for effect in effects.values())  # no other template names any
         return
-    regions = effects["specular"]["regions"]
-    assert {region: part["on"] for region, part in regions.items()} == {"matte": False, REST: True}
-    assert not any(part["on"] for part in effects["learned_transport"]["regions"].values())
-    assert read_regions_on(folder / "effects.json") == {"specular": (REST,)}
+    found = {effect: effects[effect]["regions"] for effect in BY_REGION[name]}
+    on = {effect: {region for region, part in regions.items() if part["on"]} for effect, regions in found.items()}
+    assert on == BY_REGION[name]
+    some = {effect: tuple(sorted(regions)) for effect, regions in on.items() if len(regions) == 1}
+    assert {
+        effect: tuple(sorted(regions)) for effect, regions in read_regions_on(folder / "effects.json").items()
+    } == some
 
 
 def test_a_heads_transport_is_planned_as_a_whole(scene, tmp_path):

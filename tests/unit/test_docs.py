@@ -237,20 +237,25 @@ def test_error_budgets_have_a_row_and_a_picture_per_subject(tmp_path):
 
 def test_effects_are_compared_by_scene_and_in_the_median(tmp_path):
     rows = [
-        ("dull", "everything", "specular shadow", 30.0, 0.0, 1.0), ("dull", "full", None, 30.25, -0.25, 0.5),
-        ("dull", "auto", None, 31.0, -1.0, 0.05),
-        ("shiny", "everything", "specular shadow", 28.0, 0.0, 1.0),
-        ("shiny", "full", "specular near_field", 27.75, 0.25, 0.7),
-        ("shiny", "auto", "specular near_field", 29.0, -1.0, 0.25),
+        ("dull", "everything", "specular shadow", 30.0, 0.0, 1.0, "a"), ("dull", "full", None, 30.25, -0.25, 0.5, "a"),
+        ("dull", "auto", None, 31.0, -1.0, 0.05, "a"), ("dull", "not_shadow", None, 30.9, -0.9, 0.1, "a"),
+        ("dull", "not_specular", None, 31.2, -1.2, 0.1, "a"),
+        ("shiny", "everything", "specular shadow", 28.0, 0.0, 1.0, "a"),
+        ("shiny", "full", "specular near_field", 27.75, 0.25, 0.7, "a"),
+        ("shiny", "auto", "specular near_field", 29.0, -1.0, 0.25, "a"),
     ]  # fmt: skip
-    columns = ["scene", "avatar", "effects", "psnr_db", "psnr_lost_db", "cpu_ratio"]
+    columns = ["scene", "avatar", "effects", "psnr_db", "psnr_lost_db", "cpu_ratio", "draw"]
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "table.csv")
+    again = [row for row in rows if row[0] == "dull" and not row[1].startswith("not")]
+    again = [(*row[:4], 2 * row[4], row[5], "b") for row in again]
+    pd.DataFrame(again, columns=columns).to_csv(tmp_path / "again.csv")
     page = page_with_marks(tmp_path / "page.md", "effects comparison")
-    effects_table.run(comparison=tmp_path / "table.csv", page=page)
+    effects_table.run(comparison=(tmp_path / "table.csv", tmp_path / "again.csv"), page=page)
     assert page.read_text().splitlines()[3:-1] == [
-        "| dull | none | 30.00 dB | +0.25 dB | 50 % | +1.00 dB | 5.0 % |",
-        "| shiny | specular, near field | 28.00 dB | -0.25 dB | 70 % | +1.00 dB | 25 % |",
-        "| median |  |  | +0.00 dB | 60 % | +1.00 dB | 15 % |",
+        # Of 0.25 and 0.5 dB, and of 1 and 2 dB, half the difference is the standard error.
+        "| dull | none | 30.00 dB | +0.38 ± 0.12 dB | 50 % | +1.50 ± 0.50 dB | 5.0 % | specular +0.20 dB |",
+        "| shiny | specular, near field | 28.00 dB | -0.25 dB | 70 % | +1.00 dB | 25 % | - |",
+        "| median |  |  | +0.06 dB | 60 % | +1.25 dB | 15 % |  |",
     ]
 
 
