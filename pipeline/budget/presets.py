@@ -5,8 +5,8 @@
 The rule, for each curve of `pipeline.budget.curves`, by the metric that decides:
 
 - standard: the fastest setting whose error is at most what is allowed, which nobody minds or which is a tenth above the
-  smallest error that was measured;
-- draft: the fastest setting whose error is at most DRAFT_TIMES as large as that;
+  smallest error that was measured; of settings about as fast, the most accurate;
+- draft: the same with an error at most DRAFT_TIMES as large;
 - reference: the setting with the smallest error, of several the fastest.
 
 A test keeps the files in step with the curves.

@@ -22,6 +22,11 @@ class EvaluateAvatar(Settings):
         "mask both images first. psnr_face: PSNR over the pixels that show the face, as far as the template labels "
         "one, or a joint moves the head",
     )
+    splits: tuple[Literal["test", "validation"], ...] = Field(
+        ("test", "validation"),
+        min_length=1,
+        description="Held-out images to score: test and validation images, or either",
+    )
     protocol: Literal["ours", *DATASETS] = Field(
         "ours",
         description="Whose protocol splits, sizes and metrics follow: ours, or that of a public set, whose preset "

@@ -85,11 +85,13 @@ class Metric:
         name: what is measured, how it is averaged, and its unit.
         error: of (subject, output, expected output).
         tolerance: the error that nobody minds, for a subject.
+        scatter: of the same, the error's standard error over frames; None: it is no mean over frames.
     """
 
     name: str
     error: Callable[[Subject, Files, Files], float]
     tolerance: Callable[[Subject], float]
+    scatter: Callable[[Subject, Files, Files], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,8 @@ class CostedStage:
         settings: what differs from the subject's settings in every run, for runs that are shorter than the subject's.
         later_settings: what differs from the subject's settings in `afterwards`.
         warm_up: for a stage that runs for minutes, settings with which a run that does not count is short.
+        seeded: the one of these stages that draws by its setting `seed`, which then counts the runs; the reference is
+            the run of the same seed. None: nothing is drawn, and one output is judged.
         makes: files that are no subject's: name below {made} -> what writes it.
     """
 
@@ -129,16 +133,22 @@ class CostedStage:
     settings: Mapping[str, Any] = field(default_factory=dict)
     later_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     warm_up: Mapping[str, Any] | None = None
+    seeded: str | None = None
     makes: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
-    def command(self, subject: Subject, out: Path, change: Mapping[str, Any]) -> list[str]:
-        """Command line with the subject's settings but for `change`."""
-        return self._command_line(self.name, subject, out, {**self.settings, **change})
+    def command(self, subject: Subject, out: Path, change: Mapping[str, Any], turn: int = 0) -> list[str]:
+        """Command line with the subject's settings but for `change`, in a run of that number."""
+        return self._command_line(self.name, subject, out, {**self.settings, **change, **self._seed(self.name, turn)})
 
-    def later_commands(self, subject: Subject, out: Path) -> dict[str, list[str]]:
+    def _seed(self, stage: str, turn: int) -> dict[str, int]:
+        return {"seed": turn} if turn and stage == self.seeded else {}
+
+    def later_commands(self, subject: Subject, out: Path, turn: int = 0) -> dict[str, list[str]]:
         """The command lines of `afterwards`, in order, by stage."""
         return {
-            name: self._command_line(name, subject, out, self.later_settings.get(name, {}))
+            name: self._command_line(
+                name, subject, out, {**self.later_settings.get(name, {}), **self._seed(name, turn)}
+            )
             for name in self.afterwards
             if subject.has("head") or name not in self.heads_only
         }
@@ -203,7 +213,7 @@ class Dial:
         words = last if self.reference is None else " ".join(f"{key} {value}" for key, value in self.reference.items())
         given = self.reference or {}
         fixed = {key: value for key, value in self.fixed.items() if key not in given}
-        rest = [fixed, *self.stage.later_settings.values()]
+        rest = [fixed, *(part for name, part in self.stage.later_settings.items() if name != "evaluate_avatar")]
         return ", ".join([f"reference {words}", *(f"{key} {value}" for part in rest for key, value in part.items())])
 
 

@@ -21,6 +21,24 @@ log = logging.getLogger("measure_cost")
 
 
 @dataclass(frozen=True)
+class Expected:
+    """What outputs of a stage are compared with: the truth, or what was kept of the reference."""
+
+    stage: CostedStage
+    truth: Files | None
+    kept: Path
+
+    def files(self, turn: int) -> Files:
+        """Of the run of that number."""
+        return self.truth or self.stage.written(kept_in(self.stage, self.kept, turn))
+
+
+def kept_in(stage: CostedStage, folder: Path, turn: int) -> Path:
+    """Where the output of a run stays: of what draws by a seed, every run has a folder of its own."""
+    return folder / str(turn) if stage.seeded else folder
+
+
+@dataclass(frozen=True)
 class Job:
     """One setting of a stage, for all dials that ask for it.
 
@@ -28,20 +46,20 @@ class Job:
         stage: it runs.
         change: of its settings; None: the stage is only imported.
         costs: what it costs, dial by dial, and what its output is compared with.
-        keep: where the output of its first run stays, because others are compared with it.
+        keep: where the output of its first run, or of each seed, stays, because others are compared with it.
     """
 
     stage: CostedStage
     change: Mapping[str, Any] | None
-    costs: list[tuple[Cost, Files | None]]
+    costs: list[tuple[Cost, Expected | None]]
     keep: Path | None = None
 
-    def commands(self, subject: Subject, out: Path) -> list[tuple[list[str], bool]]:
-        """Command lines in order, and whether their time counts."""
+    def commands(self, subject: Subject, out: Path, turn: int = 0) -> list[tuple[list[str], bool]]:
+        """Command lines in order, and whether their time counts, of the run of that number."""
         if self.change is None:
             return [(command, True) for command in self.stage.imports()]
-        later = self.stage.later_commands(subject, out).items()
-        turned = (self.stage.command(subject, out, self.change), True)
+        later = self.stage.later_commands(subject, out, turn).items()
+        turned = (self.stage.command(subject, out, self.change, turn), True)
         return [turned, *((command, name in self.stage.timed) for name, command in later)]
 
     def key(self, subject: Subject) -> str:
@@ -79,7 +97,7 @@ def prepare(dial: Dial, subject: Subject, folder: Path) -> list[Job]:
     jobs = [Job(stage, None, [(Cost(dial.name, IMPORTS_ONLY, tolerances, stage.unit, stage.name, dial.setting), None)])]
     for value in values:
         cost = Cost(dial.name, label(value), tolerances, stage.unit, stage.name, dial.setting)
-        jobs.append(Job(stage, dial.change(value), [(cost, truth or stage.written(kept))]))
+        jobs.append(Job(stage, dial.change(value), [(cost, Expected(stage, truth, kept))]))
     if stage.warm_up is not None and not truth:
         jobs[-1] = replace(jobs[-1], keep=kept)
     return jobs
@@ -95,18 +113,22 @@ def merged(jobs: Sequence[Job], subject: Subject) -> list[Job]:
     return sorted(found.values(), key=lambda job: job.keep is None)
 
 
-def measure(job: Job, subject: Subject, scratch: Path) -> str:
+def measure(job: Job, subject: Subject, scratch: Path, turn: int = 0) -> str:
     """Run one job, add to what it costs, and say what that was. It writes to the empty folder `scratch`, which is empty
     again afterwards, or to its own.
+
+    Args:
+        turn: number of the run, which seeds what is drawn.
 
     A setting with which the stage refuses to work is a result, too: it costs time and has no error.
 
     Raises:
         InputError: if the stage breaks.
     """
-    out = job.keep if job.keep and not job.keep.exists() else scratch
-    commands = job.commands(subject, out)
-    judged = all(cost.errors for cost, _ in job.costs) or bool(job.keep)
+    kept = kept_in(job.stage, job.keep, turn) if job.keep else None
+    out = kept if kept and not kept.exists() else scratch
+    commands = job.commands(subject, out, turn)
+    judged = not job.stage.seeded and (all(cost.errors for cost, _ in job.costs) or bool(job.keep))
     if judged and job.stage.afterwards and out == scratch:  # what later stages judge by is the same again
         commands = commands[: 1 + max(place for place, (_, timed) in enumerate(commands) if timed)]
     done = [run_measured(command) for command, _ in commands[:1]]
@@ -121,16 +143,19 @@ def measure(job: Job, subject: Subject, scratch: Path) -> str:
         cost.cpu_seconds.append(sum(one.cpu_seconds for one in timed))
         cost.peak_mb.append(peak_mb)
     if not (refused or job.change is None or job.keep or (judged and job.stage.afterwards)):
-        judge(job, subject, job.stage.written(out))
+        judge(job, subject, job.stage.written(out), turn)
     if out == scratch:
         shutil.rmtree(out, ignore_errors=True)
     said = f", refused: {done[0].last_lines.splitlines()[-1]}" if refused else ""
     return f"{seconds:.2f} s, {peak_mb:.0f} MB{said}"
 
 
-def judge(job: Job, subject: Subject, output: Files) -> None:
+def judge(job: Job, subject: Subject, output: Files, turn: int = 0) -> None:
     """Add the errors of an output."""
-    for cost, expected in job.costs:
+    for cost, compared in job.costs:
+        expected = compared.files(turn) if compared else {}
         cost.work = job.stage.work(output)
         for name, metric in zip(cost.tolerances, job.stage.metrics, strict=True):
             cost.errors.setdefault(name, []).append(metric.error(subject, output, expected))
+            if metric.scatter is not None:
+                cost.scatters.setdefault(name, []).append(metric.scatter(subject, output, expected))

@@ -8,17 +8,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 
+from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table
 from pipeline.dials.dial import Dial, Files, Metric, Subject
 from pipeline.dials.irradiance import INPUTS, IRRADIANCE
+from pipeline.metrics.evaluation import LIT, capped
+from pipeline.metrics.significance import Estimate, mean_over_images
 
 WITHIN_DB = 0.1
 """Difference of PSNR that nobody sees, and about what another seed makes."""
-
-LEAST_DB = 0.01
-"""Losses below this, gains among them, count as this: the last digit that metrics are quoted with."""
 
 STEPS = 200
 """Of trainings that compare settings: differences between them show by then, and hardly grow afterwards."""
@@ -29,24 +30,34 @@ MADE = {
 }  # fmt: skip
 """Where the stages from tracing on write, and those after them read, if all of them run."""
 
+PER_IMAGE = ("metrics_per_image.parquet", None)
+"""Scores of every image, of which no truth is known."""
+
+ON_VALIDATION = {"splits": ("validation",), "pictures": False}
+"""How avatars are scored: settings are never chosen on test images."""
+
 AFTER_TRACING = ("bake_textures", "pack_shards", "train_avatar", "evaluate_avatar")
 """Stages from maps to scores, in order."""
 
 
 def psnr_lost(lit: str) -> Metric:
-    """Metric: PSNR lost against the reference, under one kind of light.
+    """Metric: PSNR lost against the reference, under one kind of light: mean and standard error, image by image.
 
-    Light is all, full or partial; the images are the test images.
+    Light is all, full or partial; the images are the validation images. What is gained is less than 0.
     """
 
-    def psnr_db(files: Files) -> float:
-        table = pd.read_csv(files["metrics"])
-        return float(table.psnr_db[(table.split == "test") & (table.lit == lit)].mean())
+    def lost(subject: Subject, output: Files, expected: Files) -> Estimate:
+        tables = [read_table(files["per_image"]) for files in (expected, output)]
+        better, worse = (capped(table[table.validation & LIT[lit](table)]) for table in tables)
+        if better[["camera", "frame"]].values.tolist() != worse[["camera", "frame"]].values.tolist():
+            raise InputError(f"{output['per_image']}: expected the images of {expected['per_image']}, found others")
+        difference = better.psnr_db.to_numpy(np.float64) - worse.psnr_db.to_numpy(np.float64)
+        return mean_over_images(difference, better.frame.to_numpy())
 
-    def error(subject: Subject, output: Files, expected: Files) -> float:
-        return max(psnr_db(expected) - psnr_db(output), LEAST_DB)
-
-    return Metric(f"PSNR lost on test images, {lit} lit, dB", error, lambda subject: WITHIN_DB)
+    return Metric(
+        f"PSNR lost on validation images, {lit} lit, dB", lambda *files: lost(*files).mean,
+        lambda subject: WITHIN_DB, lambda *files: lost(*files).error,
+    )  # fmt: skip
 
 
 def picture_milliseconds() -> Metric:
@@ -67,12 +78,13 @@ def one_chunk(subject: Subject) -> bool:
 TRACED_AND_TRAINED = replace(
     IRRADIANCE,
     inputs=(*INPUTS, "effects.json", "calibration/color.json"),
-    outputs={**IRRADIANCE.outputs, "metrics": ("metrics.csv", None)},
+    outputs={**IRRADIANCE.outputs, "per_image": PER_IMAGE},
     metrics=(psnr_lost("partial"), psnr_lost("all")),
     runs_on=one_chunk,
     files=MADE,
     afterwards=AFTER_TRACING,
-    later_settings={"train_avatar": {"steps": STEPS}},
+    later_settings={"train_avatar": {"steps": STEPS}, "evaluate_avatar": ON_VALIDATION},
+    seeded="train_avatar",
     warm_up={},
 )
 

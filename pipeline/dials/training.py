@@ -11,11 +11,20 @@ from typing import get_args
 from pipeline.base.files import read_json, read_table
 from pipeline.config.trained_model import DepthSource
 from pipeline.dials.dial import CostedStage, Dial, Subject
-from pipeline.dials.trained import AFTER_TRACING, MADE, STEPS, one_chunk, picture_milliseconds, psnr_lost
+from pipeline.dials.trained import (
+    AFTER_TRACING,
+    MADE,
+    ON_VALIDATION,
+    PER_IMAGE,
+    STEPS,
+    one_chunk,
+    picture_milliseconds,
+    psnr_lost,
+)
 from pipeline.geometry.texels import read_atlas
 
 OUTPUTS = {
-    "metrics": ("metrics.csv", None), "times": ("avatar_times.csv", None), "trained": ("avatars/full/config.json", None)
+    "per_image": PER_IMAGE, "times": ("avatar_times.csv", None), "trained": ("avatars/full/config.json", None)
 }  # fmt: skip
 
 SHORT_TRAINING = CostedStage(
@@ -28,13 +37,14 @@ SHORT_TRAINING = CostedStage(
         "shards/train",
         "shards/frames",
         "shards/validation",
-        "shards/test",
     ),
     outputs=OUTPUTS,
     metrics=(psnr_lost("partial"), psnr_lost("all"), picture_milliseconds()),
     unit="steps",
     work=lambda output: read_json(output["trained"])["settings"]["steps"],
     afterwards=("evaluate_avatar",),
+    later_settings={"evaluate_avatar": ON_VALIDATION},
+    seeded="train_avatar",
     warm_up={"steps": 1},
 )
 
@@ -52,7 +62,8 @@ ATLAS = CostedStage(
     runs_on=one_chunk,
     afterwards=("trace_irradiance", *AFTER_TRACING),
     timed=("trace_irradiance", "train_avatar"),
-    later_settings={"train_avatar": {"steps": STEPS}},
+    later_settings={"train_avatar": {"steps": STEPS}, "evaluate_avatar": ON_VALIDATION},
+    seeded="train_avatar",
     warm_up={},
 )  # fmt: skip
 
@@ -72,6 +83,9 @@ def _camera_counts(subject: Subject) -> list[int]:
 
 
 CAMERA_COUNTS = (2, 4, 8, 16, 32, 64)
+DRAWABLE_DEPTHS = tuple(depth for depth in get_args(DepthSource) if depth != "median")
+"""A GPU's rasteriser knows no median, and presets are for both."""
+
 AT_STEPS = {"steps": STEPS}
 
 TRAINING_DIALS = [
@@ -79,7 +93,7 @@ TRAINING_DIALS = [
     Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.01, 0.03), AT_STEPS),
     Dial("compensation", SHORT_TRAINING, "compensate_opacity", lambda subject: (True, False), AT_STEPS),
     Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
-    Dial("depth", SHORT_TRAINING, "depth", lambda subject: get_args(DepthSource), AT_STEPS, chosen=True),
+    Dial("depth", SHORT_TRAINING, "depth", lambda subject: DRAWABLE_DEPTHS, AT_STEPS, chosen=True),
     Dial("transfer_degree", SHORT_TRAINING, "transfer_degree", lambda subject: (1, 2, 3, 5, 8), AT_STEPS, chosen=True),
     Dial("highlight", SHORT_TRAINING, "highlight", lambda subject: ("cosine", "angular", "half"), AT_STEPS),
     # What a smaller stage, or a shorter session, would have cost (RGCA, figures S4 and S5).

@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float64
 Item = TypeVar("Item")
 
 COLUMNS = [
-    "dial", "setting", "metric", "error", "seconds", "seconds_spread", "peak_mb", "work", "unit", "seconds_low",
-    "seconds_high", "cpu_seconds", "allowed", "pareto", "chosen", "stage", "option",
+    "dial", "setting", "metric", "error", "standard_error", "seconds", "seconds_spread", "peak_mb", "work", "unit",
+    "seconds_low", "seconds_high", "cpu_seconds", "allowed", "pareto", "chosen", "stage", "option",
 ]  # fmt: skip
 """Of the table: see `cost_table`."""
 
@@ -34,6 +34,7 @@ class Cost:
         work: done in one run: corners, rays, ...
         seconds, cpu_seconds, peak_mb: of every run; a setting that was refused has them, too.
         errors: per metric, of every run; none for a setting that was refused or does nothing.
+        scatters: per metric, standard errors of these over frames; none where an error is no mean over frames.
     """
 
     dial: str
@@ -47,6 +48,17 @@ class Cost:
     cpu_seconds: list[float] = field(default_factory=list)
     peak_mb: list[float] = field(default_factory=list)
     errors: dict[str, list[float]] = field(default_factory=dict)
+    scatters: dict[str, list[float]] = field(default_factory=dict)
+
+    def standard_error(self, metric: str) -> float:
+        """Of the mean error: over frames, and over runs if they draw; NaN if neither is known.
+
+        The frames are the same in all runs, so that their part does not become less by more of them.
+        """
+        errors = np.array(self.errors.get(metric, []), np.float64)
+        frames = float(np.mean(np.square(self.scatters.get(metric, [np.nan]))))
+        runs = float(errors.var(ddof=1)) / len(errors) if len(errors) > 1 else 0.0
+        return float(np.sqrt(frames + runs))
 
 
 def interleaved(items: Sequence[Item], repeats: Sequence[int]) -> Iterator[Item]:
@@ -64,10 +76,11 @@ def cost_table(costs: Sequence[Cost], relative_tolerance: float) -> pd.DataFrame
     """One row per dial, setting and metric.
 
     seconds is the median over the runs, seconds_low and seconds_high their quartiles, seconds_spread the distance of
-    the two (interquartile range); cpu_seconds and error are medians, peak_mb is the largest of all runs. Per dial and
-    metric: allowed is the error up to which a setting is good enough (see `largest_allowed`), pareto says that no other
-    setting is as fast and as accurate, chosen that this is the cheapest good enough (see `cheapest_within`). A setting
-    that the stage refused, and `IMPORTS_ONLY`, have no error.
+    the two (interquartile range); cpu_seconds is a median, error the mean, standard_error its own (see
+    `Cost.standard_error`), peak_mb the largest of all runs. Per dial and metric: allowed is the error up to which a
+    setting is good enough (see `largest_allowed`), pareto says that no other setting is as fast and as accurate, chosen
+    that this is the cheapest good enough (see `cheapest_within`). A setting that the stage refused, and `IMPORTS_ONLY`,
+    have no error.
     """
     rows = []
     for cost in costs:
@@ -79,8 +92,9 @@ def cost_table(costs: Sequence[Cost], relative_tolerance: float) -> pd.DataFrame
             "stage": cost.stage, "option": cost.option,
         }  # fmt: skip
         for metric, tolerance in cost.tolerances.items():
-            error = float(np.median(cost.errors[metric])) if metric in cost.errors else np.nan
-            rows.append({**shared, "metric": metric, "error": error, "allowed": tolerance})
+            error = float(np.mean(cost.errors[metric])) if metric in cost.errors else np.nan
+            known = {"metric": metric, "error": error, "standard_error": cost.standard_error(metric)}
+            rows.append({**shared, **known, "allowed": tolerance})
     table = pd.DataFrame(rows, columns=COLUMNS)
     for _, group in table.groupby(["dial", "metric"], sort=False):
         seconds, low, high, error = (

@@ -100,7 +100,7 @@ def run(
     if len(frames) != len(avatars):
         raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
     parts = [""] if chunk is None else [f"{chunk + each:04d}.arrow" for each in range(chunks)]
-    images = read_image_shards([shards / split / part for split in ("test", VALIDATION) for part in parts])
+    images = read_image_shards([shards / split / part for split in settings.splits for part in parts])
     lit = {path: read_frame_shards([path / part for part in parts]) for path in frames}
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     metrics = asked_metrics(settings.metrics)

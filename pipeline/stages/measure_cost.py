@@ -5,14 +5,16 @@ The error is against the truth where it is known.
 A dial is one setting of one stage (`pipeline.dials`). The stage is run as a process of its own, as a user would, with
 all else as the workflow has it. Its output is compared with the truth where the capture knows it (metrics marked
 `truth`), else with what the dial's last, finest value gives (`reference`, with that value). Runs are interleaved: all
-settings once, then all again; what several dials ask for runs once for all of them. Writes accuracy_cost.csv (see
-`pipeline.metrics.cost.cost_table`) and accuracy_cost.png.
+settings once, then all again, trainings each time from another seed; what several dials ask for runs once for all of
+them. Avatars are compared on validation images. Writes accuracy_cost.csv (see `pipeline.metrics.cost.cost_table`) and
+accuracy_cost.png.
 """
 
 from __future__ import annotations
 
 import logging
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 from pipeline.base.command import run_as_command
@@ -21,7 +23,7 @@ from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.stage_settings import read_stage_settings
 from pipeline.dials.catalogue import DIALS
 from pipeline.dials.dial import Subject, possible_dials
-from pipeline.dials.jobs import judge, measure, merged, prepare
+from pipeline.dials.jobs import judge, kept_in, measure, merged, prepare
 from pipeline.metrics.cost import cost_table, interleaved
 
 log = logging.getLogger("measure_cost")
@@ -55,13 +57,15 @@ def run(
         asked = [job for dial in dials for job in prepare(dial, subject, folder / dial.name)]
         jobs = merged(asked, subject)
         repeats = [settings.repeats if job.stage.warm_up is None else settings.training_repeats for job in jobs]
+        turns: Counter[int] = Counter()
         for number, job in enumerate(interleaved(jobs, repeats), 1):
-            said = measure(job, subject, folder / "run")
+            said = measure(job, subject, folder / "run", turns[id(job)])
+            turns[id(job)] += 1
             names = ", ".join(f"{cost.dial} {cost.setting}" for cost, _ in job.costs)
             log.info("run %d of %d: %s: %s", number, sum(repeats), names, said)
         for job in jobs:
             if job.keep:
-                judge(job, subject, job.stage.written(job.keep))
+                judge(job, subject, job.stage.written(kept_in(job.stage, job.keep, 0)))
     table = cost_table([cost for job in asked for cost, _ in job.costs], settings.relative_tolerance)
     for row in table[table.chosen].itertuples():
         log.info("%s: %s will do: %s %.3g, %.2f s", row.dial, row.setting, row.metric, row.error, row.seconds)

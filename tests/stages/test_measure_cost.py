@@ -42,7 +42,7 @@ class TinyStage(CostedStage):
 
     history: Path = Path()
 
-    def command(self, subject: Subject, out: Path, change: Any) -> list[str]:
+    def command(self, subject: Subject, out: Path, change: Any, turn: int = 0) -> list[str]:
         return [sys.executable, "-S", "-c", PROGRAM, str(out), str(change["value"]), str(self.history)]
 
     def imports(self) -> list[list[str]]:
@@ -195,10 +195,11 @@ class LongStage(CostedStage):
     def words(self, name: str, value: Any, out: Path) -> list[str]:
         return [sys.executable, "-S", "-c", CHAIN, str(out), name, str(value), str(self.history)]
 
-    def command(self, subject: Subject, out: Path, change: Any) -> list[str]:
-        return self.words("first", change["value"] * change.get("short", 1), out)
+    def command(self, subject: Subject, out: Path, change: Any, turn: int = 0) -> list[str]:
+        seed = {**change, **self._seed(self.name, turn)}.get("seed", 0)
+        return self.words("first", change["value"] * change.get("short", 1) + seed, out)
 
-    def later_commands(self, subject: Subject, out: Path) -> dict[str, list[str]]:
+    def later_commands(self, subject: Subject, out: Path, turn: int = 0) -> dict[str, list[str]]:
         return {"slow": self.words("slow", 1, out), "judge": self.words("judge", 2, out)}
 
     def imports(self) -> list[list[str]]:
@@ -239,6 +240,22 @@ def test_long_stages_are_not_run_twice_for_two_dials_nor_judged_twice(long_stage
     assert runs.seconds.min() > 0.3
     assert runs.seconds[runs.setting == "5"].nunique() == 1
     assert (table.option == "value").all() and (table.stage == "index_capture").all()
+
+
+def test_each_run_has_a_seed_of_its_own_and_its_reference_the_same(long_stage, tmp_path, monkeypatch) -> None:
+    """Run k makes 10 / (value + k): of 1 and 4 with seeds 0, 1 and 2, errors are 7.5, 3 and 5/3, each off by 0.5."""
+    metric = replace(long_stage.metrics[0], scatter=lambda *files: 0.5)
+    stage = replace(long_stage, seeded="index_capture", metrics=(metric,))
+    monkeypatch.setattr(pipeline.stages.measure_cost, "DIALS", [Dial("low", stage, "value", lambda subject: (1, 4))])
+    settings = MeasureCost(training_repeats=3)
+    run(results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out", settings=settings)
+    whole = "slow1 judge2"
+    rounds = [f"first{4 + seed} {whole} first{1 + seed} {whole}" for seed in range(3)]
+    assert (tmp_path / "history").read_text().split() == ["first400", *" ".join(rounds).split()]
+    table = pd.read_csv(tmp_path / "out/accuracy_cost.csv").set_index("setting")
+    errors = np.array([7.5, 3, 5 / 3])
+    assert table.error["1"] == pytest.approx(errors.mean()) and table.error["4"] == 0
+    assert table.standard_error["1"] == pytest.approx(np.sqrt(0.25 + errors.var(ddof=1) / 3))
 
 
 def test_reference_may_be_none_of_the_values(turn, monkeypatch, tmp_path) -> None:

@@ -22,7 +22,7 @@ from pipeline.dials.dial import CostedStage, Dial, Metric, Subject, possible_dia
 from pipeline.dials.relighting import outdoors
 from pipeline.dials.tolerances import small_focal_percent, small_length_mm, small_light_mm
 from pipeline.dials.tracking import TRACKING
-from pipeline.dials.trained import LEAST_DB, TRACED_AND_TRAINED
+from pipeline.dials.trained import TRACED_AND_TRAINED
 from pipeline.geometry.cameras import write_cameras
 from tests.support.figures.walking import ring_of_cameras
 
@@ -136,13 +136,19 @@ def test_what_only_heads_have_is_asked_for_where_it_is(subject) -> None:
 def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:
     metric = TRACED_AND_TRAINED.metrics[0]
     files = []
-    for name, psnr in (("found", 27.5), ("expected", 28.25)):
-        table = pd.DataFrame({"split": ["test", "test", "frames"], "lit": ["partial", "all", "partial"]})
-        (tmp_path / name).mkdir()
-        table.assign(psnr_db=[psnr, 99, 99]).to_csv(tmp_path / name / "metrics.csv", index=False)
-        files.append({"metrics": tmp_path / name / "metrics.csv"})
-    assert metric.error(subject, *files) == pytest.approx(0.75)
-    assert metric.error(subject, *files[::-1]) == LEAST_DB
+    # Two validation images under part of the lights; a fully lit one, and a test image, do not count.
+    table = pd.DataFrame({"validation": [True, True, True, False], "fully_lit": [False, False, True, False]})
+    table = table.assign(camera="a", frame=range(4))
+    for name, psnr in (("found", [27.5, 26.5, 20, 10]), ("expected", [28.25, 27.75, 30, 30])):
+        write_table(tmp_path / f"{name}.parquet", table.assign(psnr_db=psnr))
+        files.append({"per_image": tmp_path / f"{name}.parquet"})
+    assert metric.error(subject, *files) == pytest.approx((0.75 + 1.25) / 2)
+    assert metric.error(subject, *files[::-1]) == pytest.approx(-1.0)
+    # Two blocks of one frame each: 0.25 off their mean, over the root of 2, with one degree of freedom.
+    assert metric.scatter(subject, *files) == pytest.approx(0.25)
+    write_table(files[1]["per_image"], table.assign(camera="b", psnr_db=30.0))
+    with pytest.raises(InputError, match="expected the images of"):
+        metric.error(subject, *files)
 
 
 class TestVertices:

@@ -115,6 +115,6 @@ def test_seconds_of_stages_that_only_judge_do_not_count(subject, tmp_path, monke
 
     monkeypatch.setattr(jobs, "run_measured", run)
     cost = Cost("rounds", "2", {"off": 1.0}, "steps")
-    job = jobs.Job(replace(STAGE, files={"trackings": "{out}"}), {"outline_rounds": 2}, [(cost, {})])
+    job = jobs.Job(replace(STAGE, files={"trackings": "{out}"}), {"outline_rounds": 2}, [(cost, None)])
     jobs.measure(job, subject, Path(tmp_path / "scratch"))
     assert (cost.seconds, cost.cpu_seconds, cost.peak_mb) == ([3.0], [30.0], [200.0])
