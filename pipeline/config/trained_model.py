@@ -34,7 +34,10 @@ Matte = Literal["coated", "lambert"]
 class TrainedModel(Settings):
     """Parts of an avatar, and the steps that train it."""
 
-    steps: int = Field(1500, ge=1, description="Optimisation steps [steps]")
+    steps: int = Field(2000, ge=1, description="Optimisation steps [steps]")
+    seed: int = Field(
+        0, ge=0, description="What a training starts from and draws in: others give avatars that are as good"
+    )
     cameras_per_step: int = Field(2, ge=1, description="Images of each frame in a step [images]")
     frames_per_step: int = Field(
         1, ge=1, description="Frames whose gradients are averaged in each step, each with its cameras_per_step [frames]"
@@ -259,3 +262,9 @@ class TrainedModel(Settings):
     learning_rate_offset: float = Field(3e-4, gt=0, description="Adam's rate of the Gaussians' offsets [m]")
     learning_rate_network: float = Field(1e-3, gt=0, description="Adam's rate of the shadow network")
     final_rate: float = Field(0.05, gt=0, le=1, description="Rates fall exponentially to this share of their start")
+    cooldown: float = Field(
+        0.2,
+        ge=0,
+        lt=1,
+        description="Share of the steps, the last ones, in which rates go down to nothing besides, in a straight line",
+    )

@@ -134,7 +134,8 @@ def run(
         read += [] if given_geometry is None else [given_geometry / "avatar.safetensors"]
         fingerprint = fingerprint_of(settings, spec, [atlas, *sorted(read)])
 
-        torch.manual_seed(seed_for(subject, "train_avatar"))
+        drawn = f"{subject}, seed {settings.seed}" if settings.seed else subject
+        torch.manual_seed(seed_for(drawn, "train_avatar"))
         fitted = read_eyes(fitted_eyes) if spec.reads_eyes else None
         avatar = Avatar(texels, texel_spacing(texels), spec, fitted).to(processes.device)
         if given_geometry is not None:
@@ -157,8 +158,8 @@ def run(
         log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
         if processes.is_main:
             warn_of(unusual_size(avatar) + lacking_in_tables(images.table.iloc[chosen], records))
-        training = Training(avatar, settings, processes, subject, len(chosen))
-        done = train(subject, training, images, chosen, inputs, out, fingerprint)
+        training = Training(avatar, settings, processes, drawn, len(chosen))
+        done = train(drawn, training, images, chosen, inputs, out, fingerprint)
         if processes.is_main:
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
             parameters = sum(parameter.numel() for parameter in avatar.parameters())

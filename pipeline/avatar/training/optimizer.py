@@ -59,3 +59,14 @@ def make_optimizer(avatar: Avatar, settings: TrainAvatar) -> Adam:
     for group in rates:
         group["start_rate"] = group["lr"]
     return Adam(rates, fused=True)
+
+
+def rate_share(step: int, settings: TrainAvatar) -> float:
+    """Share of their start that learning rates have at a step.
+
+    They fall exponentially; in the last steps (`cooldown`) to nothing besides, in a straight line, so that what single
+    images pull at does not stay in the avatar.
+    """
+    done = step / settings.steps
+    left = min(1.0, (1.0 - done) / settings.cooldown) if settings.cooldown else 1.0
+    return settings.final_rate**done * left

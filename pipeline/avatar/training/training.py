@@ -28,7 +28,7 @@ from pipeline.avatar.training.checkpoint import camera_view, load_tensors
 from pipeline.avatar.training.distributed import FlatGradients, Processes
 from pipeline.avatar.training.head_losses import expression_terms
 from pipeline.avatar.training.losses import reconstruction, regularization, shown_hair
-from pipeline.avatar.training.optimizer import MOMENTS, learned_parameters, make_optimizer
+from pipeline.avatar.training.optimizer import MOMENTS, learned_parameters, make_optimizer, rate_share
 from pipeline.base.errors import InputError
 from pipeline.base.files import written_whole
 from pipeline.base.seeds import generator_for
@@ -235,9 +235,9 @@ class Training:
         """Move the parameters by the mean gradient of the frames of a step, which begin at `row`."""
         if self.frames_per_step > 1:
             self.gradients.flat[row] = self.gradients.flat[row : row + self.frames_per_step].mean(0)
-        decay = self.settings.final_rate ** (step / self.settings.steps)
+        share = rate_share(step, self.settings)
         for group in self.optimizer.param_groups:
-            group["lr"] = group["start_rate"] * decay
+            group["lr"] = group["start_rate"] * share
         self.gradients.point_to(row)
         self.optimizer.step()
 

@@ -15,6 +15,7 @@ from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.avatar.training.losses import photometric, silhouette
+from pipeline.avatar.training.optimizer import rate_share
 from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule
 from pipeline.base.files import read_arrays
@@ -53,6 +54,16 @@ def train(scene, settings, steps, start=None, folder=None, spec=SPEC):
     if folder:
         training.save(folder, Position(steps), "same")
     return avatar
+
+
+def test_rates_fall_exponentially_and_in_a_straight_line_to_nothing_at_last():
+    settings = TrainAvatar(steps=100, final_rate=0.04, cooldown=0.2)
+    shares = [rate_share(step, settings) for step in range(100)]
+    assert shares[0] == 1 and shares[50] == pytest.approx(0.2)
+    # At the last step a twentieth of the straight line is left, of 20 steps.
+    assert shares[80] == pytest.approx(0.04**0.8) and shares[99] == pytest.approx(0.04**0.99 / 20)
+    assert rate_share(99, settings.model_copy(update={"cooldown": 0.0})) == pytest.approx(0.04**0.99)
+    assert (np.diff(shares) < 0).all() and min(shares) > 0
 
 
 def test_learns_a_lambertian_sheet_and_relights_it(scene):
