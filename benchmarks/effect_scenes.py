@@ -116,9 +116,6 @@ SCENES = {
 }
 """By name."""
 
-MIXED = tuple(name for name, scene in SCENES.items() if scene.parts)
-"""Those of more than one material."""
-
 
 def make_scene(
     folder: Path, name: str, atlas_size: int = 48, draw: str = "", **changes: object
