@@ -15,12 +15,12 @@ from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import read_plan, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
+from pipeline.avatar.training.expression_statistics import learn_expressions
 from pipeline.avatar.training.training import Training
 from pipeline.capture.records import FrameRecord
 from pipeline.capture.shards import ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import Atlas, read_atlas
-from pipeline.stages.train_avatar import learn_expressions
 
 Job = tuple[dict[str, int], Callable[[], object]]
 """How large a job is, by what was counted, and the job."""

@@ -54,7 +54,7 @@ class Curve:
         return sorted(kept.tolist(), key=lambda place: (self.seconds[place], self.errors[place]))
 
     def cheapest(self, limit: float) -> int | None:
-        """The fastest setting with an error of at most `limit`; the most accurate of those about as fast."""
+        """The fastest setting with an error of at most `limit`; of several the most accurate."""
         seconds = np.array(self.seconds)
         return cheapest_within(seconds, seconds / (1 + TIED), seconds, np.array(self.errors), limit)
 

@@ -22,7 +22,7 @@ log = logging.getLogger("measure_cost")
 
 @dataclass(frozen=True)
 class Expected:
-    """What outputs of a stage are compared with: the truth, or what was kept of the reference."""
+    """Files that a stage's outputs are compared with: the truth, or what was kept."""
 
     stage: CostedStage
     truth: Files | None
@@ -34,7 +34,7 @@ class Expected:
 
 
 def kept_in(stage: CostedStage, folder: Path, turn: int) -> Path:
-    """Where the output of a run stays: of what draws by a seed, every run has a folder of its own."""
+    """Folder in which the output of a run stays: one for each seed of what draws by one."""
     return folder / str(turn) if stage.seeded else folder
 
 

@@ -28,12 +28,12 @@ DECODERS = ((8,), (32, 16, 8), (16, 8))
 
 
 def is_head(subject: Subject) -> bool:
-    """Whether the capture is of a head."""
+    """True if the capture is of a head."""
     return str(read_json(subject.results / "index/capture.json")["kind"]) == "head"
 
 
 def has_maps(subject: Subject) -> bool:
-    """Whether shards hold traced irradiance maps, which the shadow network reads."""
+    """True if shards hold traced irradiance maps, which the shadow network reads."""
     records = read_frame_shards([subject.results / "shards/frames"])
     return any((record.irradiance != 1).any() for record in records.values())
 

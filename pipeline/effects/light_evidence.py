@@ -40,7 +40,7 @@ class FacingPairs:
 def facing_pairs(
     atlas: Atlas, frames: Iterable[PosedFrame], local_radius: float, pairs_per_frame: int, random: np.random.Generator
 ) -> FacingPairs:
-    """Draw pairs of a texel and a light, keep those that face each other, and find out which are blocked from afar.
+    """Draw pairs of a texel and a light that it faces, and find those blocked from afar.
 
     Blocked are those by a surface further than `local_radius`: what blocks from nearer is shape that the local frame
     and normal already stand for.

@@ -71,7 +71,10 @@ def trace_some_bits(
     places: Float64[np.ndarray, "m 3"],
     some: Bool[np.ndarray, " t"],
 ) -> UInt8[np.ndarray, "m bytes"]:
-    """Bits of `trace_bits` for some points; the others, for which no ray is traced, see all lights."""
+    """Bits of `trace_bits` for some points; the others see all lights.
+
+    No ray is traced for those.
+    """
     traced = trace_bits(occluders, points[some], face_normals[some], places)
     bits, seen = np.empty((len(places), (len(points) + 7) // 8), np.uint8), np.ones(len(points), bool)
     for light in range(len(places)):
