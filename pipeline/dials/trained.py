@@ -43,7 +43,8 @@ AFTER_TRACING = ("bake_textures", "pack_shards", "train_avatar", "evaluate_avata
 def psnr_lost(lit: str) -> Metric:
     """Metric: PSNR lost against the reference, under one kind of light.
 
-    It is compared image by image, with a standard error. Light is all, full or partial; the images are the validation images. What is gained is less than 0.
+    It is compared image by image, with a standard error. Light is all, full or partial; the images are the validation
+    images. What is gained is less than 0.
     """
 
     def lost(subject: Subject, output: Files, expected: Files) -> Estimate:
