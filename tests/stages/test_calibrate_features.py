@@ -214,15 +214,6 @@ def test_cameras_that_share_nothing_are_named(capture, tmp_path):
         calibrate(capture, tmp_path, views, distance={"first": "cam0", "second": "cam7", "metres": 1.0})
 
 
-def test_camera_far_from_two_neighbours_is_named_alone_and_with_what_it_shares(capture):
-    names = ("cam2", "cam3", "cam6")
-    views = [view for view in capture[1] if view["camera"] in names]
-    distance = {"first": "cam2", "second": "cam3", "metres": 1.0}
-    content = {"method": "features", "intrinsics": "estimate", "views": views, "images": FACTS, "distance": distance}
-    with pytest.raises(InputError, match=r"1 problem\s.*camera cam6: .* found \d+ that fit one pose with cam3 \(of \d"):
-        calibrate_from_features(capture[0], content, dict.fromkeys(names, SENSOR), CalibrateCameras(), 2)
-
-
 def test_rig_that_nothing_gives_a_size_is_refused(capture, planted, tmp_path):
     with pytest.raises(InputError, match=r"distance: expected a size of the rig, .* found neither"):
         calibrate(capture, tmp_path)
