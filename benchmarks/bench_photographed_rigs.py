@@ -37,6 +37,9 @@ from pipeline.stages.calibrate_cameras import run
 PAGE = Path("docs/photographed_rigs.md")
 PICTURE = Path("docs/pictures/rig_caliscope.jpg")
 
+BOARDLESS = "## Without any board\n"
+"""Heading from which on `bench_feature_rigs` writes the page."""
+
 VARIANTS = {
     "known, at once": ("known", False),
     "known, times": ("known", True),
@@ -269,7 +272,8 @@ def main() -> None:
             caliscope_section(data / "rig_caliscope", Path(name)),
             checkerboard_section(data / "calib_opencv_chessboard", Path(name)),
         ]
-    PAGE.write_text("\n".join([HEAD, *sections]))
+    boardless = PAGE.read_text().partition(BOARDLESS)
+    PAGE.write_text("\n".join([HEAD, *sections, "".join(boardless[1:])]))
 
 
 if __name__ == "__main__":

@@ -67,8 +67,8 @@ def read_lit_face(folder: Path, step: int = 1) -> LitFace:
     mask = cv2.imread(str(folder / "mask_2601x1732.png"), cv2.IMREAD_UNCHANGED)
     inside = cv2.resize(mask, REDUCED, interpolation=cv2.INTER_AREA) == 255
     row, column = (index[::step] for index in np.nonzero(inside))
-    ambient = _read_colors(folder / "ambient.png")[row, column]
-    colors = [_read_colors(folder / f"{number:04d}.png")[row, column] - ambient for number in IMAGES]
+    ambient = read_colors(folder / "ambient.png")[row, column]
+    colors = [read_colors(folder / f"{number:04d}.png")[row, column] - ambient for number in IMAGES]
     K, lights = loadmat(folder / "camera.mat")["K"].astype(np.float64), loadmat(folder / "light.mat")
     size = np.array(mask.shape[::-1]) / REDUCED
     in_plane = ((np.stack([column, row], 1) + 0.5) * size - K[:2, 2]) / np.diag(K)[:2]
@@ -80,7 +80,7 @@ def read_lit_face(folder: Path, step: int = 1) -> LitFace:
     )  # fmt: skip
 
 
-def _read_colors(path: Path) -> Float32[np.ndarray, "height width 3"]:
+def read_colors(path: Path) -> Float32[np.ndarray, "height width 3"]:
     stored = cv2.imread(str(path), cv2.IMREAD_COLOR)
     return cv2.resize(stored, REDUCED, interpolation=cv2.INTER_AREA).astype(np.float32)[..., ::-1]
 

@@ -1,4 +1,4 @@
-"""The stage on photographs of real rigs: a board printed white on black, images not taken at once, a checkerboard."""
+"""The stage on photographs of real rigs: an inverted board, images not taken at once, a checkerboard, no board."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.bench_photographed_rigs import angle_deg
+from benchmarks.feature_rigs import prepare_stereo_pair
 from benchmarks.photographed_rigs import (
     caliscope_cameras,
     opencv_left_focal,
@@ -19,7 +20,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_table
 from pipeline.calibration.cameras import board_calibration
 from pipeline.calibration.cameras.board_search import find_boards
-from pipeline.geometry.cameras import read_cameras
+from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.stages.calibrate_cameras import run
 from tests.support.shared_data import shared_data
 
@@ -102,3 +103,28 @@ def test_a_stereo_pair_and_a_checkerboard(tmp_path):
     # 0.41 px by cv2.calibrateCamera.
     assert quality.rms_px.max() < 0.41
     assert quality.views.min() >= 12
+
+
+@needs_samples
+def test_a_stereo_pair_without_its_checkerboard(tmp_path):
+    """Its features, with the lenses and the baseline that the boards give: turn and direction are theirs."""
+    boards = prepare_checkerboard(SAMPLES, tmp_path / "boards")
+    run(**boards, threads=2)
+    true = read_cameras(boards["out"] / "rig.json")
+    baseline = float(np.linalg.norm(true["left"].center - true["right"].center))
+    arguments = prepare_stereo_pair(SAMPLES, tmp_path / "features", true, baseline, "known")
+    run(**arguments, threads=2)
+    cameras = read_cameras(arguments["out"] / "rig.json")
+    (pair,) = read_table(arguments["out"] / "pairs_cameras.parquet").itertuples()
+    bars = np.hypot(pair.turn_sigma_deg, read_table(boards["out"] / "pairs_cameras.parquet").turn_sigma_deg[0])
+    # Three normal numbers, whose root mean square is below 3 but once in 10^4.
+    assert angle_deg(cameras["left"], cameras["right"], true["left"], true["right"]) < 3 * np.sqrt(3) * bars
+    assert len(read_table(arguments["out"] / "residuals_cameras.parquet")) > 2000
+
+
+@needs_samples
+def test_a_stereo_pair_whose_lenses_nothing_tells_is_refused_for_them(tmp_path):
+    unused = Camera(np.eye(3), np.zeros(3), np.eye(3), np.zeros(5), 640, 480)
+    arguments = prepare_stereo_pair(SAMPLES, tmp_path, {"left": unused, "right": unused}, 0.0832, "estimate")
+    with pytest.raises(InputError, match="its focal length is uncertain: give it"):
+        run(**arguments, threads=2)

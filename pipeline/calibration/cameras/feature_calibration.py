@@ -25,11 +25,12 @@ from pipeline.calibration.cameras.camera_calibration import (
     CameraCalibration,
 )
 from pipeline.calibration.cameras.declared_boards import known_beforehand
-from pipeline.calibration.cameras.feature_matches import Key, join_moments, write_features
+from pipeline.calibration.cameras.feature_matches import Key, count_matches, join_moments, write_features
 from pipeline.calibration.cameras.feature_rig import FeatureRig, map_rig
 from pipeline.calibration.cameras.image_coverage import covered_share
 from pipeline.calibration.cameras.relative_poses import pair_table
 from pipeline.calibration.cameras.rig_inputs import RigPriors
+from pipeline.calibration.cameras.unplaced_cameras import complain_of_unplaced
 from pipeline.calibration.lights.ball_photos import find_outlines
 from pipeline.calibration.lights.length_units import radius_in_rig
 from pipeline.capture.cameras.colmap_cameras import colmap_lens
@@ -65,10 +66,13 @@ def calibrate_from_features(
     source = ImageSource.from_index(capture, calibration["images"])
     with tempfile.TemporaryDirectory() as folder:
         features = write_features(source, views, Path(folder), threads)
-        keys = join_moments(features, _lenses(sizes, factor, known), Path(folder))
+        keys = join_moments(features, starting_lenses(sizes, factor, known), Path(folder))
+        matches = count_matches(list(sizes), Path(folder))
         rig = map_rig(Path(folder), not known.fixed, known.lenses is None)
+    for pair in matches:
+        log.info("%s and %s: %d features alike, %d fit one pose", pair.first, pair.second, pair.found, pair.verified)
     found = sum(map(len, features.values()))
-    _complain_of_missing(capture, rig, sizes, {name: sum(len(features[k]) for k in keys[name]) for name in sizes})
+    complain_of_unplaced(capture, list(sizes), list(rig.cameras) if rig else [], matches)
     in_units = {name: _at_sensor(camera, factor) for name, camera in rig.cameras.items()}
     scale = _metres_per_unit(capture, calibration, in_units, outlines)
     log.info("%d features, %d of them of %d points", found, len(rig.residuals), rig.residuals.point.nunique())
@@ -90,7 +94,7 @@ def _failures(capture: Path, verdicts: Sequence[Verdict]) -> Complaints:
     return complaints
 
 
-def _lenses(sizes: Sizes, factor: float, known: RigPriors) -> dict[str, pycolmap.Camera]:
+def starting_lenses(sizes: Sizes, factor: float, known: RigPriors) -> dict[str, pycolmap.Camera]:
     """COLMAP's lens of each camera's images: the given one, or an ordinary one of one coefficient."""
     found = {}
     for number, (name, size) in enumerate(sizes.items(), 1):
@@ -104,18 +108,6 @@ def _lenses(sizes: Sizes, factor: float, known: RigPriors) -> dict[str, pycolmap
         # A lens that was given counts as a good start, which mapping need not doubt.
         found[name].has_prior_focal_length = known.lenses is not None
     return found
-
-
-def _complain_of_missing(capture: Path, rig: FeatureRig | None, sizes: Sizes, counts: Mapping[str, int]) -> None:
-    complaints = Complaints(capture)
-    for name in sizes:
-        if rig is None or name not in rig.cameras:
-            complaints.add(
-                "calibration.cameras", f"camera {name}", expected="points of the subject that other cameras see, too",
-                found=f"too few among its {counts[name]} features",
-                hint="cameras 20 degrees apart and less, a textured subject, larger images; or calibrate with boards",
-            )  # fmt: skip
-    complaints.raise_if_any()
 
 
 def _outlines(capture: Path, calibration: Mapping[str, Any]) -> dict[tuple[str, str], np.ndarray]:

@@ -10,6 +10,7 @@ more points. Mapping needs no frames and no rig for that, and has as many images
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,30 @@ SEED = 1
 
 Key = tuple[str, int]
 """Camera and moment."""
+
+FLAT = {
+    pycolmap.TwoViewGeometryConfiguration.PLANAR,
+    pycolmap.TwoViewGeometryConfiguration.PANORAMIC,
+    pycolmap.TwoViewGeometryConfiguration.PLANAR_OR_PANORAMIC,
+}
+"""Of matches that one homography explains: those of a plane, or of cameras at one place."""
+
+
+@dataclass(frozen=True)
+class PairMatches:
+    """Features that two cameras share.
+
+    Attributes:
+        found: pairs of features that are alike.
+        verified: those that fit one relative pose, or one homography.
+        flat: whether a homography explains them: they tell no depth.
+    """
+
+    first: str
+    second: str
+    found: int
+    verified: int
+    flat: bool
 
 
 def write_features(
@@ -111,6 +136,21 @@ def join_moments(
     options.ransac.random_seed = SEED
     pycolmap.verify_matches(folder / "rig.db", pairs, options)
     return keys
+
+
+def count_matches(cameras: Sequence[str], folder: Path) -> list[PairMatches]:
+    """Matches of every two cameras in what `join_moments` wrote into `folder`, in the order of its lenses."""
+    counts = []
+    with pycolmap.Database.open(folder / "rig.db") as joined:
+        for (i, a), (j, b) in combinations(enumerate(cameras, 1), 2):
+            if joined.exists_two_view_geometry(i, j):
+                geometry = joined.read_two_view_geometry(i, j)
+                kind = pycolmap.TwoViewGeometryConfiguration(geometry.config)
+                alike, fitting = len(joined.read_matches(i, j)), len(geometry.inlier_matches)
+                counts.append(PairMatches(a, b, alike, fitting, kind in FLAT))
+            else:
+                counts.append(PairMatches(a, b, 0, 0, False))
+    return counts
 
 
 def _write_view(source: ImageSource, view: Mapping[str, Any], folder: Path, name: str) -> None:

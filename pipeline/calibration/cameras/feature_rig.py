@@ -1,11 +1,12 @@
 """Rig from features of the subject.
 
-COLMAP's mapping, a robust adjustment, and error bars by leaving points out.
+COLMAP's mapping, a robust adjustment, and error bars by leaving parts of the points out.
 """
 
 from __future__ import annotations
 
 import copy
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ import pycolmap
 from jaxtyping import Float64
 
 from pipeline.calibration.cameras.feature_matches import SEED
+from pipeline.calibration.cameras.image_coverage import cell_numbers
 from pipeline.capture.cameras.colmap_cameras import read_image_camera
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.rotations import rotation_vector_from_matrix
@@ -25,7 +27,8 @@ LOSS_PX = 1.0
 
 GROUPS = 10
 """Parts of the points that are left out in turn, for error bars: as many as a jackknife needs to know a deviation to
-a quarter, 1 / sqrt(2 (n - 1))."""
+a quarter, 1 / sqrt(2 (n - 1)). A part is of whole cells of the images: what stands still is seen in the same pixels at
+all moments, and is no new evidence at any; and what is wrong with a lens is wrong in a part of its image."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class FeatureRig:
         The jackknife's, over the three axes.
         """
         own = np.stack([camera.center for camera in self.cameras.values()])
-        return np.sqrt((GROUPS - 1) / GROUPS * ((self.centers - own) ** 2).sum(0).mean(1))
+        return np.sqrt(self._jackknife * ((self.centers - own) ** 2).sum(0).mean(1))
 
     def pose_covariance(self) -> Float64[np.ndarray, "poses poses"]:
         """Covariance of turns and centres in the rig's unit, the jackknife's.
@@ -59,13 +62,18 @@ class FeatureRig:
         Ordered as in `RigModel.pose_jacobian`.
         """
         own = np.stack([camera.center for camera in self.cameras.values()])
-        apart = np.concatenate([self.turns, self.centers - own], 2).reshape(GROUPS, -1)
-        return (GROUPS - 1) / GROUPS * apart.T @ apart
+        apart = np.concatenate([self.turns, self.centers - own], 2).reshape(len(self.turns), -1)
+        return self._jackknife * apart.T @ apart
 
     def focal_sigma(self) -> Float64[np.ndarray, " cameras"]:
         """Standard deviation of each focal length, over itself."""
         own = np.array([camera.K[0, 0] for camera in self.cameras.values()])
-        return np.sqrt((GROUPS - 1) / GROUPS * ((self.focals / own - 1) ** 2).sum(0))
+        return np.sqrt(self._jackknife * ((self.focals / own - 1) ** 2).sum(0))
+
+    @property
+    def _jackknife(self) -> float:
+        """Variance over the sum of the groups' squares."""
+        return (len(self.centers) - 1) / len(self.centers)
 
 
 def map_rig(folder: Path, refine_focal: bool, refine_terms: bool) -> FeatureRig | None:
@@ -80,6 +88,9 @@ def map_rig(folder: Path, refine_focal: bool, refine_terms: bool) -> FeatureRig 
         num_threads=1, extract_colors=False, multiple_models=False, min_model_size=2, random_seed=SEED,
         ba_refine_focal_length=refine_focal, ba_refine_extra_params=refine_terms,
     )  # fmt: skip
+    # COLMAP leaves out what two images alone show: all there is of two cameras, and most of what cameras 30 degrees
+    # apart share.
+    options.triangulation.ignore_two_view_tracks = False
     (folder / "models").mkdir(exist_ok=True)
     models = pycolmap.incremental_mapping(folder / "rig.db", folder / "images", folder / "models", options)
     if not models:
@@ -112,15 +123,13 @@ def _cameras(model: pycolmap.Reconstruction) -> dict[str, Camera]:
 def _without_parts(
     model: pycolmap.Reconstruction, cameras: Mapping[str, Camera], focal: bool, terms: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres, focal lengths and turns when each tenth of the points is left out."""
+    """Centres, focal lengths and turns when each part of the points is left out."""
     own = np.stack([camera.center for camera in cameras.values()])
-    points = np.array(sorted(model.point3D_ids()))
-    part = np.random.default_rng(0).permutation(len(points)) % GROUPS
     centers, focals, turns, relative = [], [], [], _relative_turns(cameras)
-    for k in range(GROUPS):
+    for left_out in _parts(model):
         rest = copy.deepcopy(model)
-        for point in points[part == k]:
-            rest.delete_point3D(int(point))
+        for point in left_out:
+            rest.delete_point3D(point)
         _adjust(rest, focal, terms)
         found = _cameras(rest)
         centers.append(fit_similarity(np.stack([found[name].center for name in cameras]), own))
@@ -128,6 +137,20 @@ def _without_parts(
         moved = _relative_turns({name: found[name] for name in cameras}) @ relative.transpose(0, 2, 1)
         turns.append(rotation_vector_from_matrix(moved))
     return np.stack(centers), np.array(focals), np.stack(turns)
+
+
+def _parts(model: pycolmap.Reconstruction) -> list[list[int]]:
+    """Points in `GROUPS` parts of about one size, those of a cell of their first image together."""
+    cells = defaultdict(list)
+    for point in sorted(model.point3D_ids()):
+        seen = min(model.point3D(point).track.elements, key=lambda element: element.image_id)
+        image, camera = model.image(seen.image_id), model.camera(model.image(seen.image_id).camera_id)
+        (cell,) = cell_numbers(image.points2D[seen.point2D_idx].xy[None], camera.width, camera.height)
+        cells[seen.image_id, int(cell)].append(point)
+    parts: list[list[int]] = [[] for _ in range(min(GROUPS, len(cells)))]
+    for points in sorted(cells.values(), key=len, reverse=True):
+        min(parts, key=len).extend(points)
+    return parts
 
 
 def _relative_turns(cameras: Mapping[str, Camera]) -> Float64[np.ndarray, "cameras 3 3"]:
