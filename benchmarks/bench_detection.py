@@ -22,21 +22,21 @@ import pandas as pd
 
 from benchmarks import bench_gaze
 from benchmarks.detection_page import Found, Looks, RealFace, page
+from benchmarks.marked_page import read_between
+from benchmarks.webcam_person import FACE, eye_gaps
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_table, write_table
-from pipeline.capture.keypoint_orders import points_of_template, read_orders
+from pipeline.capture.keypoint_orders import points_of_template
 from pipeline.config.detect_landmarks import DetectLandmarks
 from pipeline.config.segment_subject import SegmentSubject
 from pipeline.detection.detector import read_points, run_detector
-from pipeline.eyes.iris_gaze import CLOSED, SIDES, openness
+from pipeline.eyes.iris_gaze import CLOSED
 from pipeline.stages import detect_landmarks, index_capture, segment_subject, track_mesh
 
 PAGE = Path("docs/detection.md")
 
 SURE = 0.7
 """Confidence of a capture's own keypoints that count as the reference: those that are neither hidden nor outliers."""
-
-FACE = "mediapipe_face_478"
 
 NEAR = 0.05
 """Of the image's height: a detection farther from the reference is called wrong."""
@@ -147,13 +147,6 @@ def real_face(folder: Path, detector: str, work: Path) -> RealFace:
     return RealFace(len(photographs), int(seen.get(FACE, 0)), int(seen.get("mediapipe_pose_33", 0)), len(gaps), closed)
 
 
-def eye_gaps(mesh: pd.DataFrame) -> list[float]:
-    """`openness` of both eyes of a face's mesh."""
-    names, numbers = read_orders()[FACE].points, mesh.number.astype(int)
-    named = {names[number]: place for number, place in zip(numbers, mesh[["x", "y"]].to_numpy(np.float64), strict=True)}
-    return [openness(named, side) for side in SIDES]
-
-
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -178,7 +171,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             face = real_face(options.faces, options.detector, Path(folder))
             print(face)
-    options.out.write_text(page(found, looks, face))
+    options.out.write_text(page(found, looks, face, read_between(options.out, "webcams")))
 
 
 if __name__ == "__main__":

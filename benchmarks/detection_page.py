@@ -144,15 +144,28 @@ others and are left out. `benchmarks/head_close_up.yaml` is `closeup`.
 
 
 REAL_FACE = """\
-One person, of whom there are {photographs} photographs, each under one lamp close by (`face_near_lights`, eyes closed):
-no more was at hand. The face was found in {faces}, a body, of which only the neck shows, in {bodies}. Closed eyes have
+One person, of whom there are {photographs} photographs, each under one lamp close by (`face_near_lights`, eyes closed).
+The face was found in {faces}, a body, of which only the neck shows, in {bodies}. Closed eyes have
 irises all the same, as the mesh comes as a whole; by their contours {closed} of {eyes} eyes are closed, and their
 irises do not count.
 """
 
 
-def page(found: list[Found], looks: list[Looks], face: RealFace | None) -> str:
-    """The page, with a row for each capture."""
+WEBCAMS = """
+### A real person
+
+<!-- webcams: begin -->
+{part}<!-- webcams: end -->
+"""
+"""Written by `bench_webcam_person`."""
+
+
+def page(found: list[Found], looks: list[Looks], face: RealFace | None, webcams: str) -> str:
+    """The page, with a row for each capture.
+
+    Args:
+        webcams: the part that `bench_webcam_person` wrote.
+    """
     rows = [
         "| capture | images with keypoints | template's keypoints known | wrong | error of the others | masks, IoU | "
         "tracked with these, mm | with the capture's own, mm |",
@@ -173,8 +186,8 @@ def page(found: list[Found], looks: list[Looks], face: RealFace | None) -> str:
     if looks:
         text += gaze_table(looks)
     if face is not None:
-        text += "\n### A real face\n\n" + textwrap.fill(REAL_FACE.format(**asdict(face)), 120) + "\n"
-    return text + "\n" + LIMITS
+        text += "\n### A real face, eyes closed\n\n" + textwrap.fill(REAL_FACE.format(**asdict(face)), 120) + "\n"
+    return text + WEBCAMS.format(part=webcams) + "\n" + LIMITS
 
 
 LIMITS = """\

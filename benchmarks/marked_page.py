@@ -12,6 +12,12 @@ def paragraphs(text: str) -> str:
     return "\n\n".join(textwrap.fill(part, 120) for part in text.split("\n\n")) + "\n"
 
 
+def read_between(page: Path, name: str) -> str:
+    """What stands between the marks NAME: begin and NAME: end of a page; nothing if it has none."""
+    text = page.read_text() if page.exists() else ""
+    return text.partition(f"<!-- {name}: begin -->\n")[2].partition(f"<!-- {name}: end -->")[0]
+
+
 def write_between(page: Path, name: str, lines: Sequence[str]) -> None:
     """Put lines between the marks NAME: begin and NAME: end of a page.
 
