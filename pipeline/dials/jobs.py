@@ -117,10 +117,10 @@ def measure(job: Job, subject: Subject, scratch: Path, turn: int = 0) -> str:
     """Run one job, add to what it costs, and say what that was. It writes to the empty folder `scratch`, which is empty
     again afterwards, or to its own.
 
+    A setting with which the stage refuses to work is a result, too: it costs time and has no error.
+
     Args:
         turn: number of the run, which seeds what is drawn.
-
-    A setting with which the stage refuses to work is a result, too: it costs time and has no error.
 
     Raises:
         InputError: if the stage breaks.

@@ -64,8 +64,8 @@ def run(
             names = ", ".join(f"{cost.dial} {cost.setting}" for cost, _ in job.costs)
             log.info("run %d of %d: %s: %s", number, sum(repeats), names, said)
         for job in jobs:
-            if job.keep:
-                judge(job, subject, job.stage.written(kept_in(job.stage, job.keep, 0)))
+            for turn in range(turns[id(job)] if job.stage.seeded else 1) if job.keep else ():
+                judge(job, subject, job.stage.written(kept_in(job.stage, job.keep, turn)), turn)
     table = cost_table([cost for job in asked for cost, _ in job.costs], settings.relative_tolerance)
     for row in table[table.chosen].itertuples():
         log.info("%s: %s will do: %s %.3g, %.2f s", row.dial, row.setting, row.metric, row.error, row.seconds)

@@ -258,6 +258,18 @@ def test_each_run_has_a_seed_of_its_own_and_its_reference_the_same(long_stage, t
     assert table.standard_error["1"] == pytest.approx(np.sqrt(0.25 + errors.var(ddof=1) / 3))
 
 
+def test_reference_of_one_dial_is_judged_for_every_seed_in_another(long_stage, tmp_path, monkeypatch) -> None:
+    """At 4, the reference of the first dial, run k makes 10 / (4 + k), and 10 / (9 + k) that of the second."""
+    stage = replace(long_stage, seeded="index_capture")
+    dials = [Dial(name, stage, "value", lambda subject, all=all: all) for name, all in (("a", (1, 4)), ("b", (4, 9)))]
+    monkeypatch.setattr(pipeline.stages.measure_cost, "DIALS", dials)
+    settings = MeasureCost(training_repeats=2)
+    run(results=tmp_path / "results", capture=tmp_path / "capture", out=tmp_path / "out", settings=settings)
+    table = pd.read_csv(tmp_path / "out/accuracy_cost.csv").set_index(["dial", "setting"])
+    assert table.error["b", "4"] == pytest.approx(np.mean([10 / 4 - 10 / 9, 10 / 5 - 10 / 10]))
+    assert table.error["a", "1"] == pytest.approx(np.mean([10 - 10 / 4, 10 / 2 - 10 / 5]))
+
+
 def test_reference_may_be_none_of_the_values(turn, monkeypatch, tmp_path) -> None:
     turn([1, 5], repeats=1)
     (dial,) = pipeline.stages.measure_cost.DIALS
