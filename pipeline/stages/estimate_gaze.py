@@ -25,6 +25,7 @@ from pipeline.capture.head_data import head_motions
 from pipeline.capture.images import ImageSource
 from pipeline.capture.index.eye_tables import gaze_of_all_frames
 from pipeline.config.estimate_gaze import EstimateGaze
+from pipeline.eyes.closed_lids import open_together
 from pipeline.eyes.eye_fit import RADII_M, sphere_through
 from pipeline.eyes.eye_pixels import EyePixels, join_views, seen_pixels
 from pipeline.eyes.eye_shape import usual_shape
@@ -78,7 +79,7 @@ def run(
         for name, pixels in shown.items():
             pixels.append(join_views([picture[name] for picture in seen]))
     shapes = {name: usual_shape(float(sphere[3])) for name, sphere in spheres.items()}
-    found = {name: estimate_gaze(pixels, shapes[name]) for name, pixels in shown.items()}
+    found = open_together({name: estimate_gaze(pixels, shapes[name]) for name, pixels in shown.items()})
     points = read_rows(index / "eye_points.parquet", "frame", lit)
     points = points[points.camera.isin(images.camera)]
     if len(points):

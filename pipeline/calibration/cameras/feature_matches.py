@@ -139,7 +139,7 @@ def join_moments(
 
 
 def count_matches(cameras: Sequence[str], folder: Path) -> list[PairMatches]:
-    """Matches of every two cameras in what `join_moments` wrote into `folder`, in the order of its lenses."""
+    """Matches of every two cameras, as `join_moments` wrote them into `folder`."""
     counts = []
     with pycolmap.Database.open(folder / "rig.db") as joined:
         for (i, a), (j, b) in combinations(enumerate(cameras, 1), 2):

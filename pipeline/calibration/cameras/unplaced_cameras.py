@@ -1,4 +1,4 @@
-"""Complaints about cameras that features of the subject do not place: which matches they have, and what these lack."""
+"""Complaints about cameras that features do not place, with what their matches lack."""
 
 from __future__ import annotations
 
