@@ -95,7 +95,7 @@ def _failures(capture: Path, verdicts: Sequence[Verdict]) -> Complaints:
 
 
 def starting_lenses(sizes: Sizes, factor: float, known: RigPriors) -> dict[str, pycolmap.Camera]:
-    """COLMAP's lens of each camera's images: the given one, or an ordinary one of one coefficient."""
+    """COLMAP's lens of each camera: the given one, or one of one coefficient."""
     found = {}
     for number, (name, size) in enumerate(sizes.items(), 1):
         if known.lenses is not None:
