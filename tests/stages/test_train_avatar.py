@@ -16,6 +16,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import pipeline.avatar.frames.inputs as inputs_module
+import pipeline.avatar.training.loop as loop
 import pipeline.stages.train_avatar as stage
 from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.training.checkpoint import load_avatar
@@ -210,7 +211,7 @@ def test_a_run_killed_between_rounds_goes_on_to_the_same_bits(inputs, tmp_path, 
 
 def test_seconds_add_up_over_runs(inputs, tmp_path, monkeypatch):
     step_and(monkeypatch, 3, die)
-    monkeypatch.setattr(stage, "time", SimpleNamespace(monotonic=iter(range(0, 10_000, 100)).__next__))
+    monkeypatch.setattr(loop, "time", SimpleNamespace(monotonic=iter(range(0, 10_000, 100)).__next__))
     with pytest.raises(Death):
         stage.run(**inputs, out=tmp_path / "out")
     stage.run(**inputs, out=tmp_path / "out")

@@ -273,9 +273,9 @@ def test_budget_chooses_what_nobody_has_set(with_curves):
     assert "--steps 200 " in printed and "check_budget" in printed
     assert "someone: budget 1.1 minutes of one processor, expected 1.1; errors as measured on measured" in printed
     stubborn = with_curves.snakemake(*shown, "--", "results/stubborn/metrics.csv").stdout
-    assert "--steps 400 --cameras-per-step" in stubborn and "train_avatar.steps 400, set by you" in stubborn
+    assert "--steps 400 --seed 0" in stubborn and "train_avatar.steps 400, set by you" in stubborn
     overruled = with_curves.snakemake(*shown, "train_avatar={steps: 100}", "--", "results/stubborn/metrics.csv").stdout
-    assert "--steps 100 --cameras-per-step" in overruled
+    assert "--steps 100 --seed 0" in overruled
 
 
 @pytest.mark.parametrize(
