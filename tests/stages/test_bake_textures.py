@@ -13,7 +13,8 @@ import trimesh
 from safetensors.numpy import load_file
 from scipy.spatial.transform import Rotation
 
-from benchmarks.effect_scenes import BALL_RADIUS_M, SCENES, make_scene
+from benchmarks.effect_scenes import SCENES, make_scene
+from benchmarks.effect_shapes import BALL_RADIUS_M
 from pipeline.base.errors import InputError
 from pipeline.base.exr import write_exr
 from pipeline.base.files import read_json, write_json
