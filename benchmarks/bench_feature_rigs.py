@@ -49,11 +49,11 @@ boards give. Error bars are the jackknife's, over parts of the images.
 """
 
 READING = """\
-With the authors' lenses, rotations are as far from the boards' as their error bars say. Baselines are not: they are
-up to 2 % off, many times their bars. Posters in the margin of cam_0's images fit least, where no board was ever seen:
-what is wrong there with a given lens is in no error bar. Nor is what a lens that is estimated leaves out, which has
-one coefficient and its principal point in the middle of the image, where the authors' are 29 to 41 px off it:
-rotations differ by 4 to 5 degrees. Boards are better wherever there are any.
+With the authors' lenses, rotations are as far from the boards' as their error bars say; baselines are many times
+farther off. Posters in the margin of cam_0's images fit least, where no board was ever seen: what is wrong there with
+a given lens is in no error bar. Nor is what a lens that is estimated leaves out, which has one coefficient and its
+principal point in the middle of the image, where the authors' are tens of pixels off it: rotations then differ by far
+more than their bars. Boards are better wherever there are any.
 """
 
 SHARED = """\

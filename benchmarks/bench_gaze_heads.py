@@ -1,7 +1,6 @@
 """Limits of estimate_gaze on heads they were not set on: other draws, colours and gloss, and a real face.
 
     python -m benchmarks.bench_gaze_heads [--frames 4] [--close-ups 2] [--face ../shared/data/face_near_lights]
-        [--page docs/effects.md]
 
 Fully lit frames of procedural heads by the cameras in front of them, with noise and colour responses; meshes and
 cameras are the true ones, so that what counts is whether pixels are taken for an iris. Eyes ought to be estimated;
@@ -30,7 +29,6 @@ from benchmarks.closed_eyes import (
     sphere_places,
 )
 from benchmarks.face_lights import IMAGES
-from benchmarks.marked_page import write_between
 from benchmarks.painted_heads import Look, painted, photograph_head, settings_for
 from pipeline.eyes.eye_shape import usual_shape
 from pipeline.eyes.gaze_estimate import GazeEstimate, estimate_gaze
@@ -63,23 +61,18 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=4, help="of each small head")
     parser.add_argument("--close-ups", type=int, default=2, help="of each large head")
     parser.add_argument("--face", type=Path, default=Path("../shared/data/face_near_lights"), help="a real face")
-    parser.add_argument("--page", type=Path, help="page of docs that the tables are put into")
     options = parser.parse_args()
-    lines = [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|"]
+    print(f"| {' | '.join(COLUMNS)} |\n" + "|---" * len(COLUMNS) + "|")
     for name, look in LOOKS.items():
         for (width, file), frames in zip(SIZES.items(), (options.frames, options.close_ups), strict=True):
             if frames:
-                lines.append(f"| {name} | {width} | {' | '.join(head_cells(look, file, frames))} |")
-                print(lines[-1], flush=True)
-    lines += ["", "| a real face, eyes closed | where | taken for eyes | explained |", "|---|---|---|---|"]
+                print(f"| {name} | {width} | {' | '.join(head_cells(look, file, frames))} |", flush=True)
+    print("\n| a real face, eyes closed | where | taken for eyes | explained |\n|---|---|---|---|")
     for name, together in FACE_PICTURES.items():
         spots = {**{lid: lid_places(lid) for lid in LIDS}, "all over the face": sphere_places(options.face)}
         for spot, places in spots.items():
             found = face_estimates(options.face, together, places)
-            lines.append(f"| {name} | {spot} | {counted(found)} | {explained(found)} |")
-            print(lines[-1], flush=True)
-    if options.page:
-        write_between(options.page, "gaze heads", lines)
+            print(f"| {name} | {spot} | {counted(found)} | {explained(found)} |", flush=True)
 
 
 def head_cells(look: Look, file: Path, frames: int) -> list[str]:

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import pandas as pd
 
+from benchmarks.marked_page import read_between
 from benchmarks.photographed_rigs import (
     CALISCOPE_BOARD,
     caliscope_cameras,
@@ -37,8 +38,15 @@ from pipeline.stages.calibrate_cameras import run
 PAGE = Path("docs/photographed_rigs.md")
 PICTURE = Path("docs/pictures/rig_caliscope.jpg")
 
-BOARDLESS = "## Without any board\n"
-"""Heading from which on `bench_feature_rigs` writes the page."""
+BOARDLESS = """
+## Without any board
+
+<!-- feature rigs: begin -->
+{part}<!-- feature rigs: end -->
+
+Written by `python -m benchmarks.bench_feature_rigs`.
+"""
+"""Part that `bench_feature_rigs` writes."""
 
 VARIANTS = {
     "known, at once": ("known", False),
@@ -272,8 +280,8 @@ def main() -> None:
             caliscope_section(data / "rig_caliscope", Path(name)),
             checkerboard_section(data / "calib_opencv_chessboard", Path(name)),
         ]
-    boardless = PAGE.read_text().partition(BOARDLESS)
-    PAGE.write_text("\n".join([HEAD, *sections, "".join(boardless[1:])]))
+    boardless = BOARDLESS.format(part=read_between(PAGE, "feature rigs"))
+    PAGE.write_text("\n".join([HEAD, *sections]) + boardless)
 
 
 if __name__ == "__main__":

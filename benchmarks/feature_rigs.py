@@ -8,34 +8,30 @@ from pathlib import Path
 import cv2
 import pandas as pd
 
-from benchmarks.photographed_rigs import CALISCOPE_SIZE, CHECKERBOARD_SIZE
+from benchmarks.photographed_rigs import CALISCOPE_SIZE, CHECKERBOARD_SIZE, caliscope_frames
 from pipeline.base.files import write_json, write_table
 from pipeline.geometry.cameras import Camera, write_cameras
 
 IMAGES = {"transfer": "srgb", "black_level": 0.0, "downsample_from_sensor": 1}
 
-CALISCOPE_MOMENTS = tuple(range(0, 111, 14))
-"""Frames of the videos of 111."""
+EVERY = 14
+"""One of so many frames of the videos of 111."""
 
 
 def prepare_webcams(
-    data: Path, folder: Path, lenses: Mapping[str, Camera], metres: float, intrinsics: str,
-    moments: Sequence[int] = CALISCOPE_MOMENTS,
-) -> dict[str, Path]:  # fmt: skip
+    data: Path, folder: Path, lenses: Mapping[str, Camera], metres: float, intrinsics: str
+) -> dict[str, Path]:
     """Frames of some of caliscope's webcams: arguments of calibrate_cameras.
 
     Args:
         lenses: cameras that take part, with their intrinsics; the first and the last are `metres` apart.
         intrinsics: estimate, refine or known.
-        moments: frames of the videos.
     """
-    views = []
-    for name in lenses:
-        video, number = cv2.VideoCapture(str(data / f"calibration/extrinsic/{name}.mp4")), 0
-        while (read := video.read())[0]:
-            if number in moments:
-                views.append(_write_view(folder, name, number, read[1]))
-            number += 1
+    views = [
+        _write_view(folder, name, number, image)
+        for name in lenses
+        for number, image in caliscope_frames(data, name, EVERY)
+    ]
     return _write_index(folder, views, lenses, CALISCOPE_SIZE, metres, intrinsics)
 
 

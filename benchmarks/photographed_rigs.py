@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import shutil
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,16 @@ def caliscope_cameras(data: Path) -> dict[str, Camera]:
     """The authors' cameras, of their table, by the names cam_0 to cam_3."""
     table = tomllib.loads((data / "camera_array.toml").read_text())["cameras"]
     return {f"cam_{name}": _camera(entry) for name, entry in table.items()}
+
+
+def caliscope_frames(data: Path, camera: str, every: int) -> Iterator[tuple[int, np.ndarray]]:
+    """Number and BGR image of one in `every` frames of a camera's video, from the first on."""
+    video = cv2.VideoCapture(str(data / f"calibration/extrinsic/{camera}.mp4"))
+    number = 0
+    while video.grab():
+        if number % every == 0:
+            yield number, video.retrieve()[1]
+        number += 1
 
 
 def _camera(entry: Mapping[str, Any]) -> Camera:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pandas as pd
 
-from benchmarks.photographed_rigs import caliscope_cameras
+from benchmarks.photographed_rigs import caliscope_cameras, caliscope_frames
 from pipeline.capture.keypoint_orders import read_orders
 from pipeline.detection.detector import read_points, run_detector
 from pipeline.eyes.iris_gaze import CLOSED, SIDES, openness
@@ -75,15 +75,11 @@ def read_moments(data: Path, work: Path) -> pd.DataFrame:
     """One of `EVERY` moments as PNG files in `work`: image, path, camera, frame."""
     rows = []
     for name in caliscope_cameras(data):
-        video = cv2.VideoCapture(str(data / f"calibration/extrinsic/{name}.mp4"))
-        frame = 0
-        while video.grab():
-            if frame % EVERY == 0:
-                path = work / f"{name}_{frame:03d}.png"
-                if not cv2.imwrite(str(path), video.retrieve()[1]):
-                    raise OSError(f"{path}: could not be written")
-                rows.append((path.stem, str(path), name, frame))
-            frame += 1
+        for frame, image in caliscope_frames(data, name, EVERY):
+            path = work / f"{name}_{frame:03d}.png"
+            if not cv2.imwrite(str(path), image):
+                raise OSError(f"{path}: could not be written")
+            rows.append((path.stem, str(path), name, frame))
     return pd.DataFrame(rows, columns=["image", "path", "camera", "frame"])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.config.datasets import DATASETS
 from pipeline.config.settings import Settings
@@ -48,3 +48,9 @@ class EvaluateAvatar(Settings):
         description="Beside pictures, write of what each avatar's light is made in its median image: albedo, normal, "
         "roughness, visibility, diffuse and specular light, shadow",
     )
+
+    @model_validator(mode="after")
+    def _pictures_are_of_test_images(self) -> EvaluateAvatar:
+        if self.pictures and "test" not in self.splits:
+            raise ValueError("splits: expected test among them, of which pictures are, or pictures: false; found none")
+        return self

@@ -22,7 +22,7 @@ class MeasureCost(Settings):
     )
     repeats: int = Field(3, ge=1, description="counted runs of every setting, interleaved [runs]")
     training_repeats: int = Field(
-        2, ge=1, description="the same of settings whose runs train an avatar, for minutes [runs]"
+        3, ge=1, description="the same of settings whose runs train an avatar, for minutes [runs]"
     )
     relative_tolerance: float = Field(
         0.1, ge=0, description="error above a dial's smallest one, over it, up to which a setting is good enough"

@@ -31,7 +31,6 @@ rule measure_cost:
         color="results/{subject}/calibration/color.json",
         train=lambda wildcards: job(wildcards).shards("shards/train"),
         validation=lambda wildcards: job(wildcards).shards("shards/validation"),
-        test=lambda wildcards: job(wildcards).shards("shards/test"),
         avatar=lambda wildcards: job(wildcards).avatars("avatar.safetensors")[0],
     output:
         table="results/{subject}/accuracy_cost.csv",

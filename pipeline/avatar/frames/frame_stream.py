@@ -61,8 +61,9 @@ class FrameStream(Mapping[int, FrameInputs]):
         with self._lock:
             found, gains = self._visited.get(number) or self._kept.get(number), self._gains
         if found is None:
-            record, shared = self.records[number], {"shadowed": self.shadowed, "device": self.device}
-            found = FrameInputs(self.atlas, record, gains=gains, **shared)
+            found = FrameInputs(
+                self.atlas, self.records[number], gains=gains, shadowed=self.shadowed, device=self.device
+            )
             if self.scratch is not None:
                 self.scratch.restore(number, found)
         gone = {}

@@ -14,7 +14,6 @@ only without a shadow network.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -65,11 +64,6 @@ class Relighter:
         return self.avatar.albedo.device
 
     @property
-    def _shared(self) -> dict[str, Any]:
-        """What all inputs of this avatar have in common."""
-        return {"shadowed": self.avatar.shadowed, "device": self.device}
-
-    @property
     def prefilters(self) -> bool:
         """Maps can go in by harmonics and panoramas.
 
@@ -116,7 +110,7 @@ class Relighter:
             pixels = PointLights(self._tensor(FAR_M * directions[lit]), self._tensor(FAR_M**2 * irradiances[lit]))
         turned = replace(sky, world_from_map=self._tensor(turn), pixels=pixels)
         record = self._record(signal, NO_LIGHTS, maps)
-        inputs = FrameInputs(self.atlas, record, turned, **self._shared)
+        inputs = FrameInputs(self.atlas, record, turned, device=self.device)
         return self._under_sky.prepare(inputs, **self._code(signal))
 
     @torch.no_grad()
@@ -163,7 +157,7 @@ class Relighter:
     def code_of(self, signal: DrivingSignal) -> Float32[np.ndarray, " code"]:
         """The latent code that a head's encoder gives a pose: its mean (RGCA 3)."""
         ones = np.ones(self.atlas.texel_count, np.float32)
-        inputs = FrameInputs(self.atlas, self._record(signal, NO_LIGHTS, (ones, ones)), **self._shared)
+        inputs = FrameInputs(self.atlas, self._record(signal, NO_LIGHTS, (ones, ones)), device=self.device)
         return self.avatar.networks.encode(inputs).mean.cpu().numpy()
 
     def _prepare(
@@ -172,7 +166,9 @@ class Relighter:
         """A frame under `lights`; shadow rays go to `sources`: the same, or directions and irradiances."""
         maps = self._irradiance(signal.vertices, sources.positions, sources.intensities, distant)
         record = self._record(signal, lights, maps)
-        inputs = FrameInputs(self.atlas, record, gains=self.light_gains, **self._shared)
+        inputs = FrameInputs(
+            self.atlas, record, gains=self.light_gains, shadowed=self.avatar.shadowed, device=self.device
+        )
         return self.avatar.prepare(inputs, **self._code(signal))
 
     def _code(self, signal: DrivingSignal) -> dict[str, Tensor]:

@@ -78,8 +78,10 @@ class LoadedAvatar:
 
     def inputs(self, frame: FrameRecord) -> FrameInputs:
         """Inputs of a frame, as this avatar reads them."""
-        shared = {"shadowed": self.avatar.shadowed, "device": self.avatar.albedo.device}
-        return FrameInputs(self.atlas, frame, gains=self.light_gains, **shared)
+        avatar = self.avatar
+        return FrameInputs(
+            self.atlas, frame, gains=self.light_gains, shadowed=avatar.shadowed, device=avatar.albedo.device
+        )
 
 
 def camera_view(image: ImageRecord | Camera, device: torch.device | str = "cpu") -> CameraView:

@@ -95,7 +95,8 @@ def _write_effects(path: Path) -> None:
          "psnr_lost_db": lost, "cpu_seconds": seconds, "cpu_ratio": seconds / 40, "parameters": 1234, "jobs": jobs,
          "steps": 300}
         for avatar, effects, lost, seconds, jobs in (
-            ("everything", "shadow near_field", 0.0, 40.0, 9), ("auto", "", 0.07, 10.0, 6)
+            ("everything", "shadow near_field", 0.0, 40.0, 9), ("auto", "", 0.07, 10.0, 6),
+            ("not_shadow", "", 0.5, 11.0, None),
         )
     ]  # fmt: skip
     pd.DataFrame(rows).to_csv(path, index=False)

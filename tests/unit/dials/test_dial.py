@@ -12,13 +12,18 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
+from pipeline.avatar.spec.planned import resolve_spec, unread_settings
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_arrays, write_json, write_table
+from pipeline.config.effects import EFFECTS
+from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.measure_cost import COSTED_STAGES
 from pipeline.config.project import SECTIONS
+from pipeline.config.train_avatar import TrainAvatar
 from pipeline.dials.calibration import CAMERAS
 from pipeline.dials.catalogue import DIALS
 from pipeline.dials.dial import CostedStage, Dial, Metric, Subject, possible_dials
+from pipeline.dials.papers import PAPERS_DIALS
 from pipeline.dials.relighting import outdoors
 from pipeline.dials.tolerances import small_focal_percent, small_length_mm, small_light_mm
 from pipeline.dials.tracking import TRACKING
@@ -102,6 +107,18 @@ def test_dial_turns_a_setting_that_its_stage_has(dial) -> None:
     assert set(dial.stage.afterwards) <= set(SECTIONS)
 
 
+@pytest.mark.parametrize("dial", PAPERS_DIALS, ids=lambda dial: dial.name)
+def test_papers_choices_are_read_by_what_is_built(dial) -> None:
+    """Every value is taken, and no part of the model ignores it: each makes another model, or other steps."""
+    planned, built = set(EFFECTS) - {"eyes"}, []
+    for value in dial.values(None):
+        settings = TrainAvatar(**dial.change(value))
+        spec = resolve_spec(settings, planned, "head" if dial.setting == "geometry" else "body")
+        assert dial.setting not in unread_settings(settings, spec), value
+        built.append((spec, settings.cameras_per_step, settings.refine_lights, settings.refine_cameras))
+    assert len(set(built)) == len(built)
+
+
 def test_workflow_knows_all_stages_that_are_measured() -> None:
     assert set(COSTED_STAGES) == {dial.stage.name for dial in DIALS}
 
@@ -131,6 +148,12 @@ def test_what_only_heads_have_is_asked_for_where_it_is(subject) -> None:
     assert "--fitted-eyes" not in command["train_avatar"]
     (subject.results / "eyes.json").touch()
     assert "--fitted-eyes" in stage.later_commands(subject, Path("/tmp/out"))["train_avatar"]
+
+
+def test_pictures_are_of_test_images() -> None:
+    with pytest.raises(ValidationError, match="splits: expected test among them"):
+        EvaluateAvatar(splits=("validation",))
+    assert EvaluateAvatar(splits=("validation",), pictures=False).splits == ("validation",)
 
 
 def test_psnr_lost_is_against_the_reference(subject, tmp_path) -> None:
