@@ -21,7 +21,7 @@ import json
 import logging
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -67,36 +67,37 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
     parser.add_argument("--draws", nargs="+", choices=DRAWS, default=["report"])
-    parser.add_argument("--turned", action="store_true", help="decisions turned round, too")
+    parser.add_argument("--turned", nargs="*", choices=TURNED, help="decisions turned round, too; without names all")
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
     torch.set_num_threads(1)
+    turned = [] if options.turned is None else options.turned or list(TURNED)
     rows: list[dict] = []
     for draw, scene in product(options.draws, options.scenes):
         with tempfile.TemporaryDirectory() as name:
-            for row in bench_draw(Path(name), scene, draw, options.steps, options.turned):
+            for row in bench_draw(Path(name), scene, draw, options.steps, turned):
                 rows.append(row)
                 print(json.dumps({"bench": "effects", **row}), flush=True)
         write_table(options.out, pd.DataFrame(rows))
 
 
-def bench_draw(folder: Path, scene: str, draw: str, steps: int, turned: bool) -> Iterator[dict]:
+def bench_draw(folder: Path, scene: str, draw: str, steps: int, turned: Sequence[str]) -> Iterator[dict]:
     """Photograph a scene, plan it, and train and score its avatars."""
     files = make_scene(folder, scene, LARGE_ATLAS, DRAWS[draw], **LARGE)
     plan(files, folder / "planned.json", PlanEffects())
     plan(files, folder / "everything.json", ALL_ON)
     plans = {avatar: read_json(plan_for(folder, avatar)) for avatar in AVATARS}
     jobs = count_jobs(folder / "project", plans, AVATARS, SMALL["frames"])
-    avatars = AVATARS | (turned_avatars(plans["auto"]) if turned else {})
+    avatars = AVATARS | turned_avatars(plans["auto"], turned)
     for row in bench_scene(folder, scene, files, avatars, steps):
         left = jobs.get(row["avatar"], {})
         counted = {"jobs": sum(left.values()), "tracing_jobs": left.get("trace_irradiance", 0)} if left else {}
         yield {**row, **counted, "steps": steps, "draw": draw}
 
 
-def turned_avatars(planned: Mapping[str, Mapping]) -> dict[str, dict]:
+def turned_avatars(planned: Mapping[str, Mapping], turned: Sequence[str]) -> dict[str, dict]:
     """Settings of default avatars with one decision turned round, by `not_` and its name."""
-    return {f"not_{name}": choices[bool(planned[name]["on"])] for name, choices in TURNED.items()}
+    return {f"not_{name}": TURNED[name][bool(planned[name]["on"])] for name in turned}
 
 
 def plan_for(folder: Path, avatar: str) -> Path:

@@ -21,8 +21,8 @@ from pipeline.budget.capture_size import CaptureSize
 from pipeline.budget.curves import Curve, Measured, parse_setting, setting_name
 from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
-from pipeline.config.loading import merge
 from pipeline.config.project import SECTIONS, SubjectSettings
+from pipeline.config.sections import merge
 
 SCALES_WITH: dict[str, tuple[str, ...]] = {
     "index_capture": ("images",), "calibrate_cameras": ("cameras",), "calibrate_color": ("cameras",),

@@ -17,8 +17,9 @@ from pipeline.base.code_digest import code_digest
 from pipeline.base.errors import InputError
 from pipeline.config.effects import EFFECTS
 from pipeline.config.flags import flags
-from pipeline.config.loading import Project, has_own_light, section_for
+from pipeline.config.loading import Project
 from pipeline.config.project import SubjectSettings
+from pipeline.config.sections import has_own_light, section_for
 from pipeline.config.stage_commands import subject_files
 from pipeline.config.subjects import chunk_ids, dataset_files, require_subject, subject_names, watched_files
 

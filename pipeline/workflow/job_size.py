@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.budget.capture_size import CaptureSize, capture_size
-from pipeline.config.loading import section_for
 from pipeline.config.project import SubjectSettings
+from pipeline.config.sections import section_for
 from pipeline.workflow.job_files import JobFiles
 
 UNKNOWN = CaptureSize(cameras=8, frames=24, pixels=19_200, variants=1, lights=24)

@@ -11,7 +11,7 @@ from pipeline.avatar.frames.camera_offsets import MovedImages
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.training.distributed import Processes
-from pipeline.avatar.training.training import Portion
+from pipeline.avatar.training.step_loss import Portion
 from pipeline.avatar.training.training_images import Schedule
 from pipeline.capture.records import ImageRecord
 from pipeline.config.train_avatar import TrainAvatar

@@ -14,7 +14,8 @@ from pipeline.avatar.networks.head_networks import view_outputs
 from pipeline.avatar.networks.light_linear import LightLinearDecoder
 from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar, save_avatar
-from pipeline.avatar.training.training import Position, Training, drawn_expression
+from pipeline.avatar.training.step_loss import drawn_expression
+from pipeline.avatar.training.training import Position, Training
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texels import write_atlas

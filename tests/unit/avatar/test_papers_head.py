@@ -17,7 +17,7 @@ from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view, load_avatar, save_avatar
 from pipeline.avatar.training.head_losses import expression_terms
 from pipeline.avatar.training.losses import reconstruction, regularization
-from pipeline.avatar.training.training import Portion, compute_loss
+from pipeline.avatar.training.step_loss import Portion, compute_loss
 from pipeline.base.errors import InputError
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar

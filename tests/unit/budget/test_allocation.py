@@ -14,8 +14,9 @@ from pipeline.budget.allocation import within_budget
 from pipeline.budget.capture_size import CaptureSize, capture_size
 from pipeline.budget.curves import read_curves, read_measured
 from pipeline.budget.resolved_project import resolve_budgets
-from pipeline.config.loading import load_project, merge
+from pipeline.config.loading import load_project
 from pipeline.config.project import ProjectSettings, SubjectSettings
+from pipeline.config.sections import merge
 from tests.support.results.curve_files import CURVES, write_curves
 
 SAME_SIZE = CaptureSize(4, 10, 1000, 1)

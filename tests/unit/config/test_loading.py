@@ -6,8 +6,9 @@ import pytest
 import yaml
 
 from pipeline.base.errors import InputError
-from pipeline.config.loading import has_own_light, load_project, merge, section_for
+from pipeline.config.loading import load_project
 from pipeline.config.project import ProjectSettings
+from pipeline.config.sections import has_own_light, merge, section_for
 
 DEFAULTS = ProjectSettings().model_dump(mode="json")
 

@@ -22,7 +22,7 @@ from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.avatar.training.distributed import FlatGradients
-from pipeline.avatar.training.training import Portion, compute_loss
+from pipeline.avatar.training.step_loss import Portion, compute_loss
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.cameras import Camera

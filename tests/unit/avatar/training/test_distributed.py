@@ -12,7 +12,8 @@ from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.distributed import FlatGradients, Processes, choose_device
 from pipeline.avatar.training.optimizer import make_optimizer
-from pipeline.avatar.training.training import Portion, Training, compute_loss
+from pipeline.avatar.training.step_loss import Portion, compute_loss
+from pipeline.avatar.training.training import Training
 from pipeline.base.errors import InputError
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet

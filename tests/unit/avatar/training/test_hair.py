@@ -15,7 +15,7 @@ from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view
 from pipeline.avatar.training.losses import alpha_sparsity, shown_hair
-from pipeline.avatar.training.training import Portion, compute_loss
+from pipeline.avatar.training.step_loss import Portion, compute_loss
 from pipeline.config.train_avatar import TrainAvatar
 from tests.support.avatars.sheet import make_frame, make_image, make_sheet
 
