@@ -26,7 +26,7 @@ from pipeline.stages import train_avatar
 WARM_STEPS, STEPS = 40, 40
 """Both are whole rounds (`train_avatar.steps_together`), whose steps are applied one right after the other."""
 
-ALL = {"shading": "combined", "specular": "on", "shadow": "on"}
+ALL = {"shading": "subsurface", "specular": "on", "shadow": "on"}
 """A body with every effect that costs time in a step."""
 
 WITHOUT = {"specular": {"specular": "off"}, "learned_transport": {"shading": "microfacet"}}

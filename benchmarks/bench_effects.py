@@ -47,7 +47,7 @@ TURNED: dict[str, tuple[dict, dict]] = {
     "specular": ({"specular": "on"}, {"specular": "off"}),
     "shadow": ({"shadow": "on"}, {"shadow": "off"}),
     "near_field": ({"near_field": "on"}, {"near_field": "off"}),
-    "learned_transport": ({"shading": "combined"}, {"shading": "microfacet"}),
+    "learned_transport": ({"shading": "subsurface"}, {"shading": "microfacet"}),
 }
 """Decision -> what the default avatar is told where the plan says off, and where it says on."""
 

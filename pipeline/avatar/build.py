@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pipeline.avatar.appearance.ggx_gloss import GgxGloss
 from pipeline.avatar.appearance.indirect_light import AmbientLight, OneBounce
 from pipeline.avatar.appearance.lambert import Lambert
+from pipeline.avatar.appearance.lambert_and_subsurface import LambertAndSubsurface
 from pipeline.avatar.appearance.lambert_and_transfer import LambertAndTransfer
 from pipeline.avatar.appearance.light_linear import LightLinear
 from pipeline.avatar.appearance.lobes import AngularLobe, CosineLobe, HalfVectorLobe
@@ -41,7 +42,7 @@ PRIMITIVES: dict[str, type[Primitives]] = {
 
 DIFFUSE: dict[str, type[DiffuseModel]] = {
     "transfer": ZonalTransfer, "harmonics": UnturnedHarmonics, "microfacet": Lambert,
-    "combined": LambertAndTransfer, "linear": UnturnedHarmonics
+    "subsurface": LambertAndSubsurface, "combined": LambertAndTransfer, "linear": UnturnedHarmonics
 }  # fmt: skip
 
 NORMALS: dict[str, type[NormalModel]] = {

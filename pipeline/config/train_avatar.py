@@ -28,8 +28,7 @@ class TrainAvatar(TrainingLosses, TrainedModel):
         avatar = kind if self.avatar == "auto" else self.avatar
         shading = self.shading
         if shading == "auto":
-            learned = "harmonics" if avatar == "head" else "combined"
-            shading = learned if "learned_transport" in planned else "microfacet"
+            shading = "subsurface" if "learned_transport" in planned else "microfacet"
         if avatar == "head" and shading == "transfer":
             shading = "harmonics"
         if avatar == "head" and shading not in ANALYTIC:

@@ -14,7 +14,7 @@ Anchors = Literal["decoded", "tracked", "rigid"]
 Highlight = Literal["angular", "half", "cosine", "harmonics"]
 TransferStart = Literal["lambertian", "traced"]
 Device = Literal["auto", "cpu", "cuda"]
-ANALYTIC = ("microfacet", "combined")
+ANALYTIC = ("microfacet", "subsurface", "combined")
 """Shadings by Lambert and GGX, with every light shadowed by itself."""
 
 DepthSource = Literal["expected", "normalised", "median", "traced"]
@@ -103,11 +103,12 @@ class TrainedModel(Settings):
     )
     box_voxels: int = Field(8, ge=2, le=32, description="Volumes: voxels along each side of a box [voxels]")
     ray_step_m: float = Field(2e-3, gt=0, description="Volumes: way between two samples of a ray [m]")
-    shading: Literal["auto", "transfer", "harmonics", "microfacet", "combined", "linear"] = Field(
+    shading: Literal["auto", "transfer", "harmonics", "microfacet", "subsurface", "combined", "linear"] = Field(
         "auto",
         description="Zonal transfer and a specular lobe (RFGCA 7-14), the same with unturned SH (RGCA 5), Lambert and "
-        "GGX, these and zonal transfer of what they leave over (combined), or, for heads, a network that is linear in "
-        "the light; auto: microfacet, or where learned_transport is planned combined, for heads harmonics",
+        "GGX, these and light that spreads below the surface, these and zonal transfer of what they leave over "
+        "(combined), or, for heads, a network that is linear in the light; auto: microfacet, or subsurface where "
+        "learned_transport is planned",
     )
     transfer_start: TransferStart = Field(
         "lambertian",

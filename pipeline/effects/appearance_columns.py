@@ -1,24 +1,23 @@
-"""Columns of gloss and of transport at texels, for the fits of `appearance_fits`."""
+"""Columns of gloss and of subsurface light at texels, for the fits of `appearance_fits`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from pipeline.effects.seen_texels import SeenTexels
 from pipeline.effects.texel_light import TexelLight, as_float32
 from pipeline.lighting.frame_lights import FrameLights
 from pipeline.lighting.microfacet import gather_reflections
 from pipeline.lighting.point_lights import PointLights
+from pipeline.lighting.subsurface import SurfaceSamples, gaussian_spread
 
 GLOSS_WIDTHS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.63)
 """Widths of GGX that are tried together: a factor 1.6 apart, from nearly a mirror to nearly matte."""
-
-COSINE_KNOTS = np.linspace(-1, 1, 9)
-"""Transport under test is piecewise linear in the cosine to the lamp: pieces of a quarter resolve a terminator that
-light leaks across."""
 
 
 def gloss_columns(
@@ -38,15 +37,20 @@ def gloss_columns(
     return out
 
 
-def transport_columns(seen: SeenTexels, lit: Sequence[TexelLight]) -> Float64[np.ndarray, "n columns 3"]:
-    """Light by the cosine that it comes at, piecewise linear, unoccluded and as it arrives."""
-    step, parts = COSINE_KNOTS[1] - COSINE_KNOTS[0], []
-    for light in lit:
-        columns = []
-        for knot in COSINE_KNOTS:
-            share = (1 - np.abs(light.cosine - knot) / step).clip(0)
-            columns.append((share[..., None] * light.arriving).sum(0))
-            if knot >= 0:
-                columns.append(((share * light.seen)[..., None] * light.arriving).sum(0))
-        parts.append(np.stack(columns, 1))
-    return np.stack(parts)[seen.frame, seen.point]
+def subsurface_columns(
+    seen: SeenTexels, lit: Sequence[TexelLight], rest: SurfaceSamples, parts: Sequence[Int64[np.ndarray, " _"]]
+) -> Float64[np.ndarray, "n spreads 3"]:
+    """Irradiance of the looked-at texels as it spreads below the surface, within each part.
+
+    Args:
+        rest: all texels at rest; those that were looked at stand for the others.
+        parts: of what was looked at.
+    """
+    looked, count = rest.at(seen.texels), len(rest.deviations)
+    looked = replace(looked, areas=looked.areas * len(rest.areas) / len(seen.texels))
+    columns = np.zeros((len(lit), len(seen.texels), count, 3))
+    for part, (number, deviation) in product(parts, enumerate(rest.deviations)):
+        kernel, means = gaussian_spread(looked.at(part), float(deviation))
+        for frame, light in enumerate(lit):
+            columns[frame, part, number] = kernel @ (means @ light.direct[part])
+    return columns[seen.frame, seen.point]

@@ -83,8 +83,8 @@ def specular_evidence(found: Explained) -> Evidence:
 
 
 def transport_evidence(found: Explained) -> Evidence:
-    """Gain by transport beyond GGX, traced visibility and one bounce, in dB."""
-    text = f"beyond GGX, traced visibility and one bounce, transport explains {found.transport_db:.2f} dB of "
+    """Gain by light from below the surface beyond GGX, traced visibility and one bounce, in dB."""
+    text = f"beyond GGX, traced visibility and one bounce, light from below explains {found.transport_db:.2f} dB of "
     regions = {name: judged(gains, gains.transport_db, found.transport_db) for name, gains in found.regions.items()}
     return Evidence(found.transport_db, text + describe(found), regions)
 

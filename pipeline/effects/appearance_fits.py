@@ -1,4 +1,4 @@
-"""Gains in explaining texels' colours by gloss, and by transport that no surface model has.
+"""Gains in explaining texels' colours by gloss, and by light that spreads below the surface.
 
 Observed colours are fitted by one albedo per texel times its shading, plus what is under test, by linear least squares.
 Residuals count as PSNR counts them: in sRGB, to first order, so squared and weighted by the squared slope of the
@@ -16,11 +16,12 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.spatial import cKDTree
 
-from pipeline.effects.appearance_columns import gloss_columns, transport_columns
+from pipeline.effects.appearance_columns import gloss_columns, subsurface_columns
 from pipeline.effects.seen_texels import SeenTexels
 from pipeline.effects.shared_fits import crossed, each, solve_apart, solve_shared
 from pipeline.effects.texel_light import TexelLight
 from pipeline.lighting.frame_lights import FrameLights
+from pipeline.lighting.subsurface import SurfaceSamples
 from pipeline.tracking.point_colors import MEDIAN_LENGTH
 
 DARKEST = 0.01
@@ -41,7 +42,7 @@ class Gains:
 
     Attributes:
         observations: how many.
-        gloss_db, transport_db: gain by gloss, and by further transport where there is gloss.
+        gloss_db, transport_db: gain by gloss, and by light from below the surface where there is gloss.
         floor: mean square of what is left with everything.
     """
 
@@ -59,7 +60,7 @@ class Explained:
         observations: how many colours were fitted.
         strays: share of them that is left out.
         floor: root mean square residual with everything, in sRGB of full scale 1.
-        gloss_db, transport_db: gain by gloss, and by further transport where there is gloss.
+        gloss_db, transport_db: gain by gloss, and by light from below the surface where there is gloss.
         gloss: root mean square of the fitted gloss of each width, in the unit of the floor.
         regions: the same gains, of the texels of each region.
     """
@@ -77,22 +78,25 @@ def explain_colors(
     seen: SeenTexels,
     lights: Sequence[FrameLights],
     lit: Sequence[TexelLight],
-    rest: Float64[np.ndarray, "texels 3"],
+    rest: SurfaceSamples,
     regions: Mapping[str, Int64[np.ndarray, " _"]] = MappingProxyType({}),
 ) -> Explained:
     """Fit the colours.
 
     Args:
         lights, lit: of each of `seen.frames`.
-        rest: all texels of the atlas at rest, metres: a bounce comes from the nearest texel that was looked at.
+        rest: all texels of the atlas at rest: a bounce comes from the nearest texel that was looked at.
         regions: texels of the parts of the surface that are judged by themselves, too; together they are all.
     """
-    inside = {name: np.flatnonzero(np.isin(seen.texels, texels)[seen.point]) for name, texels in regions.items()}
+    parts = {name: np.flatnonzero(np.isin(seen.texels, texels)) for name, texels in regions.items()}
+    inside = {name: np.flatnonzero(np.isin(seen.point, part)) for name, part in parts.items()}
     inside = {name: rows for name, rows in inside.items() if len(rows)}
     groups = list(inside.values()) or [np.arange(len(seen.point))]
     direct = np.stack([light.direct for light in lit])
-    nearest = np.append(cKDTree(rest[seen.texels]).query(rest)[1], len(seen.texels))
-    gloss, transport, kept = gloss_columns(seen, lights, lit), transport_columns(seen, lit), np.ones(len(seen.point))
+    nearest = np.append(cKDTree(rest.points[seen.texels]).query(rest.points)[1], len(seen.texels))
+    spread_in = [part for part in parts.values() if len(part)] or [np.arange(len(seen.texels))]
+    transport = subsurface_columns(seen, lit, rest, spread_in)
+    gloss, kept = gloss_columns(seen, lights, lit), np.ones(len(seen.point))
     shading = direct
     for _ in range(TURNS):
         sent = np.pi * fit_albedo(seen, shading, kept) * direct
@@ -124,7 +128,7 @@ def explain_colors(
 def gains(
     target: Float64[np.ndarray, "n 1 3"],
     gloss: Float64[np.ndarray, "n widths 3"],
-    transport: Float64[np.ndarray, "n pieces 3"],
+    transport: Float64[np.ndarray, "n spreads 3"],
     point: Int64[np.ndarray, " n"],
 ) -> Gains:
     """Gains on some observations, of what an albedo per texel leaves of them and of all columns."""

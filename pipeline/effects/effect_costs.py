@@ -12,11 +12,11 @@ texels, and where lights are as seen from texels are found once per frame: a ste
 JOBS, CHANNELS = {"eyes": 1}, {"eyes": 2}
 """Jobs, and channels that are blended per pixel on top of colour: what eyes mirror, and how sharply."""
 
-PARAMETERS = {"specular": 2, "learned_transport": 3 * (4 * 3 + 5)}
-"""Of each texel: scale and width of the gloss; zonal coefficients along three axes (RFGCA 9)."""
+PARAMETERS = {"specular": 2}
+"""Of each texel: scale and width of the gloss."""
 
-SHARED_PARAMETERS = {"specular": 1}
-"""Of all texels together: the share of the coat."""
+SHARED_PARAMETERS = {"specular": 1, "learned_transport": 4 * 3}
+"""Of all texels together: the share of the coat; four Gaussians that light spreads by below the surface."""
 
 
 def effect_cost(effect: str, texels: int, built: int) -> dict[str, int | float]:

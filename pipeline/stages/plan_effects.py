@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,9 +48,10 @@ from pipeline.effects.seen_texels import SeenTexels, observe_texels
 from pipeline.effects.texel_light import light_texels
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.texel_regions import texels_by_region
-from pipeline.geometry.texels import Atlas, read_atlas, texel_frames
+from pipeline.geometry.texels import Atlas, read_atlas
 from pipeline.geometry.tracked import read_tracked
 from pipeline.lighting.frame_lights import FrameLights, read_frame_lights
+from pipeline.lighting.subsurface import surface_at_rest
 
 log = logging.getLogger("plan_effects")
 
@@ -120,8 +120,6 @@ def run(
     source = ImageSource.from_index(capture, described["images"])
     seen = observe_texels(source, images, small, read_colors(color), texels, some, posed)
     evidence |= appearance_evidence(seen, some, texels, posed, lit, settings, regions)
-    if described["kind"] == "head":  # Whose learned transport takes the place of all that is analytic.
-        evidence["learned_transport"] = replace(evidence["learned_transport"], regions={})
     effects = {}
     for name in EFFECTS:
         threshold = getattr(settings, THRESHOLDS.get(name, ""), 0.0)
@@ -173,11 +171,11 @@ def appearance_evidence(
         light_texels(atlas, posed[int(frame)], some, normals, lamps, settings.bounce_rays)
         for frame, normals, lamps in zip(seen.frames, seen.normals, lights, strict=True)
     ]
-    found = explain_colors(seen, lights, light, texel_frames(atlas, atlas.rest_vertices.astype(np.float64))[0], regions)
-    spacing = texel_spacing(atlas).numpy().astype(np.float64).mean(1)
+    spacing = texel_spacing(atlas).numpy().astype(np.float64)
+    found = explain_colors(seen, lights, light, surface_at_rest(atlas, spacing), regions)
     return {
         "specular": specular_evidence(found),
-        "deferred": deferred_evidence(found, seen, atlas, spacing),
+        "deferred": deferred_evidence(found, seen, atlas, spacing.mean(1)),
         "learned_transport": transport_evidence(found),
     }
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
 
 from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
@@ -12,7 +10,7 @@ from benchmarks.effect_scenes import make_scene
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import read_plan, read_regions_on, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
-from pipeline.base.files import read_json, write_json
+from pipeline.base.files import read_json
 from pipeline.config.effects import EFFECTS
 from pipeline.config.plan_effects import PlanEffects
 from pipeline.config.train_avatar import TrainAvatar
@@ -78,26 +76,6 @@ def test_effects_are_planned_where_they_are(scene):
     assert {
         effect: tuple(sorted(regions)) for effect, regions in read_regions_on(folder / "effects.json").items()
     } == some
-
-
-def test_a_heads_transport_is_planned_as_a_whole(scene, tmp_path):
-    """It takes the place of all that is analytic, which a patch of hair must not do."""
-    name, folder, effects = scene
-    if name != "halves":
-        return  # no other template names a region
-    index = shutil.copytree(folder / "index", tmp_path / "index")
-    write_json(index / "capture.json", read_json(index / "capture.json") | {"kind": "head"})
-    files = {key: folder / f"{key}.parquet" for key in ("patterns",)} | {
-        key: folder / f"calibration/{key}.{ending}"
-        for key, ending in (("lights", "parquet"), ("cameras", "json"), ("color", "json"))
-    }
-    run(
-        **files, capture=folder, index=index, atlas=folder / "atlas.safetensors",
-        tracking=(folder / "tracking/0000.safetensors",), booked=folder / "frames.parquet",
-        out=tmp_path / "effects.json", settings=SETTINGS,
-    )  # fmt: skip
-    found = read_json(tmp_path / "effects.json")
-    assert "regions" not in found["learned_transport"] and found["specular"] == effects["specular"]
 
 
 def parameters(folder, settings):

@@ -74,8 +74,8 @@ def test_page_without_room_for_a_frame_is_refused(ball, tmp_path, monkeypatch):
         exported(ball, tmp_path, page_mb=2)
 
 
-@pytest.mark.parametrize("spec", [{"shading": "transfer"}, {"shading": "combined"}, {"visibility": "learned"},
-                                  {"indirect": "ambient"}])  # fmt: skip
+@pytest.mark.parametrize("spec", [{"shading": "transfer"}, {"shading": "combined"}, {"shading": "subsurface"},
+                                  {"visibility": "learned"}, {"indirect": "ambient"}])  # fmt: skip
 def test_learned_light_is_refused(tmp_path, spec):
     inputs = write_ball(tmp_path, **spec)
     with pytest.raises(InputError, match=r"config\.json: spec: expected Lambert and GGX"):

@@ -49,11 +49,15 @@ class Lambert(DiffuseModel):
         self, parameters: TexelParameters, surface: Surface, incident: IncidentLight
     ) -> Float[Tensor, "texels 3"]:
         """Irradiance over pi, times albedo."""
+        return self.store.albedo / torch.pi * self.irradiance(surface, incident)
+
+    def irradiance(self, surface: Surface, incident: IncidentLight) -> Float[Tensor, "texels channels"]:
+        """Irradiance by the lamps that a texel sees, less what its coat keeps back."""
         normals, points = surface.bent_normals, surface.gaussians.means.detach()
         irradiance = (arriving_vectors(points, normals, incident.lights) * normals[:, None]).sum(-1)
         if self.coat is not None:
             irradiance = irradiance - self.coat.bounded * grazing_irradiance(points, normals, incident.lights)
-        return self.store.albedo / torch.pi * irradiance
+        return irradiance
 
     def passes(self, surface: Surface, center: Float[Tensor, "3"]) -> Float[Tensor, "texels 1"] | None:
         """Share that the coat lets out; at texels that face away, that of grazing light."""

@@ -29,7 +29,8 @@ GivenGeometry = Literal["", "texels", "decoded"]
 
 DIFFUSE_WORDS = {
     "transfer": "zonal transfer", "harmonics": "harmonic transfer", "microfacet": "Lambert",
-    "combined": "Lambert and zonal transfer", "linear": "a light-linear network",
+    "subsurface": "Lambert with subsurface spread", "combined": "Lambert and zonal transfer",
+    "linear": "a light-linear network",
 }  # fmt: skip
 GLOSS_WORDS = {
     "angular": "angular lobe", "half": "half-vector lobe", "cosine": "cosine lobe", "ggx": "GGX",
@@ -55,8 +56,9 @@ class AvatarSpec:
         avatar: "body" (RFGCA), or "head" (RGCA): parameters follow a latent code of vertices and mean texture.
         shading: "transfer": zonal transfer, turned with each Gaussian, and a spherical Gaussian (RFGCA 7-14);
             "harmonics": spherical harmonics that are not turned, and the same lobe (RGCA 5); "microfacet": Lambert and
-            GGX; "combined": these, and zonal transfer of what they leave over; "linear": a head's network that is
-            linear in the light (row "Linear" of RGCA).
+            GGX; "subsurface": these, and light that entered the surface elsewhere; "combined": Lambert, GGX and zonal
+            transfer of what they leave over; "linear": a head's network that is linear in the light (row "Linear" of
+            RGCA).
         transfer_start: where unturned harmonics start: "lambertian", or "traced" on the template at rest.
         highlight: the lobe of "transfer" and "harmonics": a spherical Gaussian of the "angle" to the mirror direction
             (RGCA 6), of twice the "half" vector's angle to the normal, or of the cosine; or, for a head, "harmonics"
@@ -111,7 +113,7 @@ class AvatarSpec:
     pixel_filter: Literal["box", "gaussian"] = "box"
     filter_std_px: float = 0.6
     avatar: Kind = "body"
-    shading: Literal["transfer", "harmonics", "microfacet", "combined", "linear"] = "transfer"
+    shading: Literal["transfer", "harmonics", "microfacet", "subsurface", "combined", "linear"] = "transfer"
     transfer_start: TransferStart = "lambertian"
     highlight: Highlight = "angular"
     visibility: Literal["learned", "traced"] = "learned"

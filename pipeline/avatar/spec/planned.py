@@ -84,7 +84,7 @@ def reason_of(settings: TrainAvatar, effects: Path) -> str:
 
 def unread_settings(settings: TrainAvatar, spec: AvatarSpec) -> list[str]:
     """Settings that say something of their own, but that no part of what is built reads."""
-    transfer = spec.shading != "microfacet"
+    transfer = spec.shading not in ("microfacet", "subsurface")
     readers = {
         "transfer_start": spec.shading in ("harmonics", "linear"),
         "transfer_degree": transfer,

@@ -17,7 +17,8 @@ RATE_OF = {
     "log_tint": "texture", "log_gloss": "texture", "log_ggx_width": "texture", "ambient": "texture",
     "transfer_color": "transfer", "transfer_mono": "transfer",
     **{f"networks.texels.{name}": "transfer" for name in ("features", "expressed", "mixing", "tables")},
-    "coat.share": "shape", "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
+    "subsurface.weight": "texture", "coat.share": "shape",
+    "log_scale": "shape", "rotation": "shape", "normal_offset": "shape", "offset": "offset",
 }  # fmt: skip
 """Which learning rate drives which texel parameter; everything else is a network."""
 EPSILON = 1e-8

@@ -4,6 +4,7 @@ PAPER = {"shading": "transfer", "deferred": "on"}
 VARIANTS = {
     "pbr": {"shading": "microfacet"},
     "combined": {"shading": "combined"},
+    "subsurface": {"shading": "subsurface"},
     "traced": {**PAPER, "visibility": "traced", "indirect": "bounce"},
     "ambient": {**PAPER, "indirect": "ambient"},
     "sh": {**PAPER, "shading": "harmonics"},

@@ -30,9 +30,9 @@ RIGHT = np.flatnonzero(np.median(SHEET.rest_vertices[:, 0]) <= SHEET.rest_vertic
 LABELLED = replace(SHEET, regions={"cloth": RIGHT})
 
 
-def lit(shading, lights, change=lambda avatar: None, regions=EVERYWHERE):
-    settings, planned = TrainAvatar(shading=shading), PLANNED | {"learned_transport"}
-    avatar = Avatar(LABELLED, texel_spacing(SHEET), resolve_spec(settings, planned, regions=regions))
+def lit(shading, lights, change=lambda avatar: None, regions=EVERYWHERE, transporting=()):
+    spec = resolve_spec(TrainAvatar(shading=shading), PLANNED | {"learned_transport"}, regions=regions)
+    avatar = Avatar(LABELLED, texel_spacing(SHEET), replace(spec, transport_regions=transporting))
     with torch.no_grad():
         change(avatar)
         frame = avatar.prepare(FrameInputs(SHEET, make_frame(SHEET, lights, np.full((len(lights), 3), INTENSITY))))
@@ -67,7 +67,7 @@ def test_learned_light_passes_what_hides_a_lamp(side):
 
 def test_regions_without_transfer_shade_as_lambert_and_learn_none():
     (whole, everywhere), (_, plain) = lit("combined", LIGHT[None], backwards), lit("microfacet", LIGHT[None])
-    some, part = lit("auto", LIGHT[None], backwards, {"learned_transport": ("cloth",)})
+    some, part = lit("combined", LIGHT[None], backwards, transporting=("cloth",))
     assert some.spec.transport_regions == ("cloth",) and whole.spec.transport_regions == ()
     cloth = in_regions(LABELLED, ("cloth",))
     assert 0 < cloth.sum() < len(cloth)

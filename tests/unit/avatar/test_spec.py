@@ -11,19 +11,20 @@ from pipeline.config.train_avatar import TrainAvatar
 EVERYTHING = set(EFFECTS)
 
 
-def test_bodies_get_both_models_and_heads_the_papers_where_transport_is_called_for():
+def test_light_spreads_below_the_surface_where_transport_is_called_for():
     spec = resolve_spec(TrainAvatar(), EVERYTHING)
-    assert (spec.shading, spec.visibility, spec.indirect) == ("combined", "traced", "bounce")
+    assert (spec.shading, spec.visibility, spec.indirect) == ("subsurface", "traced", "bounce")
     assert spec.specular_model == "ggx" and not spec.shadow_net
-    words = "body with coated Lambert and zonal transfer, GGX, traced shadows, one bounce, explicit eyes"
+    words = "body with coated Lambert with subsurface spread, GGX, traced shadows, one bounce, explicit eyes"
     assert spec.in_words == words
+    assert resolve_spec(TrainAvatar(), EVERYTHING, "head").shading == "subsurface"
 
 
 def test_papers_models():
     spec = resolve_spec(TrainAvatar(shading="transfer"), EVERYTHING)
     assert (spec.shading, spec.visibility, spec.indirect) == ("transfer", "learned", "none")
     assert spec.specular and spec.shadow and spec.deferred and spec.near_field
-    head = resolve_spec(TrainAvatar(), EVERYTHING, "head")
+    head = resolve_spec(TrainAvatar(shading="harmonics"), EVERYTHING, "head")
     assert (head.shading, head.highlight, head.shadow) == ("harmonics", "half", False)
 
 
@@ -88,7 +89,7 @@ def test_irradiance_is_read_by_shadow_networks_alone():
         (TrainAvatar(depth="median", transfer_degree=3, weight_gloss=1.0), {"specular"}, ["depth", "transfer_degree"]),
         (TrainAvatar(shading="transfer", depth="median", transfer_degree=3), EVERYTHING, []),
         (TrainAvatar(shading="transfer", weight_gloss=1.0), EVERYTHING, ["weight_gloss"]),
-        (TrainAvatar(weight_transfer=1.0, weight_leftover=1.0), EVERYTHING, ["weight_transfer"]),
+        (TrainAvatar(shading="combined", weight_transfer=1.0, weight_leftover=1.0), EVERYTHING, ["weight_transfer"]),
         (TrainAvatar(eyes="off", weight_eye_scale=1.0, weight_kl=1.0), EVERYTHING, ["weight_eye_scale", "weight_kl"]),
     ],
 )

@@ -11,6 +11,7 @@ from pipeline.effects.appearance_fits import explain_colors
 from pipeline.effects.seen_texels import SeenTexels
 from pipeline.effects.texel_light import TexelLight
 from pipeline.lighting.frame_lights import FrameLights
+from pipeline.lighting.subsurface import SurfaceSamples
 
 TEXELS, FRAMES, CAMERAS, LAMPS = 300, 4, 5, 6
 NOISE = 0.004
@@ -49,7 +50,11 @@ def observe(shade, strays: float = 0.0, regions=MappingProxyType({})):
     texels, frames = np.arange(TEXELS), np.arange(FRAMES)
     one = np.ones(len(point))
     return explain_colors(
-        SeenTexels(texels, frames, points, points, frame, point, color, to_camera, one), lights, lit, normals, regions
+        SeenTexels(texels, frames, points, points, frame, point, color, to_camera, one),
+        lights,
+        lit,
+        SurfaceSamples(normals, normals, np.full(TEXELS, 4 * np.pi / TEXELS)),
+        regions,
     )
 
 

@@ -110,6 +110,7 @@ def test_only_what_a_variant_needs_is_built(scene):
     assert full - names(normals="mesh") == {"normal_offset"}
     assert names(indirect="ambient") - full == {"ambient"}
     assert names(shading="combined") - names(**VARIANTS["pbr"]) == {"transfer_color", "transfer_mono"}
+    assert names(shading="subsurface") - names(**VARIANTS["pbr"]) == {"subsurface"}
 
 
 def test_traced_shadows_and_gloss_are_linear_in_the_light(scene):
