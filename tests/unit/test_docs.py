@@ -138,8 +138,8 @@ def test_papers_that_the_code_cites_are_in_the_references(tracked):
 
 
 def plain(name):
-    """A name without accents, in the spelling that the code uses."""
-    folded = unicodedata.normalize("NFKD", name.replace("ö", "oe").replace("ü", "ue"))
+    """A name without accents and elisions, in the spelling that the code uses."""
+    folded = unicodedata.normalize("NFKD", name.removeprefix("d'").replace("ö", "oe").replace("ü", "ue"))
     return "".join(letter for letter in folded if not unicodedata.combining(letter)).lower()
 
 
