@@ -131,5 +131,5 @@ def in_torch(matrix: scipy.sparse.csr_array) -> Tensor:
     """A sparse matrix in float32."""
     matrix = matrix.sorted_indices()
     warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta", UserWarning)
-    parts = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data.astype(np.float32))
+    parts = (matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data.astype(np.float32))
     return torch.sparse_csr_tensor(*(torch.as_tensor(part) for part in parts), size=matrix.shape, check_invariants=True)
