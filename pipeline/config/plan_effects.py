@@ -33,7 +33,7 @@ DEFERRED_DB = 0.1
 
 LEARNED_TRANSPORT_DB = 0.7
 """What light from below the surface explains beyond GGX, traced visibility and one bounce. What is translucent measures
-7.1 dB (a body) and 1.2 dB (one ball of two), what is opaque 0.1 to 0.4 dB, which are bounces that the fit does not
+6.3 dB (a body) and 1.2 dB (one ball of two), what is opaque 0.1 to 0.4 dB, which are bounces that the fit does not
 know: 0.7 dB lies between, in the middle of their logarithms."""
 
 LENS_DISTORTION_PX = 0.1
