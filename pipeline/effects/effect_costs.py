@@ -15,8 +15,8 @@ JOBS, CHANNELS = {"eyes": 1}, {"eyes": 2}
 PARAMETERS = {"specular": 2}
 """Of each texel: scale and width of the gloss."""
 
-SHARED_PARAMETERS = {"specular": 1, "learned_transport": 4 * 3}
-"""Of all texels together: the share of the coat; four Gaussians that light spreads by below the surface."""
+SHARED_PARAMETERS = {"specular": 1, "learned_transport": 5 * 3}
+"""Of all texels together: the share of the coat; five Gaussians that light spreads by below the surface."""
 
 
 def effect_cost(effect: str, texels: int, built: int) -> dict[str, int | float]:

@@ -20,7 +20,7 @@ from pipeline.lighting.subsurface import SubsurfaceSpread, surface_at_rest
 class LambertAndSubsurface(Lambert):
     """Albedo over pi times the irradiance of a texel, and what spreads to it below the surface.
 
-    All texels share the profile, twelve numbers: the light of a few patterns tells it, and it holds for lights that
+    All texels share the profile, fifteen numbers: the light of a few patterns tells it, and it holds for lights that
     were never lit.
     """
 

@@ -20,7 +20,7 @@ RIGHT = np.flatnonzero(np.median(SHEET.rest_vertices[:, 0]) <= SHEET.rest_vertic
 LABELLED = replace(SHEET, regions={"cloth": RIGHT})
 PLANNED = {"shadow", "near_field", "specular", "articulation", "learned_transport"}
 LIGHT = np.array([0.1, 0.05, 1.5])
-PROFILE = torch.tensor([[0.5, 0.2, 0.1], [0.4, 0.1, 0.0], [0.3, 0.0, 0.0], [0.2, 0.0, 0.1]])
+PROFILE = torch.tensor([[0.5, 0.2, 0.1], [0.4, 0.1, 0.0], [0.3, 0.0, 0.0], [0.2, 0.0, 0.1], [0.1, 0.0, 0.0]])
 """Red spreads furthest, as in skin."""
 
 
@@ -70,7 +70,7 @@ def test_light_spreads_within_the_regions_that_have_it():
 def test_all_texels_share_the_profile_and_teach_it():
     avatar = avatar_of(profile=None)
     diffuse(avatar, LIGHT[None], np.full((1, 3), 2.0)).sum().backward()
-    assert avatar.subsurface.weight.shape == (4, 3) and (avatar.subsurface.weight.grad > 0).all()
+    assert avatar.subsurface.weight.shape == (5, 3) and (avatar.subsurface.weight.grad > 0).all()
 
 
 def test_profile_is_stored_and_its_kernels_are_made_anew():

@@ -94,7 +94,7 @@ def test_spread_is_linear_in_light_and_starts_at_nothing():
     light = torch.rand(len(surface.points), 3)
     assert not layer(light).any()
     with torch.no_grad():
-        layer.weight.copy_(torch.rand(4, 3) - 0.3)
+        layer.weight.copy_(torch.rand(5, 3) - 0.3)
         torch.testing.assert_close(layer(2 * light), 2 * layer(light))
 
 
