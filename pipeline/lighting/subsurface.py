@@ -45,8 +45,9 @@ class SurfaceSamples:
 
     @property
     def deviations(self) -> Float64[np.ndarray, " spreads"]:
-        """Of the Gaussians that light spreads by, metres."""
-        return np.sqrt(np.median(self.areas)) * np.array(SPREADS)
+        """Of the Gaussians that light spreads by, metres; of a surface without area, which sends nothing, any."""
+        areas = self.areas[self.areas > 0]
+        return (np.sqrt(np.median(areas)) if len(areas) else 1.0) * np.array(SPREADS)
 
     def at(self, chosen: Int64[np.ndarray, " m"]) -> SurfaceSamples:
         """Some of the samples."""
@@ -131,6 +132,8 @@ class SubsurfaceSpread(nn.Module):
 def in_torch(matrix: scipy.sparse.csr_array) -> Tensor:
     """A sparse matrix in float32."""
     matrix = matrix.sorted_indices()
-    warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta", UserWarning)
-    parts = (matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data.astype(np.float32))
-    return torch.sparse_csr_tensor(*(torch.as_tensor(part) for part in parts), size=matrix.shape, check_invariants=True)
+    arrays = (matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data.astype(np.float32))
+    parts = [torch.as_tensor(array) for array in arrays]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # CSR is in beta, torch says: what is used of it is tested here
+        return torch.sparse_csr_tensor(*parts, size=matrix.shape, check_invariants=True)

@@ -142,3 +142,14 @@ def test_samples_without_area_are_harmless():
     empty = SurfaceSamples(surface.points, surface.normals, areas)
     found = spread(empty, 0.1, np.ones((len(areas), 3)))
     assert np.isfinite(found).all() and found.max() > 0.3
+    nothing = SubsurfaceSpread(SurfaceSamples(surface.points, surface.normals, 0 * areas))
+    with torch.no_grad():
+        nothing.weight.fill_(1.0)
+        assert not nothing(torch.ones(len(areas), 3)).any()
+
+
+def test_surface_in_one_point_is_as_bright_as_it_is_lit_once():
+    """All samples in one place: finite, and no brighter than their area makes them."""
+    one = SurfaceSamples(np.zeros((9, 3)), np.tile([0.0, 0.0, 1.0], (9, 1)), np.full(9, 0.01))
+    found = spread(one, 0.2, np.ones((9, 3)))
+    np.testing.assert_allclose(found, 9 * 0.01 / (2 * np.pi * 0.2**2), rtol=1e-6)
