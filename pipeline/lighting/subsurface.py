@@ -45,7 +45,10 @@ class SurfaceSamples:
 
     @property
     def deviations(self) -> Float64[np.ndarray, " spreads"]:
-        """Of the Gaussians that light spreads by, metres; of a surface without area, which sends nothing, any."""
+        """Of the Gaussians that light spreads by, metres.
+
+        Any for a surface without area, which sends nothing.
+        """
         areas = self.areas[self.areas > 0]
         return (np.sqrt(np.median(areas)) if len(areas) else 1.0) * np.array(SPREADS)
 
