@@ -31,10 +31,10 @@ it is left out, about what another seed makes. A trained avatar leaves more than
 DEFERRED_DB = 0.1
 """What shading per Gaussian loses: as for gloss."""
 
-LEARNED_TRANSPORT_DB = 0.7
+LEARNED_TRANSPORT_DB = 0.9
 """What light from below the surface explains beyond GGX, traced visibility and one bounce. What is translucent measures
-6.3 dB (a body) and 1.2 dB (one ball of two), what is opaque 0.1 to 0.4 dB, which are bounces that the fit does not
-know: 0.7 dB lies between, in the middle of their logarithms."""
+7.0 dB (a body) and 1.2 dB (one ball of two), what is opaque up to 0.6 dB (a bust), which are bounces that the fit does
+not know: 0.9 dB lies between, in the middle of their logarithms."""
 
 LENS_DISTORTION_PX = 0.1
 """Displacement in pixels of the images used. A step edge off by a tenth of a pixel is wrong by 10 % of its contrast in

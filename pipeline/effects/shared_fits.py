@@ -8,10 +8,6 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.optimize import nnls
 
-RIDGE = 1e-3
-"""Of the square of each column: neighbouring pieces of transport look nearly alike in few observations, and their
-difference would be fitted to noise."""
-
 Solver = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From target [n, 1, 3] and columns [n, k, 3] to coefficients [k, 3]."""
 
@@ -37,13 +33,15 @@ def solve_shared(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def solve_apart(target: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Coefficients of any sign, each colour its own, held to 0 where columns say little of them."""
+    """Coefficients of 0 or more, each colour its own.
+
+    Light from below the surface adds to what a texel shows: free signs explain a plastic's coat with it, which takes
+    light away where it grazes.
+    """
     coefficients = np.zeros(columns.shape[1:])
     for c in range(3):
-        size = np.maximum(np.sqrt((columns[..., c] ** 2).sum(0)), np.finfo(float).tiny)
-        scaled = columns[..., c] / size
-        normal = scaled.T @ scaled + RIDGE * np.eye(len(size))
-        coefficients[:, c] = np.linalg.solve(normal, scaled.T @ target[:, 0, c]) / size
+        q, r = np.linalg.qr(columns[..., c])
+        coefficients[:, c] = nnls(r, q.T @ target[:, 0, c])[0]
     return coefficients
 
 
