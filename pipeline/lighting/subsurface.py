@@ -127,9 +127,15 @@ class SubsurfaceSpread(nn.Module):
         entering = irradiance.detach()[self.where]
         leaving = entering.new_zeros(len(entering), 3)
         for number, weight in enumerate(self.weight):
-            spread = self.get_buffer(f"kernel_{number}") @ (self.get_buffer(f"means_{number}") @ entering)
+            means, kernel = (self.get_buffer(f"{name}_{number}") for name in ("means", "kernel"))
+            spread = product(kernel, product(means, entering))
             leaving = leaving + weight * spread
         return entering.new_zeros(self.count, 3).index_copy(0, self.where, leaving)
+
+
+def product(matrix: Tensor, light: Float[Tensor, "n channels"]) -> Float[Tensor, "rows channels"]:
+    """Product of a sparse matrix with light."""
+    return matrix @ light
 
 
 def in_torch(matrix: scipy.sparse.csr_array) -> Tensor:

@@ -42,7 +42,7 @@ def changed(inputs, **settings):
 def test_frames_of_a_head_make_the_avatar_of_a_head(inputs, tmp_path):
     stage.run(**inputs, out=tmp_path / "auto")
     spec = load_avatar(tmp_path / "auto", inputs["atlas"]).avatar.spec
-    assert spec.head and spec.shading == "harmonics"
+    assert spec.head and spec.shading == "subsurface"
     log = pd.read_parquet(tmp_path / "auto/log.parquet")
     assert {"kl", "geometry", "ssim"} <= set(log.columns)
     assert log.photometric.iloc[-2:].mean() < log.photometric.iloc[:2].mean()

@@ -26,6 +26,7 @@ from pipeline.avatar.training.step_loss import Portion, compute_loss
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.cameras import Camera
+from pipeline.lighting import subsurface
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.environment_lobes import prefilter
 from pipeline.lighting.frame_lights import FrameLights
@@ -64,6 +65,12 @@ def empty_picture(gaussians, features, view, options, sampling):
     return Splatted(features.new_zeros(view.height, view.width, features.shape[1]) + seen, blank, blank)
 
 
+def empty_product(matrix, light):
+    """Nothing elsewhere multiplies sparse matrices."""
+    assert matrix.device == light.device == ELSEWHERE
+    return light.new_zeros(matrix.shape[0], light.shape[1])
+
+
 def covered_pixels(mask, as_tuple=False):
     """How many pixels are covered depends on numbers, of which there are none."""
     places = torch.zeros(COVERED_PIXELS, mask.ndim, dtype=torch.int64, device=mask.device)
@@ -73,6 +80,7 @@ def covered_pixels(mask, as_tuple=False):
 @pytest.fixture
 def no_numbers(monkeypatch):
     """Stand-ins for what has to know numbers."""
+    monkeypatch.setattr(subsurface, "product", empty_product)
     monkeypatch.setattr(gaussians_on_texels, "splat_supersampled", empty_picture)
     monkeypatch.setattr(torch, "nonzero", covered_pixels)
     # The mesh is drawn on the CPU, from numbers; its depth comes back to the picture's device.
