@@ -31,7 +31,7 @@ from pipeline.avatar.networks import head_networks
 from pipeline.avatar.networks.body_networks import BodyNetworks
 from pipeline.avatar.networks.head_networks import HeadNetworks
 from pipeline.avatar.networks.shadow_net import ShadowNet
-from pipeline.avatar.training import training
+from pipeline.avatar.training import step_loss
 from pipeline.avatar.training.distributed import FlatGradients
 from pipeline.capture.shards import ImageShards
 from pipeline.rendering import splat, supersample
@@ -70,9 +70,9 @@ MARKED: tuple[tuple[object, str, str], ...] = (
     (supersample, "filter_down", "filtering to pixels"),
     (Avatar, "shade_pixels", "deferred lobe"),
     (lobes, "depth_of_pixels", "depth of pixels"),
-    (training, "regularization", "losses"),
-    (training, "expression_terms", "losses"),
-    (training, "reconstruction", "losses"),
+    (step_loss, "regularization", "losses"),
+    (step_loss, "expression_terms", "losses"),
+    (step_loss, "reconstruction", "losses"),
     (FlatGradients, "clear", "checking gradients"),
     (FlatGradients, "not_finite", "checking gradients"),
 )
