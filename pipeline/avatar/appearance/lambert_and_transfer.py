@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.avatar.appearance.lambert import Lambert
-from pipeline.avatar.appearance.transfer import shade_diffuse, start_transfer
+from pipeline.avatar.appearance.transfer import start_transfer
 from pipeline.avatar.appearance.zonal_transfer import ZonalTransfer
 from pipeline.avatar.frames.light_fields import IncidentLight
 from pipeline.avatar.frames.prepared import Surface
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.texels.texel_parameters import TexelParameters
 from pipeline.avatar.texels.texel_store import TexelStore
-from pipeline.geometry.texel_regions import in_regions
 
 
 class LambertAndTransfer(ZonalTransfer):
@@ -25,8 +23,6 @@ class LambertAndTransfer(ZonalTransfer):
 
     The transfer sees all lights, hidden ones too: what goes through a limb comes from behind it, and where light below
     the surface takes the place of light on it, the transfer is negative.
-
-    The store's buffer `transporting` lists the texels of the regions that have transfer; without it all have.
     """
 
     works_under_sky = False
@@ -34,9 +30,6 @@ class LambertAndTransfer(ZonalTransfer):
     def __init__(self, store: TexelStore, spec: AvatarSpec) -> None:
         super().__init__(store, spec)
         self.lambert = Lambert(store, spec)
-        if spec.transport_regions:
-            texels = torch.as_tensor(np.flatnonzero(in_regions(store.atlas, spec.transport_regions)))
-            store.register_buffer("transporting", texels, persistent=False)
 
     def start(self, spec: AvatarSpec) -> tuple[Tensor, Tensor]:
         """Nothing, for all texels."""
@@ -53,12 +46,7 @@ class LambertAndTransfer(ZonalTransfer):
         """Sum of both."""
         unhidden = replace(incident, lights=replace(incident.lights, visibility_bits=None))
         analytic = self.lambert.shade(parameters, surface, incident)
-        at = getattr(self.store, "transporting", None)
-        if at is None:
-            return analytic + super().shade(parameters, surface, unhidden)
-        light = unhidden.along_axes(surface.gaussians.means[at], surface.axes[at], self.degrees)
-        transfer = (None if own is None else own[at] for own in (parameters.transfer_color, parameters.transfer_mono))
-        return analytic.index_add(0, at, shade_diffuse(self.store.albedo[at], *transfer, light))
+        return analytic + super().shade(parameters, surface, unhidden)
 
     def passes(self, surface: Surface, center: Float[Tensor, "3"]) -> Float[Tensor, "texels 1"] | None:
         """Share that the coat lets out."""

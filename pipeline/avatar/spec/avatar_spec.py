@@ -101,8 +101,8 @@ class AvatarSpec:
         harmonics_frame: frame of a highlight's harmonics: each texel's "tangent" frame, or the "head"'s.
         last_layers: of decoders, weight-"normalised" as the others, or "plain"; they start at zero.
         matte: what is not gloss, beside GGX: as "lambert" has it, or "coated", so that grazing light passes less.
-        gloss_regions, transport_regions, shadow_regions: regions of the template that have GGX, transfer beside
-            Lambert, and traced visibility and bounces; all if empty.
+        gloss_regions, transport_regions, shadow_regions: regions of the template that have GGX, light below the
+            surface, and traced visibility and bounces; all if empty.
     """
 
     specular: bool

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pipeline.capture.records import FrameRecord, ImageRecord
@@ -28,6 +30,12 @@ def make_sheet(size: int) -> Atlas:
         barycentric=barycentric.astype(np.float32), chart=np.zeros(size * size, np.int32),
         tangent_weights=tangent_weights.astype(np.float32),
     )  # fmt: skip
+
+
+def labelled(sheet: Atlas) -> Atlas:
+    """The same, whose right half is a region of the name `cloth`."""
+    x = sheet.rest_vertices[:, 0]
+    return replace(sheet, regions={"cloth": np.flatnonzero(np.median(x) <= x)})
 
 
 def make_frame(atlas: Atlas, lights: np.ndarray, intensities: np.ndarray, number: int = 0) -> FrameRecord:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import torch
 
@@ -13,11 +11,10 @@ from pipeline.avatar.spec.planned import EVERYWHERE, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texel_regions import in_regions
-from tests.support.avatars.sheet import make_frame, make_sheet
+from tests.support.avatars.sheet import labelled, make_frame, make_sheet
 
 SHEET = make_sheet(6)
-RIGHT = np.flatnonzero(np.median(SHEET.rest_vertices[:, 0]) <= SHEET.rest_vertices[:, 0])
-LABELLED = replace(SHEET, regions={"cloth": RIGHT})
+LABELLED = labelled(SHEET)
 PLANNED = {"shadow", "near_field", "specular", "articulation", "learned_transport"}
 LIGHT = np.array([0.1, 0.05, 1.5])
 PROFILE = torch.tensor([[0.5, 0.2, 0.1], [0.4, 0.1, 0.0], [0.3, 0.0, 0.0], [0.2, 0.0, 0.1], [0.1, 0.0, 0.0]])

@@ -17,7 +17,7 @@ from pipeline.avatar.training.losses import regularization
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.geometry.texel_regions import in_regions
 from pipeline.lighting.zonal import clamped_cosine_coefficients
-from tests.support.avatars.sheet import make_frame, make_sheet
+from tests.support.avatars.sheet import labelled, make_frame, make_sheet
 
 SHEET = make_sheet(6)
 PLANNED = {"shadow", "near_field", "specular", "articulation"}
@@ -25,14 +25,12 @@ LIGHT, INTENSITY = np.array([0.1, 0.05, 1.5]), 2.0
 TRUNCATED = 0.034
 """How far zonal harmonics of up to degree 8 are off the clamped cosine, of its peak."""
 
-
-RIGHT = np.flatnonzero(np.median(SHEET.rest_vertices[:, 0]) <= SHEET.rest_vertices[:, 0])
-LABELLED = replace(SHEET, regions={"cloth": RIGHT})
+LABELLED = labelled(SHEET)
 
 
-def lit(shading, lights, change=lambda avatar: None, regions=EVERYWHERE, transporting=()):
+def lit(shading, lights, change=lambda avatar: None, regions=EVERYWHERE):
     spec = resolve_spec(TrainAvatar(shading=shading), PLANNED | {"learned_transport"}, regions=regions)
-    avatar = Avatar(LABELLED, texel_spacing(SHEET), replace(spec, transport_regions=transporting))
+    avatar = Avatar(LABELLED, texel_spacing(SHEET), spec)
     with torch.no_grad():
         change(avatar)
         frame = avatar.prepare(FrameInputs(SHEET, make_frame(SHEET, lights, np.full((len(lights), 3), INTENSITY))))
@@ -63,20 +61,6 @@ def test_learned_light_passes_what_hides_a_lamp(side):
     expected = 0.4 / np.pi * INTENSITY * np.abs(offset[:, 2]) / distance**3
     found, peak = frame.shading.diffuse.numpy(), 0.4 / np.pi * INTENSITY / distance.min() ** 2
     np.testing.assert_allclose(found, np.tile(expected[:, None], 3), atol=TRUNCATED * peak)
-
-
-def test_regions_without_transfer_shade_as_lambert_and_learn_none():
-    (whole, everywhere), (_, plain) = lit("combined", LIGHT[None], backwards), lit("microfacet", LIGHT[None])
-    some, part = lit("combined", LIGHT[None], backwards, transporting=("cloth",))
-    assert some.spec.transport_regions == ("cloth",) and whole.spec.transport_regions == ()
-    cloth = in_regions(LABELLED, ("cloth",))
-    assert 0 < cloth.sum() < len(cloth)
-    torch.testing.assert_close(part.shading.diffuse[cloth], everywhere.shading.diffuse[cloth])
-    assert torch.equal(part.shading.diffuse[~cloth], plain.shading.diffuse[~cloth])
-    inputs = FrameInputs(LABELLED, make_frame(LABELLED, LIGHT[None], np.full((1, 3), INTENSITY)))
-    some.prepare(inputs).shading.diffuse.sum().backward()
-    slopes = some.transfer_color.grad.abs().sum((1, 2, 3)).numpy()
-    assert (slopes[cloth] > 0).all() and not slopes[~cloth].any()
 
 
 def test_regions_without_gloss_reflect_nothing():
