@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pipeline.config.train_avatar import TrainAvatar
 
-STEP_US = {"specular": 0.4, "learned_transport": 1.7}
-"""Microseconds of a training step per texel on one core, with an effect less without it, all others on, by
-`benchmarks.bench_effect_steps`: 0.2 and 1.8 on 30,626 texels, 0.6 and 1.6 on 51,206. Shadows, what bounces off other
-texels, and where lights are as seen from texels are found once per frame: a step shows nothing of them."""
+STEP_US = {"specular": 0.4, "learned_transport": 1.4}
+"""Microseconds of a training step per texel on one core. Gloss: with the effect less without it, all others on, by
+`benchmarks.bench_effect_steps`, 0.2 on 30,626 texels and 0.6 on 51,206. Light below the surface: of its products alone,
+29 ms on 20,771 texels. Shadows, what bounces off other texels, and where lights are as seen from texels are found once
+per frame: a step shows nothing of them."""
 
 JOBS, CHANNELS = {"eyes": 1}, {"eyes": 2}
 """Jobs, and channels that are blended per pixel on top of colour: what eyes mirror, and how sharply."""
