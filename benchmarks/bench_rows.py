@@ -32,6 +32,8 @@ from pipeline.metrics.image_metrics import asked_metrics, metrics_in
 from pipeline.metrics.significance import mean_over_images
 from pipeline.stages import train_avatar
 
+AS_CALIBRATED = {"refine_lights": False}
+
 
 def read_rows(presets: Sequence[Path]) -> tuple[dict, dict[str, dict]]:
     """Settings of train_avatar that all rows share, and what each row changes."""
@@ -116,7 +118,7 @@ def main() -> None:
             if (done.variant == name).any():
                 continue
             changes = {key: value for key, value in rows[name].items() if key != "trace_irradiance"}
-            settings = TrainAvatar(**{**shared, **changes, "steps": options.steps, "preview_every": 0})
+            settings = TrainAvatar(**{**AS_CALIBRATED, **shared, **changes, "steps": options.steps, "preview_every": 0})
             avatar = trained(options.results, name, settings, options.avatars or Path(folder))
             done = pd.concat([done, scored(options.results, name, avatar, options.metrics)], ignore_index=True)
             if options.scores:

@@ -19,8 +19,8 @@ class EvaluateAvatar(Settings):
         "Bovik 2003); images of less than 161 pixels a side leave it empty. st_lpips: shift-tolerant LPIPS (Ghildyal "
         "and Liu 2022), whose network comes with its package; its numbers do not compare with those of LPIPS. "
         "psnr_image: PSNR over all pixels of the image, those beside the subject being right: what programs say that "
-        "mask both images first. psnr_face: PSNR over the pixels that show the face, as far as the template labels "
-        "one, or a joint moves the head",
+        "mask both images first. psnr_face: PSNR over the pixels that show the face, as the template labels "
+        "it, or a joint moves the head, or as near as a face reaches from two eyes",
     )
     splits: tuple[Literal["test", "validation"], ...] = Field(
         ("test", "validation"),

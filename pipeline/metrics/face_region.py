@@ -1,4 +1,4 @@
-"""Pixels that show a subject's face, as its template labels it."""
+"""Pixels that show a subject's face, as its template labels it or its eyes tell it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int, Int64
 
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.depth_maps import draw_depth
@@ -17,17 +17,42 @@ ShownFace = Callable[[Any, Any], Bool[np.ndarray, "h w"]]
 """(frame record, image record) -> the pixels of the image that show the face."""
 
 
-def shown_face(faces: Int[np.ndarray, "faces 3"], regions: Mapping[str, Int[np.ndarray, " _"]]) -> ShownFace | None:
-    """Function that finds the pixels of an image whose centres show the face.
+FACE_REACH = 1.9
+"""How far a face reaches from the point between its eyes, in distances of one eye from the other: down to the chin,
+some 120 mm at 63 mm between the eyes. The ears lie at its edge."""
 
-    None where nothing says what that is. The face is what the template labels so (`template.regions`), or else what the
-    joint of its keypoint `head` moves. It is seen on the tracked mesh, and so alike for all avatars.
+
+def known_face(
+    regions: Mapping[str, Int[np.ndarray, " _"]], rest: Float[np.ndarray, "v 3"],
+    eyes: Mapping[str, Int[np.ndarray, " _"]],
+) -> Int64[np.ndarray, " _"]:  # fmt: skip
+    """Vertices of the face: labelled as such, or moved by the head's joint, or near the eyes; none if nothing tells.
 
     Args:
-        faces, regions: of the atlas.
+        regions: of the atlas.
+        rest: vertices of the template at rest, metres.
+        eyes: vertices of each eye, by name; of any number but two, nothing is taken.
+    """
+    labelled = face_vertices(regions)
+    if len(labelled) or len(eyes) != 2:
+        return labelled
+    rest = rest.astype(np.float64)
+    one, other = (rest[vertices].mean(0) for vertices in eyes.values())
+    away = np.linalg.norm(rest - (one + other) / 2, axis=1)
+    return np.flatnonzero(away <= FACE_REACH * np.linalg.norm(one - other))
+
+
+def shown_face(faces: Int[np.ndarray, "faces 3"], vertices: Int[np.ndarray, " _"]) -> ShownFace | None:
+    """Function that finds the pixels of an image whose centres show the face.
+
+    It is seen on the tracked mesh, and so alike for all avatars. None where no triangle lies in the face.
+
+    Args:
+        faces: of the atlas.
+        vertices: of the face, see `known_face`.
     """
     faces = np.asarray(faces, np.int64)
-    own = faces[np.isin(faces, face_vertices(regions)).all(1)]
+    own = faces[np.isin(faces, vertices).all(1)]
     if not len(own):
         return None
 

@@ -29,7 +29,7 @@ from pipeline.base.splits import VALIDATION
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.figures.scored_images import LAYERS, remove_pictures, write_layers, write_pictures
-from pipeline.geometry.texels import read_atlas
+from pipeline.geometry.texels import Atlas, read_atlas
 from pipeline.metrics.evaluation import (
     COLOR_SPACE,
     LIT,
@@ -42,7 +42,7 @@ from pipeline.metrics.evaluation import (
     region,
     summarize,
 )
-from pipeline.metrics.face_region import shown_face
+from pipeline.metrics.face_region import ShownFace, known_face, shown_face
 from pipeline.metrics.image_metrics import asked_metrics, metrics_in
 from pipeline.metrics.joined_scores import joined_scores
 from pipeline.metrics.lpips import open_lpips
@@ -79,7 +79,8 @@ def run(
         out: folder for metrics.csv, metrics_per_image.parquet, ablations.csv, avatar_times.csv and images/; with
             `chunk`, for CHUNK.parquet.
         subject: name of the subject, for the table.
-        index: folder of index_capture, for the sizes of whole images; without it, psnr_image stays empty.
+        index: folder of index_capture, for the sizes of whole images, without which psnr_image stays empty, and for
+            the vertices of eyes.
         frames: folder of frame shards of each avatar, if they are not all lit as in SHARDS/frames.
         scores: folder of a folder VARIANT for each avatar, written with `chunk`: no image is scored again.
         chunk: score only the images of this chunk, of the one avatar that is given, and write a table of them.
@@ -105,12 +106,7 @@ def run(
     log.info("effects on: %s", [name for name, effect in read_json(effects).items() if effect["on"]])
     metrics = asked_metrics(settings.metrics)
     pixels = {} if index is None else whole_pixels(index)
-    face = None
-    if "psnr_face" in settings.metrics:
-        labelled = read_atlas(atlas)
-        face = shown_face(labelled.faces, labelled.regions)
-        if face is None:
-            log.warning("psnr_face stays empty: %s has no region face, and no joint of a keypoint head", atlas)
+    face = find_face(read_atlas(atlas), index) if "psnr_face" in settings.metrics else None
     if chunk is not None:
         avatar = load_avatar(avatars[0], atlas)
         scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace, pixels, face)
@@ -153,6 +149,16 @@ def run(
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
     write_table(out / "ablations.csv", pd.DataFrame(ablations))
     write_table(out / "avatar_times.csv", pd.DataFrame(times))
+
+
+def find_face(atlas: Atlas, index: Path | None) -> ShownFace | None:
+    """What finds the face in images; None, with a warning, if nothing tells what it is."""
+    table = pd.DataFrame() if index is None else read_table(index / "eyes.parquet")
+    eyes = {name: part.vertex.to_numpy() for name, part in table.groupby("eye")} if len(table) else {}
+    face = shown_face(atlas.faces, known_face(atlas.regions, atlas.rest_vertices, eyes))
+    if face is None:
+        log.warning("psnr_face stays empty: the template has no region face, no joint of a keypoint head, no two eyes")
+    return face
 
 
 def whole_pixels(index: Path) -> dict[str, int]:

@@ -23,6 +23,7 @@ rule evaluate_avatar:
         index=ancient("results/{subject}/index/capture.json"),
         # Images of other sizes are other shards.
         sizes=ancient("results/{subject}/index/cameras.parquet"),
+        eyes=ancient("results/{subject}/index/eyes.parquet"),
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
         validation=lambda wildcards: job(wildcards).shards("shards/validation"),
@@ -78,6 +79,7 @@ use rule evaluate_avatar as score_images with:
         index=ancient("results/{subject}/index/capture.json"),
         # Images of other sizes are other shards.
         sizes=ancient("results/{subject}/index/cameras.parquet"),
+        eyes=ancient("results/{subject}/index/eyes.parquet"),
         atlas="results/{subject}/atlas.safetensors",
         effects="results/{subject}/effects.json",
         shards=lambda wildcards: scored_files(job(wildcards)),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.geometry.texels import FACE, HEAD
-from pipeline.metrics.face_region import shown_face
+from pipeline.metrics.face_region import known_face, shown_face
 
 SIDE, FOCAL, DISTANCE = 64, 80.0, 1.0
 SQUARES = np.array([[x, y, 0] for y in (-0.2, 0.1) for x in (-0.2, 0, 0.2)], np.float32)
@@ -25,7 +25,7 @@ def seen(region, extra=None):
     K = np.array([[FOCAL, 0, SIDE / 2], [0, FOCAL, SIDE / 2], [0, 0, 1]])
     rotation, shift = np.diag([1.0, -1, -1]), np.array([0, 0, DISTANCE])
     image = SimpleNamespace(R=rotation, t=shift, K=K, width=SIDE, height=SIDE)
-    return shown_face(faces, {region: RIGHT})(SimpleNamespace(vertices=vertices), image)
+    return shown_face(faces, known_face({region: RIGHT}, SQUARES, {}))(SimpleNamespace(vertices=vertices), image)
 
 
 @pytest.mark.parametrize("region", [FACE, HEAD])
@@ -43,6 +43,15 @@ def test_what_stands_in_front_hides_it():
 
 
 def test_without_a_label_nothing_is_known():
-    assert shown_face(FACES, {}) is None
-    assert shown_face(FACES, {FACE: RIGHT[:2]}) is None  # no whole triangle
-    assert shown_face(FACES, {FACE: RIGHT, HEAD: RIGHT[:2]}) is not None
+    assert shown_face(FACES, known_face({}, SQUARES, {})) is None
+    assert shown_face(FACES, RIGHT[:2]) is None  # no whole triangle
+    assert np.array_equal(known_face({FACE: RIGHT, HEAD: RIGHT[:2]}, SQUARES, {}), RIGHT)
+
+
+def test_two_eyes_tell_a_face_that_no_label_does():
+    """Eyes at x of -0.2 and 0 on the lower row: 0.2 m apart, the point between them at (-0.1, -0.2)."""
+    eyes = {"left": np.array([0]), "right": np.array([1])}
+    # The furthest corner, at (0.2, 0.1), lies 0.42 m away, the others up to 0.32 m; a face reaches 0.38 m.
+    assert known_face({}, SQUARES, eyes).tolist() == [0, 1, 2, 3, 4]
+    assert np.array_equal(known_face({FACE: RIGHT}, SQUARES, eyes), RIGHT)
+    assert not len(known_face({}, SQUARES, {"left": eyes["left"]}))
