@@ -8,8 +8,8 @@ between views is named. The rig's frame is that of the first board view; calibra
 Given lenses may stay or be refined; images that were not taken at once may have times. With `method: features` the
 subject's own points stand in for the boards; with `method: known` the given cameras are validated and copied.
 
-Of many images, those of some cameras are searched by a job of its own each; the cameras that are then calibrated by
-the tables of these jobs are the same.
+Of many images, a job of its own searches each share; the cameras that are then calibrated by the tables of these jobs
+are the same.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def run(
             verdicts_cameras.csv to; with `share`, SHARE.parquet.
         threads: images searched at a time.
         found: tables that were written with `share`, of all shares: no board is looked for again.
-        share: look for boards only in the images of every `shares`-th camera, from this one, and write a table of them.
+        share: look for boards only in this share of the images, from 0, and write a table of them.
         shares: number of shares.
         settings: see the flags below.
     """

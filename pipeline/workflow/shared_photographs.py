@@ -1,7 +1,7 @@
-"""Jobs that share the photographs of a large capture's calibration, by camera.
+"""Jobs that share the photographs of a large capture's calibration.
 
-They find boards, or measure lights. Each handles those of some cameras, about `chunk_images` photographs at least, and
-is numbered. The stage that one job runs for a small capture joins their tables for a large one.
+They find boards, or measure lights, of which a job has those of whole cameras. Each handles about `chunk_images`
+photographs at least, and is numbered. The stage that one job runs for a small capture joins their tables for a large one.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import json
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from pipeline.config.calibrate_cameras import BOARD_METHODS
@@ -27,34 +27,23 @@ FITTED_VIEWS = 10
 """Images of boards of each camera in the runs that job_costs.csv was fitted to: a share of so many costs a camera."""
 
 
-@dataclass(frozen=True)
-class Photographs:
-    """Photographs of a calibration, and the cameras that took them."""
-
-    images: int
-    cameras: int
-
-
 def found_boards(files: JobFiles, calibration: str | Path) -> list[str]:
-    """Tables of boards that are found in photographs of some cameras.
+    """Tables of boards that are found in some of the photographs.
 
     None if one job finds them all.
 
     Args:
         calibration: calibration_cameras.json of index_capture.
     """
-    return _tables(files, FOUND, board_photographs(files, calibration))
+    return _tables(files, FOUND, board_photographs(files, calibration) // files.settings.chunk_images)
 
 
-def board_photographs(files: JobFiles, calibration: str | Path) -> Photographs:
-    """Photographs in which calibrate_cameras looks for boards.
-
-    None of a capture that is not indexed yet.
-    """
-    shots, cameras, images, timed = _counted_views(Path(calibration), _changed(calibration))
+def board_photographs(files: JobFiles, calibration: str | Path) -> int:
+    """Number of photographs in which calibrate_cameras looks for boards; 0 of a capture that is not indexed yet."""
+    shots, images, timed = _counted_views(Path(calibration), _changed(calibration))
     most = files.settings.calibrate_cameras.most_views
     # Where a moving board rests shows once it is found in all of them.
-    return Photographs(images if timed or most is None or most >= shots else images * most // shots, cameras)
+    return images if timed or most is None or most >= shots else images * most // shots
 
 
 def measured_lights(files: JobFiles) -> list[str]:
@@ -63,19 +52,20 @@ def measured_lights(files: JobFiles) -> list[str]:
     An imported capture has none, or few.
     """
     size = job_size(replace(files, chunk=None, variant=None))
-    tables = _tables(files, MEASURED, Photographs(size.cameras * size.lights, size.cameras))
+    shares = min(size.cameras, size.cameras * size.lights // files.settings.chunk_images)
+    tables = _tables(files, MEASURED, shares)
     return tables if tables and _has_balls(files) else []
 
 
 def boards_share_size(files: JobFiles, calibration: str | Path) -> JobSize:
-    """Size of a job that looks for boards in photographs of some cameras.
+    """Size of a job that looks for boards in some of the photographs.
 
     It is that of as many cameras as usually take so many.
     """
-    size, shares, photographs = job_size(files), found_boards(files, calibration), board_photographs(files, calibration)
+    size, shares = job_size(files), found_boards(files, calibration)
     if not shares:
         return size
-    images = -(-photographs.cameras // len(shares)) * -(-photographs.images // photographs.cameras)
+    images = -(-board_photographs(files, calibration) // len(shares))
     return replace(size, cameras=-(-images // FITTED_VIEWS))
 
 
@@ -109,24 +99,24 @@ def board_index(files: JobFiles) -> str:
     return files.path("index/calibration_cameras.json")
 
 
-def _tables(files: JobFiles, pattern: str, photographs: Photographs) -> list[str]:
-    shares = min(photographs.cameras, photographs.images // files.settings.chunk_images, MOST_SHARES)
+def _tables(files: JobFiles, pattern: str, shares: int) -> list[str]:
+    shares = min(shares, MOST_SHARES)
     return [files.path(pattern.format(share=f"{share:04d}")) for share in range(shares)] if shares > 1 else []
 
 
 @functools.lru_cache(maxsize=256)
-def _counted_views(path: Path, _changed: tuple[int, int]) -> tuple[int, int, int, bool]:
-    """Numbers of shots, cameras and images, and whether they have times; none of a file that cannot be read.
+def _counted_views(path: Path, _changed: tuple[int, int]) -> tuple[int, int, bool]:
+    """Numbers of shots and images, and whether they have times; none of a file that cannot be read.
 
     Each of many jobs asks.
     """
     try:
         calibration = json.loads(path.read_text())
     except (OSError, ValueError):
-        return 0, 0, 0, False
+        return 0, 0, False
     views = calibration.get("views", []) if calibration.get("method") in BOARD_METHODS else []
     timed = bool(views) and all("time_s" in view for view in views)
-    return len({view["view"] for view in views}), len({view["camera"] for view in views}), len(views), timed
+    return len({view["view"] for view in views}), len(views), timed
 
 
 def _changed(path: str | Path) -> tuple[int, int]:

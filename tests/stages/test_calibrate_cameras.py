@@ -105,7 +105,7 @@ def test_fewer_views_on_request_are_evenly_spread(tmp_path, caplog):
 
 
 def in_shares(arguments, count, **words):
-    """The same arguments, and tables of so many shares of the cameras."""
+    """The same arguments, and tables of so many shares of the images."""
     shares = arguments["out"].with_name("shares")
     for share in range(count):
         run(**{**arguments, "out": shares}, share=share, shares=count, **words)
@@ -113,16 +113,17 @@ def in_shares(arguments, count, **words):
 
 
 @pytest.mark.parametrize("printed", ["as declared", "inverted"])
-def test_shares_of_the_cameras_give_the_same_bytes(tmp_path, monkeypatch, printed):
-    """Also with a share that has no camera; and no image is read again."""
+@pytest.mark.parametrize("sizes", [[3, 3, 4], [0, *[1] * 10]])
+def test_shares_of_the_images_give_the_same_bytes(tmp_path, monkeypatch, printed, sizes):
+    """Also with more shares than cameras, and than images; and no image is read again."""
     images = record()
     arguments = write_capture(
         tmp_path, {k: 255 - gray if printed == "inverted" else gray for k, gray in images.items()}
     )
     words = {"settings": CalibrateCameras(distortion=0)}
     run(**arguments, **words)
-    joined, tables = in_shares(arguments, 3, **words)
-    assert [len(read_table(table)) for table in tables] == [0, 5, 5]
+    joined, tables = in_shares(arguments, len(sizes), **words)
+    assert sorted(len(read_table(table)) for table in tables) == sizes
     monkeypatch.setattr(board_search, "read_view_gray", lambda *_: pytest.fail("read again"))
     run(**joined, **words, found=tables)
     for path in sorted(arguments["out"].iterdir()):

@@ -35,7 +35,7 @@ rule calibrate_cameras:
         "{params.settings:q} > {log:q} 2>&1"
 
 
-# Where photographs of boards are many: those of some cameras, each decoded once but for a few that all look at.
+# Where photographs of boards are many: a share of them, each decoded once but for a few that all look at.
 use rule calibrate_cameras as find_boards with:
     input:
         stored=stored_capture,

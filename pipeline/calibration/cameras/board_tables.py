@@ -1,4 +1,4 @@
-"""Tables of boards that one of several jobs found, in images of some cameras."""
+"""Tables of boards that one of several jobs found, in a share of the images."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ COLUMNS = ("image", "board", "variant", "width", "height", "markers", "corners",
 `image` is the place in the list of views, `variant` the one of `Board.variants` that the board is printed as."""
 
 
-def places_of_cameras(views: Sequence[dict], share: int, shares: int) -> list[int]:
-    """Places in the list of views: of the images of every `shares`-th camera, from `share`."""
-    chosen = set(sorted({view["camera"] for view in views})[share::shares])
-    return [place for place, view in enumerate(views) if view["camera"] in chosen]
+def places_of_share(views: Sequence[dict], share: int, shares: int) -> list[int]:
+    """Places in the list of views of a share of the images: one run of them, camera after camera.
+
+    Shares differ by one image at most. A video has the images of one camera, and is then read by few jobs.
+    """
+    by_camera = sorted(range(len(views)), key=lambda place: (views[place]["camera"], place))
+    return by_camera[len(views) * share // shares : len(views) * (share + 1) // shares]
 
 
 def search_share(
     capture: Path, calibration: Mapping[str, Any], path: Path, share: int, shares: int, settings: CalibrateCameras,
     threads: int,
 ) -> None:  # fmt: skip
-    """Look for boards in the images of every `shares`-th camera, from `share`.
-
-    Writes a table of them.
-    """
+    """Look for boards in a share of the images, and write a table of them."""
     boards, views = boards_from_index(calibration), views_to_search(calibration, settings)
     complain_of_symmetry(capture, boards, len({view["camera"] for view in views}))
-    searched = search_images(capture, views, places_of_cameras(views, share, shares), boards, threads)
+    searched = search_images(capture, views, places_of_share(views, share, shares), boards, threads)
     write_search(path, searched, boards)
     log.info("share %d of %d: boards looked for in %d images", share, shares, len(searched.images))
 
