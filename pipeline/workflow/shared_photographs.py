@@ -1,7 +1,8 @@
 """Jobs that share the photographs of a large capture's calibration.
 
 They find boards, or measure lights, of which a job has those of whole cameras. Each handles about `chunk_images`
-photographs at least, and is numbered. The stage that one job runs for a small capture joins their tables for a large one.
+photographs at least, and is numbered. The stage that one job runs for a small capture joins their tables for a large
+one.
 """
 
 from __future__ import annotations
