@@ -80,11 +80,11 @@ ABSURD = """\
 {rows}
 
 Jobs of `inspect_images`, `trace_irradiance`, `pack_shards` and `score_images` are bounded by their chunk, those of
-`find_boards` by their share of the photographs, those of `measure_lights` by their cameras, those of `track_mesh` by their chunk and the cameras that are
-looked at, and training keeps at most `training_cache_mb` of frames. What does grow with the capture is a row for each
-image, in `index_capture`, one for each corner of a board in `calibrate_cameras`, one for each spot in
-`calibrate_lights`, and one for each scored image in `evaluate_avatar`, which join the tables of the others; and the
-table of lit lights, which many stages read whole.
+`find_boards` by their share of the photographs, those of `measure_lights` by their cameras, those of `track_mesh` by
+their chunk and the cameras that are looked at, and training keeps at most `training_cache_mb` of frames. What does grow
+with the capture is a row for each image, in `index_capture`, one for each corner of a board in `calibrate_cameras`, one
+for each spot in `calibrate_lights`, and one for each scored image in `evaluate_avatar`, which join the tables of the
+others; and the table of lit lights, which many stages read whole.
 """
 
 ABSURDITIES = (
