@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
@@ -83,7 +84,7 @@ def run(
         common = shown if common is None else common
         blocks.append(frame_blocks(shown, common, stage))
     captured = captured_pictures(images, chosen, choose_cameras(images, chosen, settings.captured_cameras))
-    built = read_json(avatar / "config.json").get("built", spec.in_words)
+    built = read_json(avatar / "config.json").get("built", describe(spec))
     facts, texts = facts_of(subject, built, loaded, stage, captured), common_texts(loaded)
     sliders = head_sliders(loaded, [records[number] for number in chosen], settings.code_axes, settings.slider_steps)
     posed = [

@@ -23,6 +23,7 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.spec.gpu_limits import require_drawable
 from pipeline.avatar.spec.planned import read_plan, read_regions_on, reason_of, resolve_spec, unread_settings
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
 from pipeline.avatar.training.distributed import joined_processes
@@ -135,7 +136,7 @@ def run(
             seen = sorted(set(images.table.frame.iloc[chosen].tolist()))
             learn_expressions(avatar, (inputs[number] for number in evenly(seen, statistics_frames(texels))))
         work = f"{len(chosen)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
-        log.info("%s: %s", spec.in_words, reason_of(settings, effects))
+        log.info("%s: %s", describe(spec), reason_of(settings, effects))
         if unread := unread_settings(settings, spec):
             log.warning("set, but read by nothing that is built: %s", ", ".join(unread))
         dropped = dropped_terms(settings)
@@ -150,7 +151,7 @@ def run(
             write_table(out / "log.parquet", pd.DataFrame(done.rows))
             parameters = sum(parameter.numel() for parameter in avatar.parameters())
             facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
-            facts |= {"dropped_terms": dropped, "built": spec.in_words, "why": reason_of(settings, effects)}
+            facts |= {"dropped_terms": dropped, "built": describe(spec), "why": reason_of(settings, effects)}
             facts |= {"light_gains": done.light_gains, "camera_offsets": done.camera_offsets}
             facts |= {"texels": len(texels.face), "parameters": parameters}  # No times: those are in the log alone.
             save_avatar(out, avatar, facts)

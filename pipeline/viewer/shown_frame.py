@@ -13,6 +13,7 @@ from pipeline.avatar.frames.prepared import PreparedFrame
 from pipeline.avatar.matter import read_matter
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
 from pipeline.capture.records import FrameRecord
@@ -64,7 +65,7 @@ def require_analytic(spec: AvatarSpec, name: str) -> None:
     if spec.shading != "microfacet" or spec.shadow_net or spec.indirect == "ambient":
         raise InputError(
             f"{name}: spec: expected Lambert and GGX with traced shadows and one bounce or none, which a page can "
-            f"compute; found {spec.in_words}; train a variant with shading: microfacet and visibility: traced"
+            f"compute; found {describe(spec)}; train a variant with shading: microfacet and visibility: traced"
         )
 
 

@@ -27,22 +27,6 @@ from pipeline.config.trained_model import (
 
 GivenGeometry = Literal["", "texels", "decoded"]
 
-DIFFUSE_WORDS = {
-    "transfer": "zonal transfer", "harmonics": "harmonic transfer", "microfacet": "Lambert",
-    "subsurface": "Lambert with subsurface spread", "combined": "Lambert and zonal transfer",
-    "linear": "a light-linear network",
-}  # fmt: skip
-GLOSS_WORDS = {
-    "angular": "angular lobe", "half": "half-vector lobe", "cosine": "cosine lobe", "ggx": "GGX",
-    "harmonics": "specular harmonics", "tangent_harmonics": "specular harmonics in tangent frames",
-}  # fmt: skip
-INDIRECT_WORDS = {"ambient": "ambient light", "bounce": "one bounce"}
-
-
-def of_regions(names: tuple[str, ...]) -> str:
-    """Words for the regions that have something; none where all have it."""
-    return f" ({' and '.join(names)})" if names else ""
-
 
 @dataclass(frozen=True)
 class AvatarSpec:
@@ -267,28 +251,6 @@ class AvatarSpec:
     def decoded(self) -> bool:
         """Any network of pose, expression or view is built."""
         return self.head or self.pose_decoder or self.view_decoder or self.given_geometry == "decoded"
-
-    @property
-    def in_words(self) -> str:
-        """Sentence that says what light is simulated, for tables."""
-        where = (" per pixel" if self.deferred else " per Gaussian") if self.lobe else ""
-        transfer = DIFFUSE_WORDS[self.shading] + of_regions(self.transport_regions)
-        parts = [("coated " if self.coated else "") + transfer]
-        if self.specular_model in GLOSS_WORDS:
-            parts.append(GLOSS_WORDS[self.specular_model] + of_regions(self.gloss_regions) + where)
-        if self.shadow:
-            parts.append(f"{self.shadow_model} shadows" + of_regions(self.shadow_regions))
-        if self.indirect in INDIRECT_WORDS:
-            parts.append(INDIRECT_WORDS[self.indirect])
-        if not self.near_field:
-            parts.append("distant lights")
-        if self.volumes:
-            parts.append("volumetric primitives")
-        if self.eyes:
-            parts.append("explicit eyes")
-        if self.gaze_features:
-            parts.append("gaze features")
-        return f"{self.avatar} with {', '.join(parts)}"
 
     def as_json(self) -> dict:
         """The fields by name, for config.json."""

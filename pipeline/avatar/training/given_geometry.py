@@ -10,6 +10,7 @@ import torch
 
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.texels.texel_parameters import GEOMETRY
 from pipeline.avatar.training.checkpoint import load_avatar
 from pipeline.base.errors import InputError
@@ -28,7 +29,7 @@ def with_given_geometry(spec: AvatarSpec, folder: Path) -> AvatarSpec:
     other = AvatarSpec.from_json(_spec_in(folder))
     for which, each in (("this avatar", spec), (str(folder), other)):
         if each.head or each.volumes:
-            raise InputError(f"geometry_from: expected a body with Gaussians, found {each.in_words}: {which}")
+            raise InputError(f"geometry_from: expected a body with Gaussians, found {describe(each)}: {which}")
     decoded = other.pose_decoder or other.given_geometry == "decoded"
     differing = [name for name in SIZES if decoded and getattr(spec, name) != getattr(other, name)]
     if differing:

@@ -12,6 +12,7 @@ from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.matter import read_matter
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import EVERYWHERE, resolve_spec
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.losses import regularization
 from pipeline.config.train_avatar import TrainAvatar
@@ -98,7 +99,7 @@ def test_regions_without_shadows_see_all_lights_and_trace_nothing():
     cloth = in_regions(LABELLED, ("cloth",))
     assert avatars["whole"].shadowed is None and avatars["none"].spec.shadow_regions == ()
     assert np.array_equal(avatars["part"].shadowed, cloth)
-    assert "traced shadows (cloth)" in avatars["part"].spec.in_words
+    assert "traced shadows (cloth)" in describe(avatars["part"].spec)
     hidden = (light["whole"] != light["none"]).any(1).numpy()
     assert (hidden & cloth).any() and (hidden & ~cloth).any()
     assert torch.equal(light["part"][cloth], light["whole"][cloth])

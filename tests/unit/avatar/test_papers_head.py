@@ -13,6 +13,7 @@ from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar, Picture
 from pipeline.avatar.networks.gaze_features import GazeFeatures
 from pipeline.avatar.spec.planned import resolve_spec
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view, load_avatar, save_avatar
 from pipeline.avatar.training.head_losses import expression_terms
@@ -359,7 +360,7 @@ def test_gaze_features_need_no_explicit_eyes_but_a_capture_that_declares_them():
     without = SETTINGS.model_copy(update={"eyes": "off"})
     assert resolve_spec(without, {"eyes"}, "head").reads_eyes and not resolve_spec(without, {"eyes"}, "head").eyes
     assert not resolve_spec(SETTINGS, set(), "head").reads_eyes
-    assert "gaze features" in resolve_spec(without, {"eyes"}, "head").in_words
+    assert "gaze features" in describe(resolve_spec(without, {"eyes"}, "head"))
     with pytest.raises(InputError, match=r"gaze_features: expected eyes in eyes\.json, found none"):
         GazeFeatures(scene()[0].atlas, {})
     with pytest.raises(ValueError, match="lids: learned: expected eye_parameters: decoded"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pipeline.avatar.spec.planned import resolve_spec, unread_settings
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
 
@@ -16,7 +17,7 @@ def test_light_spreads_below_the_surface_where_transport_is_called_for():
     assert (spec.shading, spec.visibility, spec.indirect) == ("subsurface", "traced", "bounce")
     assert spec.specular_model == "ggx" and not spec.shadow_net
     words = "body with coated Lambert with subsurface spread, GGX, traced shadows, one bounce, explicit eyes"
-    assert spec.in_words == words
+    assert describe(spec) == words
     assert resolve_spec(TrainAvatar(), EVERYTHING, "head").shading == "subsurface"
 
 
@@ -60,12 +61,12 @@ def test_analytic_shading_takes_the_place_of_learned_transport(kind):
 
 
 def test_specs_in_words():
-    words = resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport"}, "head").in_words
+    words = describe(resolve_spec(TrainAvatar(), EVERYTHING - {"learned_transport"}, "head"))
     assert words == "head with coated Lambert, GGX, traced shadows, one bounce, explicit eyes"
-    words = resolve_spec(TrainAvatar(shading="transfer", near_field="off", eyes="off"), EVERYTHING).in_words
+    words = describe(resolve_spec(TrainAvatar(shading="transfer", near_field="off", eyes="off"), EVERYTHING))
     assert words == "body with zonal transfer, angular lobe per pixel, learned shadows, distant lights"
     plain = resolve_spec(TrainAvatar(shading="transfer"), {"articulation", "near_field"})
-    assert plain.in_words == "body with zonal transfer"
+    assert describe(plain) == "body with zonal transfer"
 
 
 def test_traced_shadows_need_transfer_that_turns():

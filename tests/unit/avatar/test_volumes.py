@@ -13,6 +13,7 @@ from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.geometry.box_layout import REACH, lay_boxes
 from pipeline.avatar.intrinsic_layers import intrinsic_layers
 from pipeline.avatar.spec.planned import resolve_spec, unread_settings
+from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import camera_view, load_avatar, save_avatar
 from pipeline.avatar.training.losses import regularization
@@ -187,7 +188,7 @@ def test_bodies_of_volumes_are_refused_and_eyes_left_out_of_heads():
         resolve_spec(settings, set(EFFECTS), "body")
     spec = resolve_spec(settings, set(EFFECTS), "head")
     assert spec.volumes and not spec.eyes and not spec.culls
-    assert spec.in_words.endswith("volumetric primitives")
+    assert describe(spec).endswith("volumetric primitives")
     unread = unread_settings(settings.model_copy(update={"dilation_px2": 0.3, "ray_step_m": 0.01}), spec)
     assert unread == ["dilation_px2"]
     gaussians = resolve_spec(TrainAvatar(box_voxels=4), set(EFFECTS), "head")
