@@ -51,7 +51,9 @@ def test_without_a_label_nothing_is_known():
 def test_two_eyes_tell_a_face_that_no_label_does():
     """Eyes at x of -0.2 and 0 on the lower row: 0.2 m apart, the point between them at (-0.1, -0.2)."""
     eyes = {"left": np.array([0]), "right": np.array([1])}
-    # The furthest corner, at (0.2, 0.1), lies 0.42 m away, the others up to 0.32 m; a face reaches 0.38 m.
-    assert known_face({}, SQUARES, eyes).tolist() == [0, 1, 2, 3, 4]
+    # It is 0.44 m broad, which leaves out x of 0.2, and reaches 0.38 m: the upper row is 0.32 m away, its copy 0.41 m.
+    assert known_face({}, SQUARES, eyes).tolist() == [0, 1, 3, 4]
+    higher = SQUARES[3:] + np.array([0, 0.1, 0], np.float32)
+    assert known_face({}, np.concatenate([SQUARES, higher]), eyes).tolist() == [0, 1, 3, 4]
     assert np.array_equal(known_face({FACE: RIGHT}, SQUARES, eyes), RIGHT)
     assert not len(known_face({}, SQUARES, {"left": eyes["left"]}))
