@@ -14,6 +14,7 @@ import torch
 
 from pipeline.avatar.intrinsic_layers import IntrinsicLayers
 from pipeline.base.errors import InputError
+from pipeline.base.files import write_table
 from pipeline.capture.records import FrameRecord, ImageRecord
 from pipeline.capture.shards import (
     read_frame_shards,
@@ -25,6 +26,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.metrics.evaluation import TEST_FLAGS
 from pipeline.stages import evaluate_avatar
+from tests.support.avatars.sheet import make_sheet
 
 LEVEL = 0.25
 
@@ -304,3 +306,14 @@ def test_metric_that_is_asked_for_has_columns_after_the_others(results):
     assert table.region.str.contains("ms_ssim at least 161 px a side").all()
     assert {"ms_ssim_all", "ms_ssim_held_out_lights"} <= set(costs.columns)
     assert "ms_ssim" in pd.read_parquet(results / "metrics_per_image.parquet")
+
+
+def test_two_eyes_of_the_index_tell_the_face(tmp_path, caplog):
+    """Of a square sheet, eyes in two corners of one side: it is as broad as they are apart, and no longer."""
+    atlas = make_sheet(8)
+    corners = pd.DataFrame({"eye": ["left", "right"], "vertex": [0, 1]})
+    write_table(tmp_path / "eyes.parquet", corners)
+    assert evaluate_avatar.find_face(atlas, tmp_path) is not None
+    write_table(tmp_path / "eyes.parquet", corners[:0])
+    assert evaluate_avatar.find_face(atlas, tmp_path) is None
+    assert "psnr_face stays empty: the template has no region face" in caplog.text
