@@ -26,7 +26,9 @@ def known_face(
     regions: Mapping[str, Int[np.ndarray, " _"]], rest: Float[np.ndarray, "v 3"],
     eyes: Mapping[str, Int[np.ndarray, " _"]],
 ) -> Int64[np.ndarray, " _"]:  # fmt: skip
-    """Vertices of the face: labelled as such, or moved by the head's joint, or near the eyes; none if nothing tells.
+    """Vertices of the face; none if nothing tells what it is.
+
+    Those labelled as such, or else moved by the head's joint, or else near the eyes.
 
     Args:
         regions: of the atlas.

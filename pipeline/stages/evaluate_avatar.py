@@ -152,7 +152,7 @@ def run(
 
 
 def find_face(atlas: Atlas, index: Path | None) -> ShownFace | None:
-    """What finds the face in images; None, with a warning, if nothing tells what it is."""
+    """Finder of the face in images; None, with a warning, if nothing tells what that is."""
     table = pd.DataFrame() if index is None else read_table(index / "eyes.parquet")
     eyes = {name: part.vertex.to_numpy() for name, part in table.groupby("eye")} if len(table) else {}
     face = shown_face(atlas.faces, known_face(atlas.regions, atlas.rest_vertices, eyes))

@@ -40,7 +40,10 @@ def found_boards(files: JobFiles, calibration: str | Path) -> list[str]:
 
 
 def board_photographs(files: JobFiles, calibration: str | Path) -> int:
-    """Number of photographs in which calibrate_cameras looks for boards; 0 of a capture that is not indexed yet."""
+    """Number of photographs in which calibrate_cameras looks for boards.
+
+    0 of a capture that is not indexed yet.
+    """
     shots, images, timed = _counted_views(Path(calibration), _changed(calibration))
     most = files.settings.calibrate_cameras.most_views
     # Where a moving board rests shows once it is found in all of them.

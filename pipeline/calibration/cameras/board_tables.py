@@ -26,7 +26,7 @@ COLUMNS = ("image", "board", "variant", "width", "height", "markers", "corners",
 
 
 def places_of_share(views: Sequence[dict], share: int, shares: int) -> list[int]:
-    """Places in the list of views of a share of the images: one run of them, camera after camera.
+    """Places in the list of views of a share of the images: a run of them, camera by camera.
 
     Shares differ by one image at most. A video has the images of one camera, and is then read by few jobs.
     """
