@@ -7,7 +7,11 @@ Asks for finished shards of the subject. The presets' `train_avatar` are merged 
 the rows; a row with irradiance maps of its own takes them from results/SUBJECT/variants/ROW/frames. Each row is one
 training from the same seed on the same images. Test images are never looked at. Differences are from the first row,
 image by image; errors are standard errors over blocks of frames (`pipeline.metrics.significance`): another seed may
-change a row by as much. With --scores, rows that it holds are not trained again.
+change a row by as much. Lights are as calibrated unless a preset or a row says otherwise: refining them takes longer
+than so short a training.
+
+With --scores, rows that it holds are not trained again. So of rows that evaluate_avatar has scored, from --avatars, its
+metrics_per_image.parquet gives the same table.
 """
 
 from __future__ import annotations

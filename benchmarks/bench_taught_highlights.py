@@ -12,8 +12,9 @@ lamps drawn from the same 460 places.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ from pipeline.geometry.texels import Atlas, read_atlas
 from pipeline.lighting.environment_sh import COEFFICIENTS, even_directions, spherical_harmonics
 from pipeline.lighting.lobes import unit
 
-CODE = 16
+SETTINGS = TrainAvatar()
 PLACES, LAMPS = 460, 3
 """Lamps that there are, and of a pattern."""
 
@@ -44,11 +45,14 @@ CAMERA_M = 1.2
 BRIGHTNESS = 8.0
 """Of each lamp: highlights are then about as bright as skin."""
 
+Truth = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+"""(camera, lamps) -> radiance and what is seen."""
+
 HELD_OUT = 8
 """Cameras, and patterns, that nothing is taught of."""
 
-RATE = 1e-2
-"""Adam's, at the start: ten times that of training, at which the first 200 steps learn nothing at all."""
+RATE = 10 * SETTINGS.learning_rate_network
+"""Adam's, at the start. At that of training, the first 200 steps learn nothing at all."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +63,13 @@ class Case:
     data: str
     cameras: int
     patterns: int
-    channels: tuple[int, ...] = (16, 8)
+    channels: tuple[int, ...] = SETTINGS.decoder_channels
 
 
 CASES = (
     Case("Linear", "as captured", 10, 18),
     Case("Linear", "as filmed", 110, 460),
-    Case("Linear, four times as wide", "as filmed", 110, 460, (64, 32)),
+    Case("Linear, four times as wide", "as filmed", 110, 460, tuple(4 * n for n in SETTINGS.decoder_channels)),
     Case("EyeNeRF", "as captured", 10, 18),
     Case("EyeNeRF", "as filmed", 110, 460),
 )
@@ -76,12 +80,13 @@ class Taught(nn.Module):
 
     def __init__(self, atlas: Atlas, case: Case, middle: Tensor) -> None:
         super().__init__()
-        self.middle, self.code = middle, torch.zeros(CODE)
+        self.middle, self.code = middle, torch.zeros(SETTINGS.code_size)
         self.direction = linear(3, VIEW_FEATURES)
+        sizes = (atlas, SETTINGS.code_size, case.channels)
         if case.row == "EyeNeRF":
-            self.network = AtlasDecoder(atlas, CODE, case.channels, COEFFICIENTS, True, beside=VIEW_FEATURES)
+            self.network = AtlasDecoder(*sizes, COEFFICIENTS, True, beside=VIEW_FEATURES)
         else:
-            self.network = LightLinearDecoder(atlas, CODE, case.channels, beside=VIEW_FEATURES)
+            self.network = LightLinearDecoder(*sizes, beside=VIEW_FEATURES)
 
     def forward(self, camera: Tensor, lamps: Tensor) -> Tensor:
         """Radiance of all texels towards the camera, [texels]."""
@@ -92,18 +97,13 @@ class Taught(nn.Module):
         return self.network(self.code, seen, light)[:, 0]
 
 
-class Highlights:
-    """What is to be learned: of a camera and lamps, the texels' radiance and which of them are seen."""
-
-    def __init__(self, posed: PosedTexels, alpha: float) -> None:
-        self.posed, self.alpha = posed, alpha
-
-    def __call__(self, camera: Tensor, lamps: Tensor) -> tuple[Tensor, Tensor]:
-        turn = self.posed.tangent_frames.mT
-        to_camera = (turn @ unit(camera - self.posed.points)[..., None])[..., 0]
-        each = [ggx((turn @ lamp[:, None])[..., 0], to_camera, self.alpha) for lamp in lamps]
-        seen = to_camera[:, 2] > 0.1
-        return BRIGHTNESS * sum(each) * seen, seen
+def highlights(posed: PosedTexels, alpha: float, camera: Tensor, lamps: Tensor) -> tuple[Tensor, Tensor]:
+    """What is to be learned: radiance of the texels towards a camera, and which of them are seen."""
+    turn = posed.tangent_frames.mT
+    to_camera = (turn @ unit(camera - posed.points)[..., None])[..., 0]
+    each = [ggx((turn @ lamp[:, None])[..., 0], to_camera, alpha) for lamp in lamps]
+    seen = to_camera[:, 2] > 0.1
+    return BRIGHTNESS * sum(each) * seen, seen
 
 
 def drawn_patterns(count: int, random: np.random.Generator) -> list[Tensor]:
@@ -113,13 +113,13 @@ def drawn_patterns(count: int, random: np.random.Generator) -> list[Tensor]:
     return [places[torch.as_tensor(random.choice(len(places), LAMPS, replace=False))] for _ in range(count)]
 
 
-def explained(network: Taught, highlights: Highlights, cameras: Sequence[Tensor], patterns: Sequence[Tensor]) -> float:
+def explained(network: Taught, truth: Truth, cameras: Sequence[Tensor], patterns: Sequence[Tensor]) -> float:
     """Share of the squares, over all pairs."""
     left = whole = 0.0
     with torch.no_grad():
         for camera in cameras:
             for lamps in patterns:
-                wanted, seen = highlights(camera, lamps)
+                wanted, seen = truth(camera, lamps)
                 left += float(((network(camera, lamps) - wanted) * seen).square().sum())
                 whole += float(wanted.square().sum())
     return 1 - left / whole
@@ -129,13 +129,13 @@ def taught(atlas: Atlas, posed: PosedTexels, case: Case, alpha: float, marks: Se
     """A line for each number of steps; the rates fall over all of them, as in a training of the last one."""
     torch.manual_seed(0)
     random, middle = np.random.default_rng(0), posed.points.mean(0)
-    highlights, network = Highlights(posed, alpha), Taught(atlas, case, middle)
+    truth, network = partial(highlights, posed, alpha), Taught(atlas, case, middle)
     cameras, new_cameras = (
         [middle + CAMERA_M * torch.as_tensor(way, dtype=torch.float32) for way in even_directions(2 * count)[:count]]
         for count in (case.cameras, HELD_OUT)
     )  # the first half of the directions is in front
     patterns, new_patterns = drawn_patterns(case.patterns, random), drawn_patterns(HELD_OUT, random)
-    settings = TrainAvatar(steps=marks[-1])
+    settings = SETTINGS.model_copy(update={"steps": marks[-1]})
     optimizer, lines = torch.optim.Adam(network.parameters(), lr=RATE), []
     for step in range(marks[-1]):
         for group in optimizer.param_groups:
@@ -143,12 +143,12 @@ def taught(atlas: Atlas, posed: PosedTexels, case: Case, alpha: float, marks: Se
         optimizer.zero_grad()
         lamps = patterns[random.integers(len(patterns))]
         for each in random.integers(len(cameras), size=settings.cameras_per_step):
-            wanted, seen = highlights(cameras[each], lamps)
+            wanted, seen = truth(cameras[each], lamps)
             (network(cameras[each], lamps) - wanted)[seen].square().mean().backward()
         optimizer.step()
         if step + 1 in marks:
             shown = (cameras[:: max(1, len(cameras) // HELD_OUT)], patterns[:: max(1, len(patterns) // HELD_OUT)])
-            shares = (explained(network, highlights, *pairs) for pairs in (shown, (new_cameras, new_patterns)))
+            shares = (explained(network, truth, *pairs) for pairs in (shown, (new_cameras, new_patterns)))
             counts = f"{case.data}, {case.cameras} x {case.patterns}"
             lines.append([case.row, counts, f"{step + 1:,}", *(f"{100 * share:.0f}" for share in shares)])
             print(*lines[-1], sep=" | ", flush=True)

@@ -153,8 +153,8 @@ def run(
 
 def find_face(atlas: Atlas, index: Path | None) -> ShownFace | None:
     """Finder of the face in images; None, with a warning, if nothing tells what that is."""
-    table = pd.DataFrame() if index is None else read_table(index / "eyes.parquet")
-    eyes = {name: part.vertex.to_numpy() for name, part in table.groupby("eye")} if len(table) else {}
+    listed = () if index is None else read_table(index / "eyes.parquet").groupby("eye").vertex
+    eyes = {name: vertices.to_numpy() for name, vertices in listed}
     face = shown_face(atlas.faces, known_face(atlas.regions, atlas.rest_vertices, eyes))
     if face is None:
         log.warning("psnr_face stays empty: the template has no region face, no joint of a keypoint head, no two eyes")
