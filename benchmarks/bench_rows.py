@@ -108,7 +108,12 @@ def main() -> None:
     parser.add_argument(
         "--presets", type=Path, nargs="+", required=True, help="presets, the last one's rows are trained"
     )
-    parser.add_argument("--rows", nargs="*", default=[], help="the rows that are trained; all if none is named")
+    parser.add_argument(
+        "--rows",
+        nargs="*",
+        default=[],
+        help="the rows, the first of which the others are held against; all if none is named",
+    )
     parser.add_argument("--steps", type=int, default=150, help="of each training")
     parser.add_argument("--metrics", nargs="*", default=[], help="further metrics, as of evaluate_avatar")
     parser.add_argument("--avatars", type=Path, help="folder that keeps the avatars, for evaluate_avatar")
@@ -117,8 +122,9 @@ def main() -> None:
     torch.set_num_threads(1)
     shared, rows = read_rows(options.presets)
     done = read_table(options.scores) if options.scores and options.scores.exists() else pd.DataFrame({"variant": []})
+    asked = options.rows or list(rows)
     with tempfile.TemporaryDirectory() as folder:
-        for name in options.rows or rows:
+        for name in asked:
             if (done.variant == name).any():
                 continue
             changes = {key: value for key, value in rows[name].items() if key != "trace_irradiance"}
@@ -128,7 +134,7 @@ def main() -> None:
             if options.scores:
                 write_table(options.scores, done)
             print(differences(done).tail(1).round(4).to_string(index=False), flush=True)
-    print(as_markdown(differences(done)))
+    print(as_markdown(differences(pd.concat([done[done.variant == name] for name in asked]))))
 
 
 if __name__ == "__main__":
