@@ -40,7 +40,7 @@ help:
 	@echo 'make docs                          build the documentation into build/docs'
 	@echo 'make detect                        install what finds keypoints and masks in photographs, into .venv-detect'
 	@echo 'make schema                        write what is generated: config.yaml, its schema, pages of settings and commands'
-	@echo 'make curves                        measure what accuracy costs on subjectA, for presets and budgets'
+	@echo 'make curves                        measure what accuracy costs on some subjects, for presets and budgets'
 	@echo 'make presets                       write the presets draft, standard and reference from these curves'
 	@echo 'make viewer                        build the page of results/SUBJECT/viewer from viewer/; needs node'
 	@echo 'make lock                          write exact versions of the ranges in pyproject.toml, envs/lock*.txt'
@@ -162,11 +162,12 @@ $(DETECT_READY): envs/detect.yaml
 	.venv-detect/bin/python -m pip install --requirement .venv-detect/requirements.txt
 	touch '$@'
 
-CURVES_OF := results/subjectA
+# Subjects whose curves are measured, hours for each; those of others that were kept before stay.
+CURVES_OF ?= results/subjectA results/subjectB results/subjectC
 curves: $(READY)
-	$(BIN)/snakemake --cores $(CORES) $(CURVES_OF)/metrics.csv
-	$(BIN)/snakemake --cores 1 --forcerun measure_cost -- $(CURVES_OF)/accuracy_cost.csv
-	$(BIN)/python -m pipeline.dials.curves --results $(CURVES_OF)
+	$(QUIET) $(BIN)/snakemake --cores $(CORES) $(addsuffix /metrics.csv,$(CURVES_OF))
+	$(foreach results,$(CURVES_OF),$(QUIET) $(ONE_THREAD) $(BIN)/snakemake --cores 1 --forcerun measure_cost -- \
+	    $(results)/accuracy_cost.csv && $(BIN)/python -m pipeline.dials.curves --results $(results) &&) true
 
 presets: $(READY)
 	$(BIN)/python -m pipeline.budget.presets

@@ -6,9 +6,10 @@
 Snakemake's benchmarks say what each job took: CPU seconds, and the largest resident set that was sampled. The terms are
 those that the predicted exponents of `benchmarks.scaling_cases` speak of; coefficients are not negative and have the
 least relative error (`benchmarks.scaling_projection.fit_terms`). Writes config/curves/job_costs.csv, from which
-`pipeline.workflow.job_requests` takes what jobs ask for. A term needs runs that differ in its sizes: subjectA, a head,
-a recorded body, subjectA with images of 480 x 640 pixels, and with 96 frames were fitted. Other benchmarks measured
-some jobs at sizes that no run has, as far as the papers'; with `--stages` those are fitted, and all other rows stay.
+`pipeline.workflow.job_requests` takes what jobs ask for, and budgets take how long a run will be. A term needs runs
+that differ in its sizes: subjectA, a head, a recorded body, subjectA with images of 480 x 640 pixels, and with 96
+frames were fitted. Other benchmarks measured some jobs at sizes that no run has, as far as the papers'; with `--stages`
+those are fitted, and all other rows stay.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ import pandas as pd
 
 from benchmarks.scaling_projection import fit_terms, product
 from pipeline.base.files import read_json, read_table, write_table
+from pipeline.budget.job_costs import TABLE
+from pipeline.budget.job_size import KEPT_BYTES, JobSize
 from pipeline.geometry.texels import read_atlas
-from pipeline.workflow.job_requests import TABLE
-from pipeline.workflow.job_size import KEPT_BYTES, JobSize
 
 ONCE = ()
 IMAGES, ALL_PIXELS = ("frames", "cameras"), ("frames", "cameras", "pixels")

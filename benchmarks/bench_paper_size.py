@@ -30,9 +30,9 @@ from benchmarks.paper_page import Planning, paper_page
 from benchmarks.schedule import Cluster, Job, Schedule, read_graph, simulate
 from pipeline.base.files import write_table
 from pipeline.base.yaml_files import read_yaml
+from pipeline.budget.job_costs import CHUNKED, TABLE, read_costs
 from pipeline.config.loading import Project, load_project
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_requests import CHUNKED, TABLE, read_costs
 from pipeline.workflow.job_size import job_size
 from pipeline.workflow.shared_images import (
     SHARES,

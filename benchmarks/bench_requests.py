@@ -20,10 +20,12 @@ import yaml
 from benchmarks.bench_job_costs import SECONDS
 from pipeline.base.files import write_table
 from pipeline.base.yaml_files import read_yaml
+from pipeline.budget.job_costs import CHUNKED
+from pipeline.budget.job_size import JobSize
 from pipeline.config.loading import load_project
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_requests import CHUNKED, SNAKEMAKE_MB, memory_mb, minutes, useful_threads
-from pipeline.workflow.job_size import JobSize, job_size, unknown_size
+from pipeline.workflow.job_requests import SNAKEMAKE_MB, memory_mb, minutes, useful_threads
+from pipeline.workflow.job_size import job_size, unknown_size
 
 
 def run_jobs(results: Path, files: JobFiles, cores: int) -> list[dict]:

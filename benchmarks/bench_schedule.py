@@ -26,9 +26,10 @@ import yaml
 from benchmarks.schedule import Cluster, Job, read_graph, simulate
 from pipeline.base.files import write_table
 from pipeline.base.yaml_files import read_yaml
+from pipeline.budget.job_costs import CHUNKED, TABLE, read_costs
 from pipeline.config.loading import load_project
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_requests import CHUNKED, TABLE, THREAD_SHARE, memory_mb, read_costs, useful_threads
+from pipeline.workflow.job_requests import THREAD_SHARE, memory_mb, useful_threads
 from pipeline.workflow.job_size import job_size
 from pipeline.workflow.shared_images import SHARES
 

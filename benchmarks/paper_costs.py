@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pipeline.workflow.job_requests import THREAD_SHARE, CostTerms, looked_at, memory_mb, useful_threads
-from pipeline.workflow.job_size import JobSize
+from pipeline.budget.job_costs import CostTerms, looked_at
+from pipeline.budget.job_size import JobSize
+from pipeline.workflow.job_requests import THREAD_SHARE, memory_mb, useful_threads
 from pipeline.workflow.shared_images import SHARES
 
 FITTED = (

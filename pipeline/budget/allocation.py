@@ -2,10 +2,9 @@
 
 `pipeline.budget.knapsack` makes the choice.
 
-A stage is expected to take what it took on the curves' subject, without the import of its code, in proportion to what
-it works through (`SCALES_WITH`), times a factor for each dial: its time at the setting over its time at that subject's
-setting. That leaves out image size in training, how many lights are on, and other processors. An error is expected to
-be that of the curves' subject at the same setting.
+A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
+its time at the setting over that at the default, the mean over the curves' subjects. How much the effects of a plan
+cost, and how fast a processor is, is left out. An error is expected to be the mean over these subjects.
 
 The budget only chooses what neither the subject's file nor the command line says.
 """
@@ -16,29 +15,28 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from pipeline.base.errors import InputError
 from pipeline.budget.capture_size import CaptureSize
-from pipeline.budget.curves import Curve, Measured, parse_setting, setting_name
+from pipeline.budget.curve import Curve, parse_setting, setting_name
+from pipeline.budget.curves import Measured
 from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
+from pipeline.budget.run_seconds import StageSeconds, run_seconds
 from pipeline.config.project import SECTIONS, SubjectSettings
 from pipeline.config.sections import merge
-
-SCALES_WITH: dict[str, tuple[str, ...]] = {
-    "index_capture": ("images",), "calibrate_cameras": ("cameras",), "calibrate_color": ("cameras",),
-    "calibrate_lights": ("cameras",), "book_patterns": ("images",), "unwrap_atlas": (), "track_mesh": ("images",),
-    "plan_effects": (), "trace_irradiance": ("frames",), "pack_shards": ("images", "pixels"),
-    "train_avatar": ("variants",), "evaluate_avatar": ("images", "variants"),
-}  # fmt: skip
-"""The stages on the way to metrics.csv, and what their time is in proportion to."""
 
 SPENT_IN = {"unwrap_atlas": "train_avatar"}
 """Where a setting of a stage costs time, if not there: texels are laid out once and trained in every step."""
 
+OVERRULED_BY = {("unwrap_atlas", "texel_pixels"): "size"}
+"""Settings that have no say once another one of the same stage has."""
+
 
 def within_budget(
     subject: str, settings: SubjectSettings, said: Mapping[str, Any], size: CaptureSize, curves: Sequence[Curve],
-    measured: Measured,
+    measured: Sequence[Measured],
 ) -> tuple[SubjectSettings, Estimate]:  # fmt: skip
     """The settings with what the budget chooses, and what to expect of them.
 
@@ -46,22 +44,22 @@ def within_budget(
         settings: with `budget_minutes`.
         said: what the user says, which stays.
         size: of this capture.
+        measured: the subjects of the curves.
 
     Raises:
         InputError: if no setting is fast enough, with what takes the time and what the user has set.
     """
     budget_s = 60.0 * settings.budget_minutes
-    known = measured.seconds.keys() & SCALES_WITH.keys()
-    turned = [curve for curve in curves if _spent_in(curve) in known and curve.dial in measured.settings]
-    fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, curve)}
-    base = {stage: _base_seconds(stage, size, measured, turned) for stage in SCALES_WITH if stage in measured.seconds}
+    base = run_seconds(at_defaults(settings, curves), size)
+    turned = [curve for curve in curves if _spent_in(curve) in base]
+    fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}
     for curve in turned:
-        dials.setdefault(_spent_in(curve), {})[curve.dial] = _options(curve, measured, fixed)
-    imports = sum(overhead for overhead, _ in base.values())
-    best, fastest = best_within(budget_s - imports, {stage: work for stage, (_, work) in base.items()}, dials)
+        dials.setdefault(_spent_in(curve), {})[curve.dial] = _options(curve, fixed)
+    overhead = sum(seconds.fixed for seconds in base.values())
+    best, fastest = best_within(budget_s - overhead, {stage: each.work for stage, each in base.items()}, dials)
     if best is None:
-        raise InputError(_refusal(subject, settings, fixed, turned, fastest, imports, base))
+        raise InputError(_refusal(subject, settings, fixed, turned, fastest, base))
     names = dict(best.names)
     changes: dict[str, dict[str, Any]] = {}
     for curve in turned:
@@ -71,22 +69,37 @@ def within_budget(
         stage: SECTIONS[stage](**merge(getattr(settings, stage).model_dump(), options))
         for stage, options in changes.items()
     }
-    choices = [_choice(curve, measured, names[curve.dial], fixed) for curve in turned]
+    choices = [_choice(curve, names[curve.dial], fixed) for curve in turned]
     factors = dict.fromkeys(base, 1.0)
     for curve, choice in zip(turned, choices, strict=True):
         factors[_spent_in(curve)] *= choice.factor
-    seconds = {stage: overhead + work * factors[stage] for stage, (overhead, work) in base.items()}
-    psnr_db = _expected_psnr(turned, choices, measured) if subject == measured.subject else math.nan
-    return settings.model_copy(update=sections), Estimate(
-        subject, measured.subject, budget_s, seconds, choices, psnr_db
-    )
+    seconds = {stage: each.fixed + each.work * factors[stage] for stage, each in base.items()}
+    psnr_db = next((_expected_psnr(turned, choices, one) for one in measured if one.subject == subject), math.nan)
+    names_of = ", ".join(one.subject for one in measured)
+    return settings.model_copy(update=sections), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db)
+
+
+def at_defaults(settings: SubjectSettings, curves: Sequence[Curve]) -> SubjectSettings:
+    """The settings with all dials at their defaults."""
+    changes: dict[str, dict[str, Any]] = {}
+    for curve in curves:
+        changes.setdefault(curve.stage, {})[curve.option] = curve.default
+    sections = {
+        stage: SECTIONS[stage](**merge(getattr(settings, stage).model_dump(), options))
+        for stage, options in changes.items()
+    }
+    return settings.model_copy(update=sections)
 
 
 def _spent_in(curve: Curve) -> str:
     return SPENT_IN.get(curve.stage, curve.stage)
 
 
-def _is_said(said: Mapping[str, Any], curve: Curve) -> bool:
+def _is_said(said: Mapping[str, Any], settings: SubjectSettings, curve: Curve) -> bool:
+    """True if the user says the setting, or one that overrules it."""
+    overruled = OVERRULED_BY.get((curve.stage, curve.option))
+    if overruled is not None and getattr(getattr(settings, curve.stage), overruled) is not None:
+        return True
     section = said.get(curve.stage)
     return isinstance(section, Mapping) and curve.option in section
 
@@ -95,62 +108,47 @@ def _setting(settings: SubjectSettings, curve: Curve) -> Any:
     return getattr(getattr(settings, curve.stage), curve.option)
 
 
-def _factor(curve: Curve, measured: Measured, value: Any) -> float:
-    """Time at a setting over that at the setting of the curves' subject."""
-    return curve.work(value) / curve.work(measured.settings[curve.dial])
-
-
 def _loss(curve: Curve, value: Any) -> float:
-    """Error in units of what is allowed; 0 if it is not known, as it cannot be chosen by."""
-    error = curve.error(value)
-    return 0.0 if math.isnan(error) else error / max(curve.allowed, 1e-12)
+    """Mean error in units of what is allowed; 0 if it is not known, as it cannot be chosen by."""
+    loss = float(np.mean(curve.losses(value)))
+    return 0.0 if math.isnan(loss) else loss
 
 
-def _options(curve: Curve, measured: Measured, fixed: Mapping[str, Any]) -> list[Option]:
+def _options(curve: Curve, fixed: Mapping[str, Any]) -> list[Option]:
     """The Pareto front of a curve; of a dial that the user has set, that setting alone."""
     if curve.dial in fixed:
         value = fixed[curve.dial]
-        return [Option(setting_name(value), _factor(curve, measured, value), _loss(curve, value))]
-    values = [parse_setting(curve.settings[place]) for place in curve.front()]
-    return [Option(setting_name(value), _factor(curve, measured, value), _loss(curve, value)) for value in values]
+        return [Option(setting_name(value), curve.factor(value), _loss(curve, value))]
+    return [
+        Option(name, curve.factor(parse_setting(name)), _loss(curve, parse_setting(name))) for name in curve.front()
+    ]
 
 
-def _base_seconds(stage: str, size: CaptureSize, measured: Measured, turned: Sequence[Curve]) -> tuple[float, float]:
-    """Seconds of importing a stage, and of its work at the settings of the curves' subject, here."""
-    imports = min([curve.imports for curve in turned if curve.stage == stage == _spent_in(curve)], default=0.0)
-    imports = min(imports, measured.seconds[stage])
-    return imports, (measured.seconds[stage] - imports) * size.over(measured_size(measured), SCALES_WITH[stage])
-
-
-def measured_size(measured: Measured) -> CaptureSize:
-    """Size of the curves' subject."""
-    return CaptureSize(measured.cameras, measured.frames, measured.pixels, 1)
-
-
-def _choice(curve: Curve, measured: Measured, name: str, fixed: Mapping[str, Any]) -> Choice:
+def _choice(curve: Curve, name: str, fixed: Mapping[str, Any]) -> Choice:
     value = fixed[curve.dial] if curve.dial in fixed else parse_setting(name)
     by = "user" if curve.dial in fixed else "budget"
-    error, factor = curve.error(value), _factor(curve, measured, value)
+    error, factor = curve.error(value), curve.factor(value)
     return Choice(curve.dial, curve.stage, curve.option, name, by, curve.metric, error, curve.allowed, factor)
 
 
 def _expected_psnr(turned: Sequence[Curve], choices: Sequence[Choice], measured: Measured) -> float:
-    """What the curves' subject had, less what the settings lose against those that it had, dial by dial."""
-    lost = [
-        choice.error - curve.error(measured.settings[curve.dial])
-        for curve, choice in zip(turned, choices, strict=True)
-        if curve.metric.startswith("PSNR")
-    ]
-    return measured.psnr_db - sum(lost)
+    """What a subject of the curves had, less what the settings lose against those that it had, dial by dial."""
+    lost = 0.0
+    for curve, choice in zip(turned, choices, strict=True):
+        own = curve.of(measured.subject)
+        if own is not None and curve.metric.startswith("PSNR") and curve.dial in measured.settings:
+            lost += own.error(parse_setting(choice.setting)) - own.error(measured.settings[curve.dial])
+    return measured.psnr_db - lost
 
 
 def _refusal(
     subject: str, settings: SubjectSettings, fixed: Mapping[str, Any], turned: Sequence[Curve], fastest: Combination,
-    imports: float, base: Mapping[str, tuple[float, float]],
+    base: Mapping[str, StageSeconds],
 ) -> str:  # fmt: skip
-    least = (fastest.seconds + imports) / 60
-    largest = sorted(base, key=lambda stage: -sum(base[stage]))[:3]
-    takes = ", ".join(f"{stage} {sum(base[stage]) / 60:.2g}" for stage in largest)
+    least = (fastest.seconds + sum(each.fixed for each in base.values())) / 60
+    seconds = {stage: each.fixed + each.work for stage, each in base.items()}
+    largest = sorted(seconds, key=lambda stage: -seconds[stage])[:3]
+    takes = ", ".join(f"{stage} {seconds[stage] / 60:.2g}" for stage in largest)
     held = [
         f"{curve.stage}.{curve.option} {setting_name(fixed[curve.dial])}" for curve in turned if curve.dial in fixed
     ]

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import csv
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.config.project import SubjectSettings
 from pipeline.config.subjects import read_description
+from pipeline.config.trained_model import Kind
 
 
 @dataclass(frozen=True)
 class CaptureSize:
-    """Numbers of cameras, frames and lights, pixels of an image, and avatars to train.
+    """Numbers of cameras, frames and lights, pixels of an image, avatars to train, and what is captured.
 
-    Pixels are the mean over the cameras.
+    Pixels are the mean over the cameras; the kind is body or head.
     """
 
     cameras: int
@@ -23,15 +23,17 @@ class CaptureSize:
     pixels: int
     variants: int
     lights: int = 1
+    kind: Kind = "body"
 
     @property
     def images(self) -> int:
         """Images of the whole capture."""
         return self.cameras * self.frames
 
-    def over(self, other: CaptureSize, names: tuple[str, ...]) -> float:
-        """Ratio of this capture's size to another's, in all of these together."""
-        return math.prod(getattr(self, name) / getattr(other, name) for name in names)
+
+UNKNOWN = CaptureSize(cameras=8, frames=24, pixels=19_200, variants=1, lights=24)
+"""Size of a capture that is not there yet, as before import_capture: that of subjectA. When it is there, what follows
+asks anew."""
 
 
 def capture_size(settings: SubjectSettings, capture: Path, unknown: CaptureSize) -> CaptureSize:
@@ -41,8 +43,9 @@ def capture_size(settings: SubjectSettings, capture: Path, unknown: CaptureSize)
     """
     variants, made = len(settings.variants), settings.synthesize_capture
     if settings.source == "synthetic":
-        return CaptureSize(made.cameras, made.frames, made.width * made.height, variants, made.lights)
+        return CaptureSize(made.cameras, made.frames, made.width * made.height, variants, made.lights, made.figure)
     described = read_description(capture / "capture.yaml")
+    kind: Kind = "head" if described.get("kind") == "head" else "body"
     cameras, frames, lights = (_rows(capture / str(described.get(name))) for name in ("cameras", "frames", "lights"))
     try:
         pixels = [int(row["width"]) * int(row["height"]) for row in cameras]
@@ -51,7 +54,7 @@ def capture_size(settings: SubjectSettings, capture: Path, unknown: CaptureSize)
     mean = round(sum(pixels) / len(pixels)) if pixels else unknown.pixels
     return CaptureSize(
         len(cameras) or unknown.cameras, len(frames) or unknown.frames, max(mean, 1), variants,
-        len(lights) or unknown.lights,
+        len(lights) or unknown.lights, kind,
     )  # fmt: skip
 
 

@@ -5,69 +5,100 @@
 The rule, for each curve of `pipeline.budget.curves`, by the metric that decides:
 
 - standard: the fastest setting whose error is at most what is allowed, which nobody minds or which is a tenth above the
-  smallest error that was measured; of settings about as fast, the most accurate;
+  smallest error that was measured, on every subject; of settings about as fast, the most accurate;
 - draft: the same with an error at most DRAFT_TIMES as large;
-- reference: the setting with the smallest error, of several the fastest.
+- reference: of the settings that are as good as the default on every subject, that whose largest error is smallest, of
+  several the fastest; the default, where it lies beyond what was measured.
 
 A test keeps the files in step with the curves.
 """
 
 from __future__ import annotations
 
+import math
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import yaml
 
 from pipeline.base.code_digest import ROOT
-from pipeline.budget.curves import FOLDER, Curve, Measured, parse_setting, read_curves, read_measured
+from pipeline.budget.curve import Curve, SubjectCurve, parse_setting
+from pipeline.budget.curves import FOLDER, Measured, read_curves, read_measured
 from pipeline.config.project import SECTIONS
 
 DRAFT_TIMES = 10.0
 """Errors of a draft over those that nobody minds: 1 dB of a picture, a tenth of full scale of irradiance."""
 
 RULES = {
-    "draft": f"for each dial the fastest setting with at most {DRAFT_TIMES:g} times the error that is allowed",
-    "standard": "for each dial the fastest setting with at most the error that is allowed",
-    "reference": "for each dial the setting with the smallest error, of several the fastest",
+    "draft": f"for each dial the fastest setting with at most {DRAFT_TIMES:g} times the error that is allowed, on "
+    "every subject",
+    "standard": "for each dial the fastest setting with at most the error that is allowed, on every subject",
+    "reference": "for each dial the setting with the smallest error, of those that are as good as the default on every "
+    "subject",
 }
 WIDTH = 116
 
 
-def choose(preset: str, curve: Curve) -> int:
-    """Place of the setting that a preset takes from a curve."""
+def choose(preset: str, curve: Curve) -> Any:
+    """The value that a preset takes from a curve."""
     if preset == "reference":
-        return min(range(len(curve.settings)), key=lambda place: (curve.errors[place], curve.seconds[place]))
-    place = curve.cheapest(curve.allowed * (DRAFT_TIMES if preset == "draft" else 1.0))
+        return _most_accurate(curve)
+    name = curve.cheapest(DRAFT_TIMES if preset == "draft" else 1.0)
     # Where nothing is as good as is allowed, the best there is.
-    return choose("reference", curve) if place is None else place
+    return _most_accurate(curve) if name is None else parse_setting(name)
 
 
-def preset_yaml(preset: str, curves: list[Curve], measured: Measured) -> str:
+def _most_accurate(curve: Curve) -> Any:
+    values = [parse_setting(name) for name in curve.settings]
+    good = [value for value in values if all(as_good(part, value, curve.default) for part in curve.parts)]
+    return min(good, key=lambda value: (max(curve.losses(value)), curve.factor(value)), default=curve.default)
+
+
+def as_good(curve: SubjectCurve, value: Any, other: Any) -> bool:
+    """True if the error at a value is that at another one at most, or more by no more than its standard error.
+
+    Not, if the other one lies beyond what was measured.
+    """
+    lost = curve.error(value) - curve.error(other)
+    scatter = math.hypot(curve.scatter(value), curve.scatter(other))
+    return lost <= scatter
+
+
+def preset_yaml(preset: str, curves: Sequence[Curve], measured: Sequence[Measured]) -> str:
     """A preset's file: the rule and the numbers as a comment, and the settings."""
     sections: dict[str, dict[str, Any]] = {}
     lines = []
     for curve in curves:
-        place = choose(preset, curve)
-        name = curve.settings[place]
+        value = choose(preset, curve)
         # As the settings have it: a number of samples is text, which `full` is, too.
-        settings = SECTIONS[curve.stage].model_validate({curve.option: parse_setting(name)})
+        settings = SECTIONS[curve.stage].model_validate({curve.option: value})
         sections.setdefault(curve.stage, {})[curve.option] = settings.model_dump(mode="json")[curve.option]
-        numbers = f"error {curve.errors[place]:.3g} (allowed {curve.allowed:.3g}), {curve.seconds[place]:.1f} s"
-        lines.append(f"{curve.stage}.{curve.option} {name}: {numbers}; {curve.metric}")
+        lines.append(f"{curve.stage}.{curve.option} {value}: {_numbers(curve, value)}; {curve.metric}")
+    subjects = ", ".join(
+        f"{one.subject} ({one.kind}, {one.cameras} cameras, {one.frames} frames, {one.pixels} pixels an image)"
+        for one in measured
+    )
     text = (
-        f"Preset {preset}, written by `make presets`: {RULES[preset]}. Measured on {measured.subject} "
-        f"({measured.cameras} cameras, {measured.frames} frames, {measured.pixels} pixels an image), with seconds of "
-        f"one processor; see config/curves. `--configfile config/presets/{preset}.yaml`"
+        f"Preset {preset}, written by `make presets`: {RULES[preset]}. Measured on {subjects}; errors are theirs in "
+        f"this order, with what is allowed; see config/curves. `--configfile config/presets/{preset}.yaml`"
     )
     indented = [textwrap.wrap(line, WIDTH, subsequent_indent="    ") for line in lines]
     comment = [*textwrap.wrap(text, WIDTH), *(f"  {part}" for line in indented for part in line)]
     return "".join(f"# {line}\n" for line in comment) + yaml.safe_dump(sections, sort_keys=False)
 
 
+def _numbers(curve: Curve, value: Any) -> str:
+    """Errors, what is allowed, and time, in words."""
+    known = [f"{part.error(value):.3g} ({part.allowed:.3g})" for part in curve.parts]
+    if any(math.isnan(part.error(value)) for part in curve.parts):
+        return "the default, beyond what was measured"
+    return f"errors {', '.join(known)}, {curve.factor(value):.2f} of the default's time"
+
+
 def main() -> None:
     """Write the three files."""
-    curves, measured = read_curves(ROOT / FOLDER / "accuracy_cost.csv"), read_measured(ROOT / FOLDER / "subject.yaml")
+    curves, measured = read_curves(ROOT / FOLDER / "accuracy_cost.csv"), read_measured(ROOT / FOLDER / "subjects.yaml")
     for preset in RULES:
         (ROOT / f"config/presets/{preset}.yaml").write_text(preset_yaml(preset, curves, measured))
 

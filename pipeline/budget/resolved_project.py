@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.budget.capture_size import capture_size
+from pipeline.budget.capture_size import UNKNOWN, capture_size
 from pipeline.budget.estimate import Estimate
 from pipeline.config.loading import Project
 from pipeline.config.project import SubjectSettings
@@ -43,11 +43,11 @@ class ResolvedProject(Project):
     def _chosen(self, name: str, settings: SubjectSettings) -> tuple[SubjectSettings, Estimate]:
         if name not in self.known:
             # Numerical libraries, for which no plan without a budget should have to wait.
-            from pipeline.budget.allocation import measured_size, within_budget
+            from pipeline.budget.allocation import within_budget
             from pipeline.budget.curves import FOLDER, read_curves, read_measured
 
-            curves, measured = read_curves(FOLDER / "accuracy_cost.csv"), read_measured(FOLDER / "subject.yaml")
-            size = capture_size(settings, Path(self.settings.captures) / name, measured_size(measured))
+            curves, measured = read_curves(FOLDER / "accuracy_cost.csv"), read_measured(FOLDER / "subjects.yaml")
+            size = capture_size(settings, Path(self.settings.captures) / name, UNKNOWN)
             self.known[name] = within_budget(name, settings, self.said_by_user(name), size, curves, measured)
             for line in self.known[name][1].lines():
                 self.say(line)

@@ -43,6 +43,7 @@ HEAD = replace(SHORT_TRAINING, runs_on=is_head)
 SHADOWED = replace(SHORT_TRAINING, runs_on=has_maps)
 
 PAPERS_DIALS = [
+    Dial("transfer_degree", BODY, "transfer_degree", lambda subject: (1, 2, 3, 5, 8), WITHOUT_NETWORK),
     Dial("texels_or_networks", BODY, "parameters", lambda subject: ("texels", "decoded"), WITHOUT_NETWORK),
     Dial("code_size", BODY, "code_size", lambda subject: CODE_SIZES, DECODED),
     Dial("decoder_layers", BODY, "decoder_channels", lambda subject: DECODERS, DECODED),

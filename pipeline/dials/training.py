@@ -21,7 +21,6 @@ from pipeline.dials.trained import (
     picture_milliseconds,
     psnr_lost,
 )
-from pipeline.geometry.texels import read_atlas
 
 OUTPUTS = {
     "per_image": PER_IMAGE, "times": ("avatar_times.csv", None), "trained": ("avatars/full/config.json", None)
@@ -68,13 +67,6 @@ ATLAS = CostedStage(
 )  # fmt: skip
 
 
-def _atlas_sizes(subject: Subject) -> list[int]:
-    """Texels a side: from half to one and a half times what the subject has, in multiples of 8."""
-    given = subject.sections.get("unwrap_atlas", {}).get("size")
-    size = given or read_atlas(subject.results / "atlas.safetensors").size
-    return sorted({max(8, 8 * round(share * size / 8)) for share in (0.5, 0.75, 1.0, 1.5)})
-
-
 def _camera_counts(subject: Subject) -> list[int]:
     """Some of the cameras that are trained on, then, as 0, all."""
     images = read_table(subject.results / "index/images.parquet")
@@ -89,12 +81,11 @@ DRAWABLE_DEPTHS = tuple(depth for depth in get_args(DepthSource) if depth != "me
 AT_STEPS = {"steps": STEPS}
 
 TRAINING_DIALS = [
-    Dial("atlas_size", ATLAS, "size", _atlas_sizes, chosen=True),
+    Dial("texel_size", ATLAS, "texel_pixels", lambda subject: (1.2, 0.9, 0.6, 0.45), chosen=True),
     Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.01, 0.03), AT_STEPS),
     Dial("compensation", SHORT_TRAINING, "compensate_opacity", lambda subject: (True, False), AT_STEPS),
     Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
     Dial("depth", SHORT_TRAINING, "depth", lambda subject: DRAWABLE_DEPTHS, AT_STEPS, chosen=True),
-    Dial("transfer_degree", SHORT_TRAINING, "transfer_degree", lambda subject: (1, 2, 3, 5, 8), AT_STEPS, chosen=True),
     Dial("highlight", SHORT_TRAINING, "highlight", lambda subject: ("cosine", "angular", "half"), AT_STEPS),
     # What a smaller stage, or a shorter session, would have cost (RGCA, figures S4 and S5).
     Dial("training_cameras", SHORT_TRAINING, "cameras", _camera_counts, AT_STEPS),

@@ -1,27 +1,22 @@
 """Threads, memory and time that the jobs of a stage ask for, by their size.
 
-What a job takes is a sum of terms, each a product of sizes, with coefficients of `config/curves/job_costs.csv`:
-`benchmarks/bench_job_costs.py` fits them to finished runs, and says there which. A job asks for more than it is
-expected to take, and for twice as much at each further attempt. Nothing here knows how much a node has: Snakemake takes
-at most what `--max-threads` and `--resources mem_mb=... runtime=...` allow, which a cluster's profile sets.
+A job asks for more than it is expected to take (`pipeline.budget.job_costs`), and for twice as much at each further
+attempt. Nothing here knows how much a node has: Snakemake takes at most what `--max-threads` and `--resources
+mem_mb=... runtime=...` allow, which a cluster's profile sets.
 """
 
 from __future__ import annotations
 
-import csv
-import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from pipeline.base.errors import InputError
+from pipeline.budget import job_costs
+from pipeline.budget.job_costs import CHUNKED, looked_at, read_costs
+from pipeline.budget.job_size import JobSize
 from pipeline.config.project import SECTIONS
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_size import JobSize, job_size
-
-TABLE = Path("config/curves/job_costs.csv")
-"""Rows: a term of a stage's cost, seconds of a processor or mb of memory."""
+from pipeline.workflow.job_size import job_size
 
 MEMORY_MARGIN = 1.25
 """Memory asked for over that of the largest run, for its size, that was fitted: the same run takes more or less by what
@@ -67,15 +62,9 @@ All others work on one thread."""
 LEAST_SPLIT = 2
 """Threads of a stage that splits its work, at least."""
 
-CHUNKED = ("track_mesh", "trace_irradiance", "bake_textures", "pack_shards")
-"""Stages with a job for each chunk of frames."""
-
 RERUN = {"measure_cost": 100, "budget_errors": 6}
 """Stages that train an avatar again and again, and about how often: settings of all dials with their repeats; inputs
 that are true at first, and then ours."""
-
-LOOKED_AT = {"book_patterns": "sync_cameras", "track_mesh": "tracking_cameras"}
-"""Stages that look at the images of some cameras, and how many: more cameras cost them no more."""
 
 NOT_MEASURED = {
     "import_capture": {"mb": 2500.0, "seconds": 900.0},
@@ -96,27 +85,6 @@ class Request:
     threads: int
     mem_mb: int
     minutes: int
-
-
-@dataclass(frozen=True)
-class CostTerms:
-    """Cost as a sum of products of sizes.
-
-    Attributes:
-        coefficients: of each product, by the names of its sizes, which are attributes of `JobSize`.
-        worst: largest cost of a run that was fitted over the sum of its terms.
-    """
-
-    coefficients: Mapping[tuple[str, ...], float]
-    worst: float = 1.0
-
-    def expected(self, size: JobSize) -> float:
-        """Cost of a job, in seconds or megabytes."""
-        return sum(factor * size.product(names) for names, factor in self.coefficients.items())
-
-    def highest(self, size: JobSize) -> float:
-        """Cost of a job that exceeds its terms as the worst run did."""
-        return self.worst * self.expected(size)
 
 
 def request(stage: str, size: JobSize) -> Request:
@@ -163,7 +131,7 @@ def minutes(stage: str, size: JobSize, threads: int, attempt: int) -> int:
 
 def expected_seconds(stage: str, size: JobSize) -> float:
     """Seconds of one processor that a job is expected to take."""
-    costs = read_costs(TABLE)
+    costs = read_costs(job_costs.TABLE)
     seconds = (
         NOT_MEASURED[part]["seconds"]
         if part in NOT_MEASURED
@@ -171,13 +139,6 @@ def expected_seconds(stage: str, size: JobSize) -> float:
         for part in _parts(stage)
     )
     return RERUN.get(stage, 1) * sum(seconds)
-
-
-def looked_at(stage: str, size: JobSize) -> JobSize:
-    """Size of a job with as many cameras as the stage looks at."""
-    if stage not in LOOKED_AT:
-        return size
-    return replace(size, cameras=min(size.cameras, getattr(size, LOOKED_AT[stage])))
 
 
 def _parts(stage: str) -> tuple[str, ...]:
@@ -188,27 +149,4 @@ def _parts(stage: str) -> tuple[str, ...]:
 def _expected(stage: str, cost: str, size: JobSize) -> float:
     if stage in NOT_MEASURED:
         return NOT_MEASURED[stage][cost]
-    return read_costs(TABLE)[stage, cost].highest(looked_at(stage, size))
-
-
-@functools.cache
-def read_costs(path: Path) -> dict[tuple[str, str], CostTerms]:
-    """Terms of each stage and cost, seconds or mb.
-
-    Raises:
-        InputError: if the file is not the table that bench_job_costs writes.
-    """
-    found: dict[tuple[str, str], dict[tuple[str, ...], float]] = {}
-    worst: dict[tuple[str, str], float] = {}
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                key = row["stage"], row["cost"]
-                found.setdefault(key, {})[tuple(row["sizes"].split())] = float(row["coefficient"])
-                worst[key] = float(row["worst"])
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path}: expected columns stage, cost, sizes, coefficient and worst, found: {error!r}; "
-            "restore the file, or write it with `python -m benchmarks.bench_job_costs`"
-        ) from error
-    return {key: CostTerms(terms, worst[key]) for key, terms in found.items()}
+    return read_costs(job_costs.TABLE)[stage, cost].highest(looked_at(stage, size))

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from pipeline.budget.job_size import JobSize
 from pipeline.config.flags import flags
 from pipeline.config.subjects import chunk_ids, has_few_files
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_size import JobSize, job_size
+from pipeline.workflow.job_size import job_size
 from pipeline.workflow.shared_photographs import (
     board_index,
     boards_share_size,

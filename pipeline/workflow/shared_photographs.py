@@ -13,10 +13,11 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+from pipeline.budget.job_size import JobSize
 from pipeline.config.calibrate_cameras import BOARD_METHODS
 from pipeline.config.subjects import read_description
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_size import JobSize, job_size
+from pipeline.workflow.job_size import job_size
 
 FOUND, MEASURED = "found_boards/{share}.parquet", "measured_lights/{share}.parquet"
 """Tables of these jobs below the subject's results."""

@@ -21,10 +21,11 @@ import yaml
 
 from pipeline.base.errors import InputError
 from pipeline.base.yaml_files import read_yaml
+from pipeline.budget.job_costs import CHUNKED
 from pipeline.config.loading import load_project
 from pipeline.config.project import SECTIONS
 from pipeline.workflow.job_files import RESULTS, JobFiles
-from pipeline.workflow.job_requests import CHUNKED, expected_seconds
+from pipeline.workflow.job_requests import expected_seconds
 from pipeline.workflow.job_size import job_size
 from pipeline.workflow.shared_images import SHARES, size_of_share
 from pipeline.workflow.shared_photographs import size_of_calibration

@@ -10,39 +10,55 @@ import yaml
 from pydantic import ValidationError
 
 from pipeline.base.errors import InputError
+from pipeline.budget import job_costs
 from pipeline.budget.allocation import within_budget
 from pipeline.budget.capture_size import CaptureSize, capture_size
 from pipeline.budget.curves import read_curves, read_measured
 from pipeline.budget.resolved_project import resolve_budgets
+from pipeline.budget.run_seconds import expected_texels, stages_on_the_way
 from pipeline.config.loading import load_project
 from pipeline.config.project import ProjectSettings, SubjectSettings
 from pipeline.config.sections import merge
-from tests.support.results.curve_files import CURVES, write_curves
+from tests.support.results.curve_files import CURVES, STAGE_SECONDS, write_curves, write_job_costs, write_subjects
 
 SAME_SIZE = CaptureSize(4, 10, 1000, 1)
+SHADOWED = {"train_avatar": {"shading": "transfer", "shadow": "on"}}
+"""An avatar that reads irradiance maps, so that they are traced."""
+
+
+@pytest.fixture(autouse=True)
+def costs(tmp_path, monkeypatch):
+    """What jobs take; a function that writes it anew."""
+
+    def write(**stages):
+        path = write_job_costs(tmp_path / f"job_costs_{len(stages)}.csv", {**STAGE_SECONDS, **stages})
+        monkeypatch.setattr(job_costs, "TABLE", path)
+
+    write()
+    return write
 
 
 def choose(tmp_path, minutes, said=None, size=SAME_SIZE, curves=CURVES, subject="someone"):
     path = write_curves(tmp_path / "curves", curves)
-    settings = SubjectSettings(**merge({"budget_minutes": minutes}, said or {}))
-    read = read_curves(path), read_measured(path.parent / "subject.yaml")
+    settings = SubjectSettings(**merge({"budget_minutes": minutes}, merge(SHADOWED, said or {})))
+    read = read_curves(path), read_measured(path.parent / "subjects.yaml")
     return within_budget(subject, settings, said or {}, size, *read)
 
 
 def test_plenty_of_time_buys_the_smallest_error(tmp_path) -> None:
     settings, estimate = choose(tmp_path, 1000)
-    assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (400, 2)
+    assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (400, 3)
     assert settings.trace_irradiance.samples == "full"
     # 2 s of imports each; 20 s of work of training at 200 steps are 40 at 400.
     expected = {"track_mesh": 30.0, "trace_irradiance": 6.0, "train_avatar": 42.0, "evaluate_avatar": 8.0}
-    assert dict(estimate.seconds) == pytest.approx(expected)
+    assert {stage: seconds for stage, seconds in estimate.seconds.items() if seconds} == pytest.approx(expected)
     assert estimate.total == pytest.approx(86)
 
 
 def test_little_time_is_spent_where_it_saves_most(tmp_path) -> None:
     # 66 s: 20 less. 200 steps lose 2.9 tolerances for 20 s; one sample per texel would lose 50 for 3 s.
     settings, estimate = choose(tmp_path, 66.001 / 60)
-    assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (200, 2)
+    assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (200, 3)
     assert settings.trace_irradiance.samples == "full"
     assert estimate.total == pytest.approx(66)
     assert estimate.total <= estimate.budget_s
@@ -66,25 +82,85 @@ def test_whatever_is_chosen_fits_and_the_last_millisecond_counts(tmp_path) -> No
     assert chosen[-1] == pytest.approx(48)
 
 
-def test_packing_takes_as_long_as_there_are_pixels(tmp_path) -> None:
-    """Every pixel of every image is corrected, undistorted and written."""
-    path = write_curves(tmp_path / "curves")
-    facts = yaml.safe_load((path.parent / "subject.yaml").read_text())
-    facts["seconds"]["pack_shards"] = 10.0
-    (path.parent / "subject.yaml").write_text(yaml.safe_dump(facts))
-    read, settings = (
-        (read_curves(path), read_measured(path.parent / "subject.yaml")),
-        SubjectSettings(budget_minutes=99),
-    )
-    for size, expected in ((CaptureSize(4, 10, 2000, 1), 20.0), (CaptureSize(8, 10, 2000, 1), 40.0)):
-        _, estimate = within_budget("someone", settings, {}, size, *read)
-        assert estimate.seconds["pack_shards"] == pytest.approx(expected)
+def test_stages_take_what_jobs_of_their_size_took(tmp_path, costs) -> None:
+    """By the table of costs, and with the texels that pixels ask for."""
+    costs(pack_shards={"": 1.0, "frames cameras pixels": 1e-4}, plan_effects={"texels": 0.01})
+    _, estimate = choose(tmp_path, 1000)
+    assert estimate.seconds["pack_shards"] == pytest.approx(1 + 4)
+    assert estimate.seconds["plan_effects"] == pytest.approx(16)  # 1.6 texels a pixel
+    _, larger = choose(tmp_path, 1000, {"chunk_frames": 3}, CaptureSize(8, 10, 2000, 1, kind="head"))
+    assert larger.seconds["pack_shards"] == pytest.approx(4 * 1 + 16)  # four jobs start
+    assert larger.seconds["plan_effects"] == pytest.approx(50)
+
+
+@pytest.mark.parametrize(
+    ("said", "texels"), [({}, 1600), ({"texel_pixels": 0.3}, 6400), ({"most": 50}, 1125), ({"size": 100}, 4500)]
+)
+def test_texels_that_are_asked_for(said, texels) -> None:
+    settings = SubjectSettings(unwrap_atlas=said)
+    assert expected_texels(settings, SAME_SIZE) == texels
+
+
+def test_stages_that_a_capture_needs() -> None:
+    shadowed, head = SubjectSettings(**SHADOWED), CaptureSize(4, 10, 1000, 1, kind="head")
+    assert "trace_irradiance" in stages_on_the_way(shadowed, SAME_SIZE)
+    assert not {"fit_eyes", "bake_textures"} & set(stages_on_the_way(shadowed, SAME_SIZE))
+    assert {"fit_eyes", "bake_textures"} < set(stages_on_the_way(SubjectSettings(), head))
+    assert "trace_irradiance" not in stages_on_the_way(SubjectSettings(), head)
+
+
+class TestSeveralSubjects:
+    """Of two subjects, the second of which loses more and is slower."""
+
+    KEY = ("training_steps", "train_avatar", "steps", "PSNR lost, dB", 0.1)
+
+    @pytest.fixture
+    def curve(self, tmp_path):
+        first = {self.KEY: {"1000": (0.3, 12.0), "2000": (0.0, 22.0), "50": (3.0, 2.5)}}
+        second = {self.KEY: {"1000": (0.9, 42.0), "2000": (0.05, 162.0)}}
+        (curve,) = read_curves(write_subjects(tmp_path / "two", {"quick": first, "slow": second}))
+        return curve
+
+    def test_settings_of_all_subjects_count(self, curve) -> None:
+        assert curve.settings == ("1000", "2000")
+
+    def test_errors_are_means_and_losses_are_of_each(self, curve) -> None:
+        assert curve.error(1000) == pytest.approx(0.6)
+        assert curve.losses(1000) == pytest.approx([3.0, 9.0])
+
+    def test_factors_are_geometric_means_over_the_default(self, curve) -> None:
+        assert curve.factor(2000) == pytest.approx(1)
+        assert curve.factor(1000) == pytest.approx(math.sqrt(0.5 * 0.25))
+
+    def test_the_worst_subject_decides_what_is_good_enough(self, curve) -> None:
+        assert curve.cheapest(8.9) == "2000"
+        assert curve.cheapest(9.1) == "1000"
+
+    def test_budget_loses_the_mean_and_says_whose(self, tmp_path, curve) -> None:
+        settings = SubjectSettings(budget_minutes=1000, **SHADOWED)
+        chosen, estimate = within_budget(
+            "someone", settings, {}, SAME_SIZE, [curve], read_measured(tmp_path / "two/subjects.yaml")
+        )
+        assert chosen.train_avatar.steps == 2000
+        assert (estimate.choices[0].error, estimate.measured_on) == (pytest.approx(0.025), "quick, slow")
+        assert estimate.seconds["train_avatar"] == pytest.approx(202)
+
+
+def test_texels_that_the_user_lays_out_are_not_chosen(tmp_path) -> None:
+    key = ("texel_size", "unwrap_atlas", "texel_pixels", "PSNR lost, dB", 0.1)
+    finer = {key: {"1.2": (0.5, 7.0), "0.6": (0.1, 22.0), "0.45": (0.0, 42.0)}}
+    settings, estimate = choose(tmp_path, 1000, curves=finer)
+    assert settings.unwrap_atlas.texel_pixels == 0.45
+    assert estimate.seconds["train_avatar"] == pytest.approx(2 + 200 * 2)
+    settings, estimate = choose(tmp_path, 1000, {"unwrap_atlas": {"size": 64}}, curves=finer)
+    assert settings.unwrap_atlas.texel_pixels == 0.6
+    assert [choice.by for choice in estimate.choices] == ["user"]
 
 
 def test_work_beyond_what_was_measured_goes_on_as_it_went_last(tmp_path) -> None:
     key = ("training_steps", "train_avatar", "steps", "PSNR lost", 0.1)
     bent = {key: {"100": (1.0, 12.0), "200": (0.5, 17.0), "400": (0.0, 37.0)}}
-    (curve,) = read_curves(write_curves(tmp_path / "curves", bent))
+    ((curve,),) = (curve.parts for curve in read_curves(write_curves(tmp_path / "curves", bent)))
     # Without 2 s of imports: 10, 15 and 35 s; 5 s per 100 steps before the first, 10 after the last.
     assert curve.work(800) == pytest.approx(75)
     assert curve.work(50) == pytest.approx(7.5)
@@ -121,10 +197,10 @@ def test_setting_far_from_what_was_measured_has_a_time_and_no_error(tmp_path) ->
 
 def test_a_larger_capture_takes_longer(tmp_path) -> None:
     _, small = choose(tmp_path, 1000)
-    _, large = choose(tmp_path, 1000, size=CaptureSize(cameras=8, frames=30, pixels=1000, variants=2))
-    assert large.seconds["track_mesh"] == pytest.approx(6 * 30)  # no curve of it: its import is not known
+    _, large = choose(tmp_path, 1000, size=CaptureSize(8, 30, 1000, 2), said={"variants": {"a": {}, "b": {}}})
+    assert large.seconds["track_mesh"] == pytest.approx(6 * 30)
     assert large.seconds["trace_irradiance"] == pytest.approx(2 + 3 * 4)
-    assert large.seconds["train_avatar"] == pytest.approx(2 + 2 * 40)
+    assert large.seconds["train_avatar"] == pytest.approx(2 * (2 + 40))
     assert large.seconds["evaluate_avatar"] == pytest.approx(8 * 6 * 2)
     assert large.total > small.total
 
@@ -146,8 +222,8 @@ def test_budget_that_is_no_time_is_refused(minutes) -> None:
 
 def test_dial_without_a_curve_stays_as_it_is(tmp_path) -> None:
     some = {key: value for key, value in CURVES.items() if key[0] == "irradiance_power"}
-    settings, estimate = choose(tmp_path, 2, curves=some)
-    assert settings.train_avatar == SubjectSettings().train_avatar
+    settings, estimate = choose(tmp_path, 5, curves=some)
+    assert settings.train_avatar == SubjectSettings(**SHADOWED).train_avatar
     assert [choice.dial for choice in estimate.choices] == ["irradiance_power"]
 
 
@@ -176,7 +252,7 @@ def test_no_curves_at_all(tmp_path) -> None:
     with pytest.raises(InputError, match="run `make curves`"):
         read_curves(tmp_path / "accuracy_cost.csv")
     with pytest.raises(InputError, match="run `make curves`"):
-        read_measured(tmp_path / "subject.yaml")
+        read_measured(tmp_path / "subjects.yaml")
 
 
 class TestProject:
@@ -203,7 +279,7 @@ class TestProject:
         assert project({}).estimate("other") is None
 
     def test_defaults_give_way_and_files_and_command_line_do_not(self, project) -> None:
-        loaded = project({"budget_minutes": 1000, "trace_irradiance": {"samples": "2"}})
+        loaded = project({"budget_minutes": 1000, "trace_irradiance": {"samples": "2"}, **SHADOWED})
         assert loaded.subject("someone").train_avatar.steps == 100
         assert loaded.subject("someone").trace_irradiance.samples == "2"
         assert loaded.subject("other").train_avatar.steps == 400
@@ -230,4 +306,6 @@ def test_size_of_captures(tmp_path) -> None:
     pd.DataFrame({"light": ["L0", "L1", "L2", "L3"]}).to_csv(tmp_path / "lights.csv", index=False)
     recorded = SubjectSettings(variants={"full": {}, "matte": {}})
     assert capture_size(recorded, tmp_path, SAME_SIZE) == CaptureSize(2, 3, 200, 2, 4)
+    (tmp_path / "capture.yaml").write_text("kind: head\ncameras: cameras.csv\n")
+    assert capture_size(recorded, tmp_path, SAME_SIZE).kind == "head"
     assert capture_size(recorded, tmp_path / "nowhere", SAME_SIZE) == CaptureSize(4, 10, 1000, 2, 1)

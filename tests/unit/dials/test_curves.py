@@ -10,16 +10,19 @@ from pipeline.budget.curves import read_curves, read_measured
 from pipeline.config.project import SubjectSettings
 from pipeline.dials.catalogue import DIALS
 from pipeline.dials.curves import keep_curves
+from pipeline.geometry.texels import write_atlas
+from tests.support.avatars.sheet import make_sheet
+from tests.support.results.curve_files import write_curves
 
 SETTINGS = SubjectSettings(train_avatar={"steps": 700})
+ATLAS = make_sheet(4)
 
 
 @pytest.fixture
 def results(tmp_path):
-    """A run with one dial that is chosen, one that is not, and two jobs of a stage."""
+    """A run with one dial that is chosen, and one that is not."""
     folder = tmp_path / "someone"
-    for name in ("index", "benchmarks"):
-        (folder / name).mkdir(parents=True)
+    (folder / "index").mkdir(parents=True)
     shared = {
         "metric": "PSNR lost",
         "allowed": 0.1,
@@ -28,33 +31,36 @@ def results(tmp_path):
         "unit": "steps",
         "stage": "train_avatar",
     }
-    rows = [("training_steps", "steps", "imports only", None, 2.0, 9.0)]
-    rows += [("training_steps", "steps", "100", 1.5, 12.0, 50.0), ("training_steps", "steps", "400", 0.0, 42.0, 60.0)]
-    rows += [("dilation", "dilation_px2", "0.3", 0.5, 12.0, 50.0)]
-    names = ["dial", "option", "setting", "error", "cpu_seconds", "seconds"]
+    rows = [("training_steps", "steps", "imports only", None, None, 2.0, 9.0)]
+    rows += [("training_steps", "steps", "100", 1.5, 0.03, 12.0, 50.0)]
+    rows += [("training_steps", "steps", "400", 0.0, 0.0, 42.0, 60.0)]
+    rows += [("dilation", "dilation_px2", "0.3", 0.5, 0.1, 12.0, 50.0)]
+    names = ["dial", "option", "setting", "error", "standard_error", "cpu_seconds", "seconds"]
     pd.DataFrame([{**shared, **dict(zip(names, row, strict=True))} for row in rows]).to_csv(
         folder / "accuracy_cost.csv", index=False
     )
-    for job, seconds in (("track_mesh.0000", 7), ("track_mesh.0001", 8), ("train_avatar.full", 90), ("other", 1000)):
-        (folder / f"benchmarks/{job}.tsv").write_text(f"s\tcpu_time\n1\t{seconds}\n")
     metrics = {"split": ["test", "frames"], "lit": ["partial", "partial"], "psnr_db": [27.1234, 50]}
     pd.DataFrame(metrics).to_csv(folder / "metrics.csv", index=False)
     pd.DataFrame({"width": [10, 20], "height": [10, 10]}).to_parquet(folder / "index/cameras.parquet")
     pd.DataFrame({"frame": range(6)}).to_parquet(folder / "index/frames.parquet")
+    (folder / "index/capture.json").write_text('{"kind": "head"}')
+    write_atlas(folder / "atlas.safetensors", ATLAS)
     return folder
 
 
 def test_curves_of_what_is_chosen_with_seconds_of_a_processor(results, tmp_path) -> None:
     keep_curves(DIALS, SETTINGS, results, tmp_path / "kept")
-    (curve,) = read_curves(tmp_path / "kept/accuracy_cost.csv")
-    assert (curve.dial, curve.stage, curve.option) == ("training_steps", "train_avatar", "steps")
+    (whole,) = read_curves(tmp_path / "kept/accuracy_cost.csv")
+    assert (whole.dial, whole.stage, whole.option) == ("training_steps", "train_avatar", "steps")
+    (curve,) = whole.parts
+    assert (curve.subject, curve.scatters) == ("someone", (0.03, 0.0))
     assert (curve.settings, curve.errors, curve.seconds) == (("100", "400"), (1.5, 0.0), (12.0, 42.0))
     assert (curve.imports, curve.allowed) == (2.0, 0.1)
-    measured = read_measured(tmp_path / "kept/subject.yaml")
+    (measured,) = read_measured(tmp_path / "kept/subjects.yaml")
+    assert (measured.kind, measured.texels) == ("head", ATLAS.texel_count)
     assert (measured.subject, measured.cameras, measured.frames, measured.pixels) == ("someone", 2, 6, 150)
     assert measured.psnr_db == 27.123
     assert measured.settings == {"training_steps": 700}
-    assert measured.seconds == {"track_mesh": 15.0, "train_avatar": 90.0}
     # Between two numbers in proportion, and beyond them.
     assert (curve.work(250), curve.work(400), curve.work(800)) == pytest.approx((25, 40, 80))
 
@@ -70,3 +76,14 @@ def test_table_without_a_dial_that_is_chosen(results, tmp_path) -> None:
     path.write_text(path.read_text().replace("training_steps", "compensation"))
     with pytest.raises(InputError, match="expected some of the dials outline_rounds, image_rounds"):
         keep_curves(DIALS, SETTINGS, results, tmp_path / "kept")
+
+
+def test_curves_of_other_subjects_stay_and_its_own_are_written_anew(results, tmp_path) -> None:
+    out = write_curves(tmp_path / "kept").parent
+    for _ in range(2):
+        keep_curves(DIALS, SETTINGS, results, out)
+    assert [one.subject for one in read_measured(out / "subjects.yaml")] == ["measured", "someone"]
+    parts = {curve.dial: [part.subject for part in curve.parts] for curve in read_curves(out / "accuracy_cost.csv")}
+    assert parts["training_steps"] == ["measured", "someone"]
+    assert parts["supersampling"] == ["measured"]
+    assert list(parts) == ["irradiance_power", "supersampling", "training_steps", "environment_shadows"]

@@ -291,7 +291,7 @@ def test_dials_that_are_chosen_turn_settings_of_their_own() -> None:
 def test_all_dials_of_the_design_are_there() -> None:
     settings = {(dial.stage.name, dial.setting) for dial in DIALS}
     assert settings >= {
-        ("trace_irradiance", "samples"), ("trace_irradiance", "spread"), ("unwrap_atlas", "size"),
+        ("trace_irradiance", "samples"), ("trace_irradiance", "spread"), ("unwrap_atlas", "texel_pixels"),
         ("train_avatar", "transfer_degree"), ("relight_avatar", "environment_height"),
         ("relight_avatar", "prefiltered_height"), ("train_avatar", "depth"), ("train_avatar", "steps"),
         ("track_mesh", "image_rounds"), ("pack_shards", "codec"),
@@ -303,10 +303,9 @@ def test_all_dials_of_the_design_are_there() -> None:
 def test_what_errors_are_relative_to_is_said(subject) -> None:
     images = pd.DataFrame({"camera": [f"cam{n}" for n in range(6)] * 2, "test_camera": ([False] * 5 + [True]) * 2})
     images.to_parquet(subject.results / "index/images.parquet")
-    subject = replace(subject, sections={"unwrap_atlas": {"size": 256}})
     named = {dial.name: dial.against(subject) for dial in DIALS if dial.stage.name in ("train_avatar", "unwrap_atlas")}
-    assert named["transfer_degree"] == "reference 8, steps 200"
-    assert named["atlas_size"] == "reference 384, steps 200"
+    assert named["transfer_degree"].startswith("reference 8, steps 200, shading transfer")
+    assert named["texel_size"] == "reference 0.45, steps 200"
     assert named["training_steps"] == "reference 1600"
     (cameras,) = (dial for dial in DIALS if dial.name == "training_cameras")
     assert list(cameras.values(subject)) == [2, 4, 0]

@@ -12,12 +12,14 @@ import yaml
 from safetensors.numpy import save_file
 
 from pipeline.base.errors import InputError
+from pipeline.budget import job_costs
+from pipeline.budget.job_costs import read_costs
+from pipeline.budget.job_size import JobSize
 from pipeline.config.loading import load_project
 from pipeline.config.project import SECTIONS
-from pipeline.workflow import job_requests
 from pipeline.workflow.job_files import JobFiles
-from pipeline.workflow.job_requests import memory_mb, minutes, read_costs, request, request_words, useful_threads
-from pipeline.workflow.job_size import JobSize, job_size, unknown_size
+from pipeline.workflow.job_requests import memory_mb, minutes, request, request_words, useful_threads
+from pipeline.workflow.job_size import job_size, unknown_size
 
 SIZE = JobSize(
     cameras=10, lights=20, frames=30, pixels=50_000, texels=40_000, steps=1000, step_pixels=100_000, avatars=1,
@@ -44,7 +46,7 @@ evaluate_avatar,seconds,,100,1
 
 @pytest.fixture(autouse=True)
 def _committed_table(repo_root, monkeypatch):
-    monkeypatch.setattr(job_requests, "TABLE", repo_root / job_requests.TABLE)
+    monkeypatch.setattr(job_costs, "TABLE", repo_root / job_costs.TABLE)
 
 
 @pytest.fixture
@@ -52,7 +54,7 @@ def planted(tmp_path, monkeypatch):
     """A table of round numbers in place of the committed one."""
     path = tmp_path / "job_costs.csv"
     path.write_text(TERMS)
-    monkeypatch.setattr(job_requests, "TABLE", path)
+    monkeypatch.setattr(job_costs, "TABLE", path)
 
 
 @pytest.fixture

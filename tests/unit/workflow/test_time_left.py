@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from pipeline.base.errors import InputError
+from pipeline.budget import job_costs
 from pipeline.config.loading import load_project
 from pipeline.config.project import SECTIONS
-from pipeline.workflow import job_requests
 from pipeline.workflow.job_files import JobFiles
 from pipeline.workflow.time_left import StageLeft, as_lines, main, pace_of, planned_jobs, stage_of, stages_left
 
@@ -27,7 +27,7 @@ SUBJECT = "source: synthetic\nchunk_frames: 10\nsynthesize_capture: {cameras: 4,
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> JobFiles:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(job_requests, "TABLE", tmp_path / "job_costs.csv")
+    monkeypatch.setattr(job_costs, "TABLE", tmp_path / "job_costs.csv")
     (tmp_path / "job_costs.csv").write_text(TERMS)
     (tmp_path / "subjects").mkdir()
     (tmp_path / "subjects/someone.yaml").write_text(SUBJECT)
