@@ -4,7 +4,7 @@
 
 A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
 its time at the setting over that at the default, the mean over the curves' subjects. How much the effects of a plan
-cost, and how fast a processor is, is left out. An error is expected to be the mean over these subjects.
+cost is left out. An error is expected to be the mean over these subjects.
 
 The budget only chooses what neither the subject's file nor the command line says.
 """
@@ -36,7 +36,7 @@ OVERRULED_BY = {("unwrap_atlas", "texel_pixels"): "size"}
 
 def within_budget(
     subject: str, settings: SubjectSettings, said: Mapping[str, Any], size: CaptureSize, curves: Sequence[Curve],
-    measured: Sequence[Measured],
+    measured: Sequence[Measured], pace: float = 1.0,
 ) -> tuple[SubjectSettings, Estimate]:  # fmt: skip
     """The settings with what the budget chooses, and what to expect of them.
 
@@ -45,12 +45,14 @@ def within_budget(
         said: what the user says, which stays.
         size: of this capture.
         measured: the subjects of the curves.
+        pace: seconds that jobs take here over those that are expected.
 
     Raises:
         InputError: if no setting is fast enough, with what takes the time and what the user has set.
     """
     budget_s = 60.0 * settings.budget_minutes
-    base = run_seconds(at_defaults(settings, curves), size)
+    expected = run_seconds(at_defaults(settings, curves), size)
+    base = {stage: StageSeconds(pace * each.fixed, pace * each.work) for stage, each in expected.items()}
     turned = [curve for curve in curves if _spent_in(curve) in base]
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}
@@ -76,7 +78,7 @@ def within_budget(
     seconds = {stage: each.fixed + each.work * factors[stage] for stage, each in base.items()}
     psnr_db = next((_expected_psnr(turned, choices, one) for one in measured if one.subject == subject), math.nan)
     names_of = ", ".join(one.subject for one in measured)
-    return settings.model_copy(update=sections), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db)
+    return settings.model_copy(update=sections), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db, pace)
 
 
 def at_defaults(settings: SubjectSettings, curves: Sequence[Curve]) -> SubjectSettings:

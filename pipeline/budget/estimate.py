@@ -35,7 +35,8 @@ class Estimate:
         budget_s: seconds of one processor that were given.
         seconds: expected of each stage.
         choices: by dial.
-        psnr_db: of the partially lit test images, if it is the curves' subject; else NaN.
+        psnr_db: of the partially lit test images, if it is a subject of the curves; else NaN.
+        pace: seconds that jobs take here over those that are expected, as counted with.
     """
 
     subject: str
@@ -44,6 +45,7 @@ class Estimate:
     seconds: Mapping[str, float]
     choices: Sequence[Choice]
     psnr_db: float
+    pace: float = 1.0
 
     @property
     def total(self) -> float:

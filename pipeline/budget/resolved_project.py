@@ -48,7 +48,9 @@ class ResolvedProject(Project):
 
             curves, measured = read_curves(FOLDER / "accuracy_cost.csv"), read_measured(FOLDER / "subjects.yaml")
             size = capture_size(settings, Path(self.settings.captures) / name, UNKNOWN)
-            self.known[name] = within_budget(name, settings, self.said_by_user(name), size, curves, measured)
+            self.known[name] = within_budget(
+                name, settings, self.said_by_user(name), size, curves, measured, self.settings.machine_pace
+            )
             for line in self.known[name][1].lines():
                 self.say(line)
         return self.known[name]

@@ -143,6 +143,12 @@ class ProjectSettings(SubjectSettings):
         description="folder on a disk of the machine that trains, for traced light of frames beyond training_cache_mb, "
         "which is then read, not traced again; at most half of what is free there; empty: none; changes no result",
     )
+    machine_pace: float = Field(
+        1.0,
+        gt=0,
+        description="seconds that jobs take on this machine over those that config/curves/job_costs.csv expects: "
+        "budgets count with it; `make left` and budget.csv say what finished jobs took",
+    )
     compare_subjects: CompareSubjects = CompareSubjects()
 
 

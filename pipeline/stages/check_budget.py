@@ -1,6 +1,7 @@
 """Compare the estimate of a budget with what the run achieved: time of stages, and errors.
 
-Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. Errors are those
+Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. `machine_pace` is
+the setting with which the total would have been right. Errors are those
 that the run shows: of tracking where the capture knows the truth, the standard error of drawn irradiance, and the PSNR
 of partially lit test images, which is only estimated for the curves' own subject. Writes a table, see `COLUMNS`.
 """
@@ -56,6 +57,8 @@ def run(
     total = times.sum(skipna=False)
     rows.append(row("total", sum(seconds.values()), total.cpu, "s", wall=total.wall))
     rows.append(row("budget", expected["budget_s"], total.cpu, "s", wall=total.wall))
+    pace = expected["pace"]
+    rows.append(row("machine_pace", pace, pace * total.cpu / sum(seconds.values()), "of what is expected"))
     subject = Subject(results.resolve(), capture.resolve(), 1, chunk_size, {})
     for choice in expected["choices"]:
         estimated = math.nan if choice["error"] is None else choice["error"]
@@ -80,7 +83,7 @@ def read_estimate(text: str) -> dict[str, Any]:
     """
     try:
         expected = json.loads(text)
-        lacking = sorted({"budget_s", "seconds", "choices", "psnr_db"} - expected.keys())
+        lacking = sorted({"budget_s", "seconds", "choices", "psnr_db", "pace"} - expected.keys())
     except (ValueError, AttributeError) as error:
         raise InputError(f"--estimate: expected JSON of the estimate of a budget, found {text!r}") from error
     if lacking:
@@ -131,7 +134,7 @@ def verdict(one: Any, tolerance: float) -> str:
 
     PSNR is better the larger it is.
     """
-    if math.isnan(one.estimated) or math.isnan(one.achieved):
+    if math.isnan(one.estimated) or math.isnan(one.achieved) or one.quantity == "machine_pace":
         return ""
     if one.quantity.startswith("PSNR"):
         return "kept" if one.achieved >= one.estimated - 10 * math.log10(1 + tolerance) else "missed"

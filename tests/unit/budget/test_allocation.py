@@ -101,6 +101,15 @@ def test_texels_that_are_asked_for(said, texels) -> None:
     assert expected_texels(settings, SAME_SIZE) == texels
 
 
+def test_slow_machine_needs_more_of_everything(tmp_path) -> None:
+    path = write_curves(tmp_path / "curves")
+    read = read_curves(path), read_measured(path.parent / "subjects.yaml")
+    settings = SubjectSettings(budget_minutes=1000, **SHADOWED)
+    _, estimate = within_budget("someone", settings, {}, SAME_SIZE, *read, 1.5)
+    assert estimate.total == pytest.approx(1.5 * 86)
+    assert estimate.pace == 1.5
+
+
 def test_stages_that_a_capture_needs() -> None:
     shadowed, head = SubjectSettings(**SHADOWED), CaptureSize(4, 10, 1000, 1, kind="head")
     assert "trace_irradiance" in stages_on_the_way(shadowed, SAME_SIZE)
@@ -287,6 +296,12 @@ class TestProject:
         assert {choice.dial for choice in loaded.estimate("other").choices if choice.by == "user"} == {
             "irradiance_power"
         }
+
+    def test_pace_of_the_machine_counts(self, project) -> None:
+        usual, slow = (
+            project({"budget_minutes": 1000, **more}).estimate("other") for more in ({}, {"machine_pace": 2})
+        )
+        assert slow.total == pytest.approx(2 * usual.total)
 
     def test_budget_of_one_subject_is_not_asked_of_others(self, project) -> None:
         loaded = project({"budget_minutes": 0.001})

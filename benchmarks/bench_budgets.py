@@ -1,0 +1,124 @@
+"""Hold what budgets promise against what runs achieve, on subjects that the curves were not measured on.
+
+    python -m benchmarks.bench_budgets --subjects walker head --captures ../shared/captures --minutes 3 4 5 6 8 10 13
+
+For each subject the whole workflow runs once with time for everything, then once for each budget; stages that a budget
+does not turn are not run again. Seconds are a processor's. The first run says by how much this machine is slower than
+that of the curves (`machine_pace`), which the others are promised with. Decibels are what the partially lit validation
+images lose against the first run. Let the machine do nothing else meanwhile. Prints a table, and adds it to --out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import shlex
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from docs.generate.markdown import table
+from pipeline.base.files import write_table
+
+PLENTY_MINUTES = 10_000.0
+"""Time for the most accurate settings of all."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run with a budget: what was promised of it, and what it achieved.
+
+    Attributes:
+        minutes: of the budget.
+        promised_s, achieved_s: of all stages on the way to metrics.csv.
+        promised_lost_db: PSNR against the most accurate settings, the sum over the dials.
+        validation_db: PSNR of partially lit validation images.
+        pace: seconds that jobs took over those that the costs expect.
+    """
+
+    subject: str
+    minutes: float
+    promised_s: float
+    achieved_s: float
+    promised_lost_db: float
+    validation_db: float
+    pace: float
+
+
+def run_budget(subject: str, minutes: float, pace: float, config: list[str]) -> Run:
+    """Run the workflow with a budget, and read what it says of it."""
+    folder = Path("results", subject)
+    words = [f"budget_minutes={minutes:g}", f"machine_pace={pace:g}", *config]
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--quiet", "all", str(folder / "budget.csv")]
+    subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
+    found = pd.read_csv(folder / "budget.csv").set_index("quantity")
+    lost = found.estimated[found.unit.astype(str).str.startswith("PSNR lost")]
+    scores = pd.read_csv(folder / "metrics.csv")
+    known = scores[(scores.split == "validation") & (scores.lit == "partial")]
+    return Run(
+        subject, minutes, float(found.estimated["total"]), float(found.achieved["total"]), float(lost.sum()),
+        float(known.psnr_db.iloc[0]), float(found.achieved["machine_pace"]),
+    )  # fmt: skip
+
+
+def run_subject(subject: str, minutes: list[float], config: list[str], out: Path) -> list[Run]:
+    """Run a subject with plenty of time, then with each budget; runs are kept as they are done."""
+    runs = [run_budget(subject, PLENTY_MINUTES, 1.0, config)]
+    print(json.dumps(asdict(runs[0])), flush=True)
+    for each in minutes:
+        runs.append(run_budget(subject, each, runs[0].pace, config))
+        print(json.dumps(asdict(runs[-1])), flush=True)
+        keep(runs, out)
+    return runs
+
+
+def keep(runs: list[Run], out: Path) -> None:
+    """Write runs among those of other subjects."""
+    done = pd.DataFrame([asdict(one) for one in runs])
+    if out.exists():
+        before = pd.read_csv(out)
+        done = pd.concat([before[before.subject != runs[0].subject], done])
+    write_table(out, done)
+
+
+def as_markdown(runs: pd.DataFrame) -> list[str]:
+    """The table of a page: a line for each budget, and the largest misses."""
+    lines, seconds, decibels = [], [], []
+    for subject, own in runs.groupby("subject", sort=False):
+        best = own.iloc[0]
+        for row in own.iloc[1:].itertuples():
+            promised, achieved = row.promised_lost_db - best.promised_lost_db, best.validation_db - row.validation_db
+            seconds.append(abs(math.log(row.achieved_s / row.promised_s)))
+            decibels.append(abs(achieved - promised))
+            lines.append([
+                f"`{subject}`", f"{row.minutes:g}", f"{row.promised_s:.0f}", f"{row.achieved_s:.0f}",
+                f"{row.achieved_s / row.promised_s:.2f}", f"{promised:.2f}", f"{achieved:.2f}",
+            ])  # fmt: skip
+    head = ("subject", "budget, min", "promised, s", "achieved, s", "ratio", "promised to lose, dB", "lost, dB")
+    within = sum(1 for each in seconds if each <= math.log(1.15)), sum(1 for each in decibels if each <= 0.3)
+    said = f"{within[0]} of {len(lines)} within 15 % of the seconds, {within[1]} within 0.3 dB."
+    return [*table(head, lines).splitlines(), "", said]
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--subjects", nargs="+", required=True)
+    parser.add_argument("--minutes", type=float, nargs="+", required=True, help="budgets of each")
+    parser.add_argument("--captures", default="captures", help="folder of the captures")
+    parser.add_argument("--config", default="", help="further settings of the runs, key=value")
+    parser.add_argument("--out", type=Path, default=Path("results/budgets.csv"))
+    options = parser.parse_args()
+    for subject in options.subjects:
+        config = [f"captures={options.captures}", *shlex.split(options.config)]
+        run_subject(subject, sorted(options.minutes, reverse=True), config, options.out)
+    print("\n".join(as_markdown(pd.read_csv(options.out))))
+
+
+if __name__ == "__main__":
+    main()
