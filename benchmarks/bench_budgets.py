@@ -54,7 +54,8 @@ def run_budget(subject: str, minutes: float, pace: float, config: list[str]) -> 
     """Run the workflow with a budget, and read what it says of it."""
     folder = Path("results", subject)
     words = [f"budget_minutes={minutes:g}", f"machine_pace={pace:g}", *config]
-    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--quiet", "all", str(folder / "budget.csv")]
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--quiet", "all", "--config", *words]
+    command += ["--", str(folder / "budget.csv")]
     subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
     found = pd.read_csv(folder / "budget.csv").set_index("quantity")
     lost = found.estimated[found.unit.astype(str).str.startswith("PSNR lost")]
