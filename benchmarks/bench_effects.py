@@ -2,9 +2,10 @@
 
     python -m benchmarks.bench_effects [--out results/effects_comparison.csv] [--steps 300] [--scenes diffuse ...]
 
-Each scene of `benchmarks.effect_scenes` is photographed and planned. Three avatars are trained on it alike:
+Each scene of `benchmarks.effect_scenes` is photographed and planned. Avatars are trained on it alike:
 `everything` (RFGCA's model with every effect on, whatever the plan says), `full` (that model with the effects of the
-scene as planned) and `auto` (the default settings: the plan decides learned transport and deferred shading, too). With
+scene as planned) and `auto` (the default settings: the plan decides learned transport and deferred shading, too); and
+`half`, the default after half the steps: what the same time, or less, buys. With
 `--turned`, more are: the default with one decision of the plan turned round, which tells what a wrong one would cost. A
 row has the effects that are on, the PSNR of held-out images and what it loses against everything on, CPU seconds of
 preparing light and training on one thread, the jobs that the workflow has left after the plan, counted by Snakemake,
@@ -39,7 +40,10 @@ from pipeline.stages import evaluate_avatar, pack_shards, plan_effects, trace_ir
 
 PAPER = {"shading": "transfer", "deferred": "on", "weight_mask": 0.1, "weight_negative": 0.01, "weight_smooth": 0.0}
 EVERYTHING = PAPER | dict.fromkeys(("specular", "shadow", "near_field", "articulation"), "on")
-AVATARS = {"everything": EVERYTHING, "full": PAPER, "auto": {}}
+AVATARS = {"everything": EVERYTHING, "full": PAPER, "auto": {}, "half": {}}
+STEPS_SHARE = {"half": 0.5}
+"""Share of the steps that avatars are trained for, where that is not all."""
+
 ALL_ON = PlanEffects(**dict.fromkeys([name for name in EFFECTS if name != "eyes"], "on"))
 
 
@@ -111,7 +115,7 @@ def bench_scene(
     """Train and score a scene's avatars."""
     reference = None
     for avatar, choices in avatars.items():
-        settings = TrainAvatar(steps=steps, **choices)
+        settings = TrainAvatar(steps=round(STEPS_SHARE.get(avatar, 1.0) * steps), **choices)
         row = bench_avatar(files, plan_for(folder, avatar), folder / avatar, name, settings)
         reference = row if reference is None else reference
         row["psnr_lost_db"] = round(reference["psnr_db"] - row["psnr_db"], 3)

@@ -25,11 +25,16 @@ HEADS = (
     "its time",
     "the default",
     "its time",
+    "with half the steps",
+    "its time",
     "best decision turned round",
 )
 
-SHOWN = ("full", "auto")
+SHOWN = ("full", "auto", "half")
 """Avatars that are held against the one with everything on."""
+
+UNTRAINED = "-"
+"""Instead of a gain and a time where an avatar was not trained."""
 
 TURNED = "not_"
 """How names of default avatars with a decision turned round begin."""
@@ -49,7 +54,9 @@ def run(
     lines = [cells(str(scene), of_scene) for scene, of_scene in rows.groupby("scene", sort=False)]
     last = ["median", "", ""]
     for avatar in SHOWN:
-        last += [f"{-gains[avatar].psnr_lost_db.median():+.2f} dB", percent(gains[avatar].cpu_ratio.median())]
+        known = not gains[avatar].empty
+        gained, ratio = -gains[avatar].psnr_lost_db.median(), gains[avatar].cpu_ratio.median()
+        last += [f"{gained:+.2f} dB", percent(ratio)] if known else [UNTRAINED, UNTRAINED]
     put_between(page, TABLE, table(HEADS, [*lines, [*last, ""]]))
 
 
@@ -69,7 +76,10 @@ def cells(scene: str, rows: pd.DataFrame) -> list[str]:
     shown = [scene, ", ".join(effect.replace("_", " ") for effect in planned), f"{everything:.2f} dB"]
     for avatar in SHOWN:
         of_avatar = rows[rows.avatar == avatar]
-        shown += [gain(-of_avatar.psnr_lost_db.to_numpy()), percent(of_avatar.cpu_ratio.mean())]
+        if of_avatar.empty:
+            shown += [UNTRAINED, UNTRAINED]
+        else:
+            shown += [gain(-of_avatar.psnr_lost_db.to_numpy()), percent(of_avatar.cpu_ratio.mean())]
     return [*shown, best_turned(rows)]
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -108,9 +109,9 @@ def evening() -> Float32[np.ndarray, "height width 3"]:
 
 
 def relit(
-    results: Path, variant: str, light: Path, crop: ImageRecord, out: Path
+    results: Path, variant: str, light: Path, crop: ImageRecord, out: Path, finer: int = FINER
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The same crop of the same frame, from the same camera, under another light."""
+    """The same crop of the same frame, from the same camera, under another light, with `finer` pixels for one."""
     chunks = sorted((results / "tracking").glob("*.safetensors"))
     textures = sorted((results / "textures").glob("*.safetensors"))
     images = read_table(results / "index/cameras.parquet").set_index("camera")
@@ -126,13 +127,13 @@ def relit(
     }
     settings = RelightAvatar(
         first_frame=crop.frame, last_frame=crop.frame, pictures=1, camera_names=(crop.camera,),
-        height=FINER * int(images.height[crop.camera]), stills="png", splats="none", background="black",
+        height=finer * int(images.height[crop.camera]), stills="png", splats="none", background="black",
     )  # fmt: skip
     words = [word for flag, paths in inputs.items() if paths for word in (f"--{flag}", *map(str, paths))]
     command = [sys.executable, "-m", "pipeline.stages.relight_avatar", *words, *flags(settings)]
     subprocess.run(command, check=True, cwd=ROOT)
     whole = cv2.imread(str(out / "stills/000000.png"))[..., ::-1]
-    left, top, width, height = (FINER * edge for edge in (crop.x0, crop.y0, crop.width, crop.height))
+    left, top, width, height = (finer * edge for edge in (crop.x0, crop.y0, crop.width, crop.height))
     return enlarged(whole[top : top + height, left : left + width])
 
 
@@ -142,10 +143,12 @@ def enlarged(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "height w
     return cv2.resize(np.ascontiguousarray(picture), (width, HEIGHT), interpolation=cv2.INTER_CUBIC)
 
 
-def composed(panels: list[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "height width 3"]:
+def composed(
+    panels: Sequence[UInt8[np.ndarray, "h w 3"]], titles: Sequence[str] = PANELS
+) -> UInt8[np.ndarray, "height width 3"]:
     """The panels in a row, each under its title."""
     columns = []
-    for title, panel in zip(PANELS, panels, strict=True):
+    for title, panel in zip(titles, panels, strict=True):
         head = np.zeros((TITLE_HEIGHT, panel.shape[1], 3), np.uint8)
         cv2.putText(head, title, (6, TITLE_HEIGHT - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (255, 255, 255), 1, cv2.LINE_AA)
         columns += [np.vstack([head, panel]), np.zeros((TITLE_HEIGHT + HEIGHT, GAP, 3), np.uint8)]
