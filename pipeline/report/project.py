@@ -105,7 +105,8 @@ def effects_comparison(results: Results) -> Part:
     text = (
         "Small path-traced scenes, each of which calls for other effects. Everything: the papers' model with every "
         "effect on, whatever the plan says; full: the default settings under the plan; auto: the plan decides learned "
-        "transport and deferred shading, too; half: that after half the steps. Lost is against everything on, on images that no setting was chosen by. "
+        "transport and deferred shading, too; half: that after half the steps. Lost is against everything on, "
+        "on images that no setting was chosen by. "
         f"The largest loss is {number(planned.psnr_lost_db.max())} dB. Jobs are those of the workflow after the plan; "
         f"seconds are of the CPU, for light and {int(table.steps.iloc[0])} steps of training."
     )
