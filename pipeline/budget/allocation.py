@@ -67,10 +67,6 @@ def within_budget(
     for curve in turned:
         if curve.dial not in fixed:
             changes.setdefault(curve.stage, {})[curve.option] = parse_setting(names[curve.dial])
-    sections = {
-        stage: SECTIONS[stage](**merge(getattr(settings, stage).model_dump(), options))
-        for stage, options in changes.items()
-    }
     choices = [_choice(curve, names[curve.dial], fixed) for curve in turned]
     factors = dict.fromkeys(base, 1.0)
     for curve, choice in zip(turned, choices, strict=True):
@@ -78,7 +74,7 @@ def within_budget(
     seconds = {stage: each.fixed + each.work * factors[stage] for stage, each in base.items()}
     psnr_db = next((_expected_psnr(turned, choices, one) for one in measured if one.subject == subject), math.nan)
     names_of = ", ".join(one.subject for one in measured)
-    return settings.model_copy(update=sections), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db, pace)
+    return with_options(settings, changes), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db, pace)
 
 
 def at_defaults(settings: SubjectSettings, curves: Sequence[Curve]) -> SubjectSettings:
@@ -86,6 +82,11 @@ def at_defaults(settings: SubjectSettings, curves: Sequence[Curve]) -> SubjectSe
     changes: dict[str, dict[str, Any]] = {}
     for curve in curves:
         changes.setdefault(curve.stage, {})[curve.option] = curve.default
+    return with_options(settings, changes)
+
+
+def with_options(settings: SubjectSettings, changes: Mapping[str, Mapping[str, Any]]) -> SubjectSettings:
+    """The settings with some options of stages changed."""
     sections = {
         stage: SECTIONS[stage](**merge(getattr(settings, stage).model_dump(), options))
         for stage, options in changes.items()

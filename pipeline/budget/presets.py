@@ -23,7 +23,7 @@ from typing import Any
 import yaml
 
 from pipeline.base.code_digest import ROOT
-from pipeline.budget.curve import Curve, SubjectCurve, parse_setting
+from pipeline.budget.curve import Curve, SubjectCurve, parse_setting, setting_name
 from pipeline.budget.curves import FOLDER, Measured, read_curves, read_measured
 from pipeline.config.project import SECTIONS
 
@@ -74,7 +74,7 @@ def preset_yaml(preset: str, curves: Sequence[Curve], measured: Sequence[Measure
         # As the settings have it: a number of samples is text, which `full` is, too.
         settings = SECTIONS[curve.stage].model_validate({curve.option: value})
         sections.setdefault(curve.stage, {})[curve.option] = settings.model_dump(mode="json")[curve.option]
-        lines.append(f"{curve.stage}.{curve.option} {value}: {_numbers(curve, value)}; {curve.metric}")
+        lines.append(f"{curve.stage}.{curve.option} {setting_name(value)}: {_numbers(curve, value)}; {curve.metric}")
     subjects = ", ".join(
         f"{one.subject} ({one.kind}, {one.cameras} cameras, {one.frames} frames, {one.pixels} pixels an image)"
         for one in measured

@@ -16,7 +16,7 @@ from pipeline.config.effects import EFFECTS
 from pipeline.config.project import SubjectSettings
 from pipeline.config.sections import section_for
 
-ALWAYS = (
+ON_THE_WAY = (
     "index_capture", "calibrate_cameras", "calibrate_color", "calibrate_lights", "book_patterns", "unwrap_atlas",
     "track_mesh", "plan_effects", "fit_eyes", "trace_irradiance", "bake_textures", "pack_shards", "train_avatar",
     "evaluate_avatar",
@@ -67,7 +67,7 @@ def stages_on_the_way(settings: SubjectSettings, capture: CaptureSize) -> list[s
         "trace_irradiance": any(section.reads_irradiance(EFFECTS, capture.kind) for section in trained),
         "bake_textures": any(section.reads_textures(capture.kind) for section in trained),
     }
-    return [stage for stage in ALWAYS if needed.get(stage, True)]
+    return [stage for stage in ON_THE_WAY if needed.get(stage, True)]
 
 
 def expected_texels(settings: SubjectSettings, capture: CaptureSize) -> int:
