@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from pipeline.base.code_digest import ROOT
 from pipeline.budget.curve import LEAST_ALLOWED, Curve, SubjectCurve, parse_setting
@@ -76,6 +76,7 @@ def draw_curve(axes: Axes, curve: Curve, colors: dict[str, str]) -> None:
         axes.annotate(name, (x, y), textcoords="offset points", xytext=(4, 4), fontsize=6.5, color=MUTED)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.tick_params(labelsize=7)
 
