@@ -10,7 +10,8 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table
 from pipeline.config.calibrate_cameras import BOARD_METHODS
 from pipeline.config.plan_effects import LENS_DISTORTION_PX
-from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
+from pipeline.dials.dial import CostedStage, Dial, Files, Metric
+from pipeline.dials.subject import Subject
 from pipeline.dials.tolerances import (
     YARDSTICKS,
     sensor_per_image_px,

@@ -9,7 +9,8 @@ import pandas as pd
 
 from pipeline.base.files import read_table
 from pipeline.capture.images import read_exr_channel
-from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
+from pipeline.dials.dial import CostedStage, Dial, Files, Metric
+from pipeline.dials.subject import Subject
 from pipeline.lighting.light_sampling import SamplePattern
 
 TOLERANCE = 0.01

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.dials.dial import CostedStage, Dial, Files, Subject, label
+from pipeline.dials.dial import CostedStage, Dial, Files, label
+from pipeline.dials.subject import Subject
 from pipeline.metrics.cost import IMPORTS_ONLY, Cost
 from pipeline.metrics.measured_run import run_measured
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.capture.shards import read_image_shards
-from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
+from pipeline.dials.dial import CostedStage, Dial, Files, Metric
+from pipeline.dials.subject import Subject
 
 TOLERANCE = 0.001
 """RMS of what storing changes, full scale being 1: a tenth of a capture's noise of 40 dB."""

@@ -12,7 +12,8 @@ from typing import Any, get_args
 from pipeline.base.files import read_json
 from pipeline.capture.shards import read_frame_shards
 from pipeline.config.trained_model import Geometry
-from pipeline.dials.dial import Dial, Subject
+from pipeline.dials.dial import Dial
+from pipeline.dials.subject import Subject
 from pipeline.dials.trained import STEPS
 from pipeline.dials.training import SHORT_TRAINING
 

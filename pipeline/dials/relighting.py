@@ -8,7 +8,8 @@ import numpy as np
 
 from pipeline.base.exr import write_exr
 from pipeline.capture.images import read_exr_channel
-from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
+from pipeline.dials.dial import CostedStage, Dial, Files, Metric
+from pipeline.dials.subject import Subject
 from pipeline.lighting.environment import Environment
 
 TOLERANCE = 0.01

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.base.files import read_json, read_table
 from pipeline.config.plan_effects import LENS_DISTORTION_PX
-from pipeline.dials.dial import Subject
+from pipeline.dials.subject import Subject
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.metrics.output_errors import focus, pixel_size_m
 

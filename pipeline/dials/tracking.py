@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.base.files import read_arrays, read_table
-from pipeline.dials.dial import CostedStage, Dial, Files, Metric, Subject
+from pipeline.dials.dial import CostedStage, Dial, Files, Metric
+from pipeline.dials.subject import Subject
 from pipeline.dials.tolerances import YARDSTICKS, small_length_mm
 from pipeline.geometry.cameras import read_cameras
 from pipeline.metrics.output_errors import align_rigs

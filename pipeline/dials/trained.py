@@ -13,8 +13,9 @@ import pandas as pd
 
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table
-from pipeline.dials.dial import Dial, Files, Metric, Subject
+from pipeline.dials.dial import Dial, Files, Metric
 from pipeline.dials.irradiance import INPUTS, IRRADIANCE
+from pipeline.dials.subject import Subject
 from pipeline.metrics.evaluation import LIT, capped
 from pipeline.metrics.significance import Estimate, mean_over_images
 

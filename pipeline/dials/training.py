@@ -10,7 +10,8 @@ from typing import get_args
 
 from pipeline.base.files import read_json, read_table
 from pipeline.config.trained_model import DepthSource
-from pipeline.dials.dial import CostedStage, Dial, Subject
+from pipeline.dials.dial import CostedStage, Dial
+from pipeline.dials.subject import Subject
 from pipeline.dials.trained import (
     AFTER_TRACING,
     MADE,

@@ -15,7 +15,7 @@ from jaxtyping import Float64
 
 from pipeline.base.files import read_arrays, read_json, read_table, write_arrays, write_json, write_table
 from pipeline.config.budget_errors import Part
-from pipeline.dials.dial import CHUNK, Subject
+from pipeline.dials.subject import CHUNK, Subject
 from pipeline.geometry.cameras import read_cameras, write_cameras
 from pipeline.geometry.rigid_alignment import Alignment
 from pipeline.metrics.output_errors import align_rigs

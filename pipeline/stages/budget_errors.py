@@ -23,7 +23,7 @@ from pipeline.base.splits import VALIDATION
 from pipeline.config.budget_errors import RETRAINED_STAGES, BudgetErrors, Part
 from pipeline.config.stage_commands import Value
 from pipeline.config.stage_settings import read_stage_settings
-from pipeline.dials.dial import Subject
+from pipeline.dials.subject import Subject
 from pipeline.dials.true_inputs import TRUTH, Inputs
 from pipeline.metrics.evaluation import LIT
 from pipeline.metrics.measured_run import run_measured

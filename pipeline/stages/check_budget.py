@@ -21,7 +21,7 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
 from pipeline.config.check_budget import CheckBudget
-from pipeline.dials.dial import Subject
+from pipeline.dials.subject import Subject
 from pipeline.dials.tracking import TRACKING
 
 log = logging.getLogger("check_budget")

@@ -22,8 +22,9 @@ from pipeline.base.files import write_table
 from pipeline.config.measure_cost import MeasureCost
 from pipeline.config.stage_settings import read_stage_settings
 from pipeline.dials.catalogue import DIALS
-from pipeline.dials.dial import Subject, possible_dials
+from pipeline.dials.dial import possible_dials
 from pipeline.dials.jobs import judge, kept_in, measure, merged, prepare
+from pipeline.dials.subject import Subject
 from pipeline.metrics.cost import cost_table, interleaved
 
 log = logging.getLogger("measure_cost")

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_arrays, read_json, read_table, write_arrays, write_json, write_table
 from pipeline.config.budget_errors import RETRAINED_STAGES, BudgetErrors
-from pipeline.dials.dial import Subject
+from pipeline.dials.subject import Subject
 from pipeline.dials.true_inputs import TRUTH, Inputs
 from pipeline.figures.style import GRADE_COLORS
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras

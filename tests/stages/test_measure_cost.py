@@ -20,7 +20,8 @@ from pipeline.config.measure_cost import COSTED_STAGES, MeasureCost
 from pipeline.config.project import SubjectSettings
 from pipeline.config.stage_settings import changed_settings, read_stage_settings
 from pipeline.config.trace_irradiance import TraceIrradiance
-from pipeline.dials.dial import CostedStage, Dial, Metric, Subject
+from pipeline.dials.dial import CostedStage, Dial, Metric
+from pipeline.dials.subject import Subject
 from pipeline.stages.measure_cost import run
 from tests.support.captures.posed import write_posed_capture
 

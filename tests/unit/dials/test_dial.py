@@ -22,9 +22,10 @@ from pipeline.config.project import SECTIONS
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.dials.calibration import CAMERAS
 from pipeline.dials.catalogue import DIALS
-from pipeline.dials.dial import CostedStage, Dial, Metric, Subject, possible_dials
+from pipeline.dials.dial import CostedStage, Dial, Metric, possible_dials
 from pipeline.dials.papers import PAPERS_DIALS
 from pipeline.dials.relighting import outdoors
+from pipeline.dials.subject import Subject
 from pipeline.dials.tolerances import small_focal_percent, small_length_mm, small_light_mm
 from pipeline.dials.tracking import TRACKING
 from pipeline.dials.trained import TRACED_AND_TRAINED

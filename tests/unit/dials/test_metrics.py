@@ -15,10 +15,11 @@ from pipeline.capture.records import ImageRecord
 from pipeline.capture.shards import write_image_shard
 from pipeline.dials import jobs
 from pipeline.dials.calibration import LIGHTS
-from pipeline.dials.dial import CostedStage, Metric, Subject
+from pipeline.dials.dial import CostedStage, Metric
 from pipeline.dials.irradiance import IRRADIANCE
 from pipeline.dials.packing import PACKING
 from pipeline.dials.relighting import RELIGHTING
+from pipeline.dials.subject import Subject
 from pipeline.geometry.cameras import write_cameras
 from pipeline.metrics.cost import Cost
 from pipeline.metrics.measured_run import MeasuredRun
