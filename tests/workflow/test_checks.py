@@ -15,7 +15,7 @@ import yaml
 from pipeline import STAGES
 from pipeline.config.project import SECTIONS
 from pipeline.config.stage_commands import ARGUMENTS
-from tests.support.results.curve_files import write_curves
+from tests.support.results.curve_files import write_curves, write_job_costs
 
 ALWAYS = {
     "index_capture": 1,
@@ -258,9 +258,10 @@ def test_profile_is_found_and_compares_content(workflow):
 
 @pytest.fixture(scope="module")
 def with_curves(copy_of_project, tmp_path_factory):
-    """A project whose curves are made by hand: 66 s of a processor for a capture as large as theirs."""
+    """A project whose curves and costs are made by hand: at 200 steps 60 s of a processor."""
     workflow = copy_of_project(tmp_path_factory.mktemp("budget") / "project")
     write_curves(workflow.folder / "config/curves")
+    write_job_costs(workflow.folder / "config/curves/job_costs.csv")
     made = "source: synthetic\nsynthesize_capture: {cameras: 4, frames: 10, frames_b: 2, width: 40, height: 25}\n"
     (workflow.folder / "config/subjects/someone.yaml").write_text(made)
     (workflow.folder / "config/subjects/stubborn.yaml").write_text(made + "train_avatar: {steps: 400}\n")
@@ -271,7 +272,7 @@ def test_budget_chooses_what_nobody_has_set(with_curves):
     shown = ("--dry-run", "--printshellcmds", "--config", "budget_minutes=1.101")
     printed = with_curves.snakemake(*shown, "--", "results/someone/budget.csv").stdout
     assert "--steps 200 " in printed and "check_budget" in printed
-    assert "someone: budget 1.1 minutes of one processor, expected 1.1; errors as measured on measured" in printed
+    assert "someone: budget 1.1 minutes of one processor, expected 1; errors as measured on measured" in printed
     stubborn = with_curves.snakemake(*shown, "--", "results/stubborn/metrics.csv").stdout
     assert "--steps 400 --seed 0" in stubborn and "train_avatar.steps 400, set by you" in stubborn
     overruled = with_curves.snakemake(*shown, "train_avatar={steps: 100}", "--", "results/stubborn/metrics.csv").stdout

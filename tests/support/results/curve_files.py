@@ -74,13 +74,17 @@ def write_subjects(folder: Path, curves: dict[str, dict], imports: float = 2.0) 
 
 
 def write_job_costs(path: Path, stages: dict[str, dict[str, float]] = STAGE_SECONDS) -> Path:
-    """A table of what jobs take; stages that are not named take no time."""
+    """A table of what jobs take; stages that are not named take no time. Memory of a table that is there stays."""
     terms = {**{stage: {"": 0.0} for stage in OTHER_STAGES}, **stages}
     rows = [
         {"stage": stage, "cost": "seconds", "sizes": sizes, "coefficient": factor, "jobs": 1, "worst": 1.0}
         for stage, own in terms.items()
         for sizes, factor in own.items()
     ]
+    table = pd.DataFrame(rows)
+    if path.exists():
+        before = pd.read_csv(path, keep_default_na=False)
+        table = pd.concat([before[(before.cost == "mb") | ~before.stage.isin(table.stage)], table])
     path.parent.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame(rows).to_csv(path, index=False)
+    table.to_csv(path, index=False)
     return path
