@@ -37,6 +37,7 @@ from pipeline.capture.shards import (
 )
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
+from pipeline.geometry.texels import write_atlas
 from tests.support.avatars.sheet import make_frame, make_sheet
 from tests.support.avatars.sheet_subject import sheet_frames, sheet_images, stage_arguments, write_subject
 
@@ -327,9 +328,15 @@ def test_tensorboard_has_curves_and_pictures(inputs, tmp_path):
 def test_an_avatar_of_another_version_is_told(inputs, tmp_path):
     stage.run(**inputs, out=tmp_path / "avatar")
     arrays = read_arrays(tmp_path / "avatar/avatar.safetensors")
-    write_arrays(tmp_path / "avatar/avatar.safetensors", {**arrays, "lambert": np.zeros(9, np.float32)})
-    with pytest.raises(InputError, match=r"avatar\.safetensors: expected the tensors of this version"):
-        load_avatar(tmp_path / "avatar", inputs["atlas"])
+    name = next(name for name, array in arrays.items() if name != "albedo" and array.ndim)
+    for change in ({"lambert": np.zeros(9, np.float32)}, {name: arrays[name][:-1]}):
+        write_arrays(tmp_path / "avatar/avatar.safetensors", {**arrays, **change})
+        with pytest.raises(InputError, match=r"avatar\.safetensors: expected the tensors of this version"):
+            load_avatar(tmp_path / "avatar", inputs["atlas"])
+    write_arrays(tmp_path / "avatar/avatar.safetensors", arrays)
+    write_atlas(tmp_path / "other.safetensors", make_sheet(7))
+    with pytest.raises(InputError, match=r"expected 49 texels as in .*other\.safetensors, found \d+; train again"):
+        load_avatar(tmp_path / "avatar", tmp_path / "other.safetensors")
     config = json.loads((tmp_path / "avatar/config.json").read_text())
     del config["spec"]["deferred"]
     (tmp_path / "avatar/config.json").write_text(json.dumps(config))

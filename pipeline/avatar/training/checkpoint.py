@@ -102,14 +102,14 @@ def load_avatar(folder: Path, atlas_path: Path) -> LoadedAvatar:
     if stored.keys() != {field.name for field in fields(AvatarSpec)}:
         raise InputError(f"{folder}/config.json: spec: expected the keys of this version, found others; train again")
     avatar = Avatar(atlas, texel_spacing(atlas), AvatarSpec.from_json(stored), eyes)
-    state = load_tensors(folder / "avatar.safetensors")[0]
-    if state.keys() != avatar.state_dict().keys():
+    state, built = load_tensors(folder / "avatar.safetensors")[0], avatar.state_dict()
+    if state.keys() == built.keys() and len(state["albedo"]) != len(built["albedo"]):
+        found, expected = len(state["albedo"]), len(built["albedo"])
+        raise InputError(f"{folder}: expected {expected} texels as in {atlas_path}, found {found}; train again")
+    if {name: tensor.shape for name, tensor in state.items()} != {name: tensor.shape for name, tensor in built.items()}:
         raise InputError(
             f"{folder}/avatar.safetensors: expected the tensors of this version, found others; train again"
         )
-    if state["albedo"].shape != avatar.albedo.shape:
-        found, expected = len(state["albedo"]), len(avatar.albedo)
-        raise InputError(f"{folder}: expected {expected} texels as in {atlas_path}, found {found}; train again")
     avatar.load_state_dict(state)
     cameras = CameraOffsets.from_json(described.get("camera_offsets", {}))
     return LoadedAvatar(avatar, atlas, LightGains.from_json(described.get("light_gains", [])), cameras)
