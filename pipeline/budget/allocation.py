@@ -19,7 +19,7 @@ import numpy as np
 
 from pipeline.base.errors import InputError
 from pipeline.budget.capture_size import CaptureSize
-from pipeline.budget.curve import Curve, parse_setting, setting_name
+from pipeline.budget.curve import Curve, SubjectCurve, parse_setting, setting_name
 from pipeline.budget.curves import Measured
 from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
@@ -29,6 +29,10 @@ from pipeline.config.sections import merge
 
 SPENT_IN = {"unwrap_atlas": "train_avatar"}
 """Where a setting of a stage costs time, if not there: texels are laid out once and trained in every step."""
+
+BEYOND_LOSS = 1e-6
+"""What a default that lies beyond the measured settings is taken to lose less than the best of them, over what is
+allowed: as good as nothing, but enough for it to be chosen where there is time."""
 
 OVERRULED_BY = {("unwrap_atlas", "texel_pixels"): "size"}
 """Settings that have no say once another one of the same stage has."""
@@ -118,13 +122,19 @@ def _loss(curve: Curve, value: Any) -> float:
 
 
 def _options(curve: Curve, fixed: Mapping[str, Any]) -> list[Option]:
-    """The Pareto front of a curve; of a dial that the user has set, that setting alone."""
+    """The Pareto front of a curve; of a dial that the user has set, that setting alone.
+
+    A default beyond the settings that were measured is one more, and best.
+    """
     if curve.dial in fixed:
         value = fixed[curve.dial]
         return [Option(setting_name(value), curve.factor(value), _loss(curve, value))]
-    return [
-        Option(name, curve.factor(parse_setting(name)), _loss(curve, parse_setting(name))) for name in curve.front()
-    ]
+    values = [parse_setting(name) for name in curve.front()]
+    options = [Option(setting_name(value), curve.factor(value), _loss(curve, value)) for value in values]
+    if math.isnan(curve.error(curve.default)):
+        least = min(option.loss for option in options)
+        options.append(Option(setting_name(curve.default), 1.0, least - BEYOND_LOSS))
+    return options
 
 
 def _choice(curve: Curve, name: str, fixed: Mapping[str, Any]) -> Choice:
@@ -140,8 +150,14 @@ def _expected_psnr(turned: Sequence[Curve], choices: Sequence[Choice], measured:
     for curve, choice in zip(turned, choices, strict=True):
         own = curve.of(measured.subject)
         if own is not None and curve.metric.startswith("PSNR") and curve.dial in measured.settings:
-            lost += own.error(parse_setting(choice.setting)) - own.error(measured.settings[curve.dial])
+            lost += _error(own, parse_setting(choice.setting)) - _error(own, measured.settings[curve.dial])
     return measured.psnr_db - lost
+
+
+def _error(curve: SubjectCurve, value: Any) -> float:
+    """Error at a setting; beyond those that were measured the smallest one."""
+    error = curve.error(value)
+    return min(curve.errors) if math.isnan(error) else error
 
 
 def _refusal(

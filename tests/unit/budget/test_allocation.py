@@ -46,13 +46,22 @@ def choose(tmp_path, minutes, said=None, size=SAME_SIZE, curves=CURVES, subject=
 
 
 def test_plenty_of_time_buys_the_smallest_error(tmp_path) -> None:
-    settings, estimate = choose(tmp_path, 1000)
+    settings, estimate = choose(tmp_path, 1.5)
     assert (settings.train_avatar.steps, settings.train_avatar.supersample) == (400, 3)
     assert settings.trace_irradiance.samples == "full"
     # 2 s of imports each; 20 s of work of training at 200 steps are 40 at 400.
     expected = {"track_mesh": 30.0, "trace_irradiance": 6.0, "train_avatar": 42.0, "evaluate_avatar": 8.0}
     assert {stage: seconds for stage, seconds in estimate.seconds.items() if seconds} == pytest.approx(expected)
     assert estimate.total == pytest.approx(86)
+
+
+def test_default_beyond_what_was_measured_is_best(tmp_path) -> None:
+    settings, estimate = choose(tmp_path, 1000)
+    assert settings.train_avatar.steps == 2000
+    assert estimate.seconds["train_avatar"] == pytest.approx(202)
+    (error,) = [choice.error for choice in estimate.choices if choice.dial == "training_steps"]
+    assert math.isnan(error)
+    assert choose(tmp_path, 4)[0].train_avatar.steps == 400  # 30 + 6 + 202 + 8 s are more
 
 
 def test_little_time_is_spent_where_it_saves_most(tmp_path) -> None:
@@ -104,7 +113,7 @@ def test_texels_that_are_asked_for(said, texels) -> None:
 def test_slow_machine_needs_more_of_everything(tmp_path) -> None:
     path = write_curves(tmp_path / "curves")
     read = read_curves(path), read_measured(path.parent / "subjects.yaml")
-    settings = SubjectSettings(budget_minutes=1000, **SHADOWED)
+    settings = SubjectSettings(budget_minutes=2.2, **SHADOWED)
     _, estimate = within_budget("someone", settings, {}, SAME_SIZE, *read, 1.5)
     assert estimate.total == pytest.approx(1.5 * 86)
     assert estimate.pace == 1.5
@@ -205,8 +214,8 @@ def test_setting_far_from_what_was_measured_has_a_time_and_no_error(tmp_path) ->
 
 
 def test_a_larger_capture_takes_longer(tmp_path) -> None:
-    _, small = choose(tmp_path, 1000)
-    _, large = choose(tmp_path, 1000, size=CaptureSize(8, 30, 1000, 2), said={"variants": {"a": {}, "b": {}}})
+    _, small = choose(tmp_path, 1.5)
+    _, large = choose(tmp_path, 7, size=CaptureSize(8, 30, 1000, 2), said={"variants": {"a": {}, "b": {}}})
     assert large.seconds["track_mesh"] == pytest.approx(6 * 30)
     assert large.seconds["trace_irradiance"] == pytest.approx(2 + 3 * 4)
     assert large.seconds["train_avatar"] == pytest.approx(2 * (2 + 40))
@@ -239,7 +248,8 @@ def test_dial_without_a_curve_stays_as_it_is(tmp_path) -> None:
 def test_quality_of_pictures_is_estimated_for_the_measured_subject_alone(tmp_path) -> None:
     assert math.isnan(choose(tmp_path, 1000)[1].psnr_db)
     # 200 steps lost 0.3 dB, 400 lose 0.01.
-    assert choose(tmp_path, 1000, subject="measured")[1].psnr_db == pytest.approx(30.29)
+    assert choose(tmp_path, 1.5, subject="measured")[1].psnr_db == pytest.approx(30.29)
+    assert choose(tmp_path, 1000, subject="measured")[1].psnr_db == pytest.approx(30.29)  # beyond: as good
 
 
 @pytest.mark.parametrize(
@@ -291,7 +301,7 @@ class TestProject:
         loaded = project({"budget_minutes": 1000, "trace_irradiance": {"samples": "2"}, **SHADOWED})
         assert loaded.subject("someone").train_avatar.steps == 100
         assert loaded.subject("someone").trace_irradiance.samples == "2"
-        assert loaded.subject("other").train_avatar.steps == 400
+        assert loaded.subject("other").train_avatar.steps == 2000
         assert sum("budget 1e+03 minutes" in line for line in project.said) == 2  # once for each subject
         assert {choice.dial for choice in loaded.estimate("other").choices if choice.by == "user"} == {
             "irradiance_power"
