@@ -1,1 +1,1 @@
-"""Settings for a time budget: committed curves, cost estimates, and the choice among them."""
+"""Settings for a time budget: what jobs take by their size, committed curves, estimates, and the choice among them."""
