@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from pipeline.base.files import read_json
 from pipeline.capture.shards import read_frame_shards
-from pipeline.config.trained_model import Geometry
+from pipeline.config.trained_model import DepthSource, Geometry
 from pipeline.dials.dial import Dial
 from pipeline.dials.subject import Subject
 from pipeline.dials.trained import STEPS
@@ -44,6 +44,8 @@ HEAD = replace(SHORT_TRAINING, runs_on=is_head)
 SHADOWED = replace(SHORT_TRAINING, runs_on=has_maps)
 
 PAPERS_DIALS = [
+    # Where a lobe is evaluated per pixel; the default avatar has it per Gaussian.
+    Dial("depth", BODY, "depth", lambda subject: get_args(DepthSource), WITHOUT_NETWORK),
     Dial("transfer_degree", BODY, "transfer_degree", lambda subject: (1, 2, 3, 5, 8), WITHOUT_NETWORK),
     Dial("texels_or_networks", BODY, "parameters", lambda subject: ("texels", "decoded"), WITHOUT_NETWORK),
     Dial("code_size", BODY, "code_size", lambda subject: CODE_SIZES, DECODED),

@@ -6,10 +6,7 @@ of its own; the others are turned at `STEPS` steps, all alike.
 
 from __future__ import annotations
 
-from typing import get_args
-
 from pipeline.base.files import read_json, read_table
-from pipeline.config.trained_model import DepthSource
 from pipeline.dials.dial import CostedStage, Dial
 from pipeline.dials.subject import Subject
 from pipeline.dials.trained import (
@@ -76,8 +73,6 @@ def _camera_counts(subject: Subject) -> list[int]:
 
 
 CAMERA_COUNTS = (2, 4, 8, 16, 32, 64)
-DRAWABLE_DEPTHS = tuple(depth for depth in get_args(DepthSource) if depth != "median")
-"""A GPU's rasteriser knows no median, and presets are for both."""
 
 AT_STEPS = {"steps": STEPS}
 
@@ -86,7 +81,6 @@ TRAINING_DIALS = [
     Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.01, 0.03), AT_STEPS),
     Dial("compensation", SHORT_TRAINING, "compensate_opacity", lambda subject: (True, False), AT_STEPS),
     Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
-    Dial("depth", SHORT_TRAINING, "depth", lambda subject: DRAWABLE_DEPTHS, AT_STEPS, chosen=True),
     Dial("highlight", SHORT_TRAINING, "highlight", lambda subject: ("cosine", "angular", "half"), AT_STEPS),
     # What a smaller stage, or a shorter session, would have cost (RGCA, figures S4 and S5).
     Dial("training_cameras", SHORT_TRAINING, "cameras", _camera_counts, AT_STEPS),
