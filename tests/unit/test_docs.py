@@ -7,12 +7,13 @@ import re
 import subprocess
 import unicodedata
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
-from docs.generate import comparison_table, effects_table, error_budget_table, scaling_table
+from docs.generate import comparison_table, curves_figure, effects_table, error_budget_table, scaling_table
 from docs.generate.flowchart import FLOW, PLACES
 from docs.generate.pages import PAGES
 from docs.generate.pictures import evening
@@ -31,6 +32,7 @@ from pipeline.lighting.environment import Environment
 from pipeline.metrics.ablation_table import COLUMNS as COMPARISON_COLUMNS
 from pipeline.metrics.cost import COLUMNS as COST_COLUMNS
 from pipeline.stages.check_budget import COLUMNS as BUDGET_COLUMNS
+from tests.support.results.curve_files import CURVES, write_subjects
 
 FILE = re.compile(r"(?<![\w/.<>{}$*-])((?:[\w.-]+/)*[\w.-]+\.(?:md|py|smk|yaml|yml|toml|cff|bib|rst))\b(?![\w/<{*])")
 """A file of the repository's own kinds. Data files are left out: they are a user's, or a run's."""
@@ -346,3 +348,18 @@ def test_citation_file_has_what_its_format_requires(repo_root):
     assert content["cff-version"] == "1.2.0"
     assert content.keys() >= {"message", "title", "authors", "version", "license", "references"}
     assert all({"type", "title", "authors"} <= one.keys() for one in content["references"])
+
+
+def test_curves_are_drawn_in_a_panel_per_dial_and_a_line_per_subject(tmp_path):
+    curves = write_subjects(tmp_path / "curves", {"ann": CURVES, "bob": CURVES})
+    curves_figure.run(curves=curves, out=tmp_path / "curves.png")
+    picture = cv2.imread(str(tmp_path / "curves.png")).astype(int)
+    # Both subjects have the same curves, so that the second one's hide the first's but in the legend.
+    first, second = (
+        np.abs(picture[..., ::-1] - [int(color[at : at + 2], 16) for at in (1, 3, 5)]).max(-1) < 8
+        for color in curves_figure.COLORS[:2]
+    )
+    height = len(picture)
+    assert first[: height // 3].any() and not first[height // 3 :].any()
+    rows = np.flatnonzero(second.any(1))
+    assert rows.max() > 0.6 * height  # two rows of panels
