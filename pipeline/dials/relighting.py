@@ -83,7 +83,7 @@ RELIGHTING_DIALS = [
         chosen=True,
     ),
     Dial(
+        # Chosen by nobody: the default avatar is lit by the pixels of a map.
         "environment_lobes", RELIGHTING, "prefiltered_height", lambda subject: (16, 32, 64, 128, None),
-        chosen=True,
     ),
 ]  # fmt: skip

@@ -57,8 +57,10 @@ class Cost:
         """
         errors = np.array(self.errors.get(metric, []), np.float64)
         frames = float(np.mean(np.square(self.scatters.get(metric, [np.nan]))))
-        runs = float(errors.var(ddof=1)) / len(errors) if len(errors) > 1 else 0.0
-        return float(np.sqrt(frames + runs))
+        if len(errors) < 2:
+            return float(np.sqrt(frames))
+        known = frames if np.isfinite(frames) else 0.0  # of images of one frame nobody knows it
+        return float(np.sqrt(known + errors.var(ddof=1) / len(errors)))
 
 
 def interleaved(items: Sequence[Item], repeats: Sequence[int]) -> Iterator[Item]:

@@ -116,3 +116,19 @@ class TestTable:
         assert without.error.isna().all()
         assert not (without.pareto | without.chosen).any()
         assert table[table.metric == "near"].pareto.tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("errors", "scatters", "expected"),
+    [
+        ([1.0], [0.3], 0.3),
+        ([1.0, 3.0], [0.3, 0.5], np.sqrt((0.09 + 0.25) / 2 + 2 / 2)),
+        ([1.0, 3.0], [np.nan, np.nan], 1.0),  # images of one frame: what is known is over the runs
+        ([1.0], [np.nan], np.nan),
+        ([1.0, 3.0], [], 1.0),
+    ],
+)
+def test_standard_error_is_over_frames_and_runs(errors, scatters, expected) -> None:
+    known = {"PSNR": scatters} if scatters else {}
+    cost = Cost("steps", "100", {"PSNR": 0.1}, "steps", errors={"PSNR": errors}, scatters=known)
+    assert cost.standard_error("PSNR") == pytest.approx(expected, nan_ok=True)
