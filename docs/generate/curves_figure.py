@@ -28,6 +28,9 @@ COLUMNS = 3
 COLORS = ("#1f6feb", "#d1742f", "#2a9d5c", "#8b5cf6", "#c2255c")
 """Of the subjects, in their order."""
 
+WIDE_DECADES = 1.5
+"""Decades of time from which ticks at powers of ten are enough."""
+
 FLOOR, CEILING = 0.03, 30.0
 """Errors over what is allowed that are drawn; smaller ones, and gains, stand on the lower edge."""
 
@@ -73,10 +76,13 @@ def draw_curve(axes: Axes, curve: Curve, colors: dict[str, str]) -> None:
         axes.errorbar(times, shown, yerr=bars, fmt="o-", **style)
     times, losses, _ = points(curve.parts[0], curve)
     for name, x, y in zip(curve.parts[0].settings, times, np.clip(losses, FLOOR, CEILING), strict=True):
-        axes.annotate(name, (x, y), textcoords="offset points", xytext=(4, 4), fontsize=6.5, color=MUTED)
+        below = y > CEILING / 2  # the title stands above
+        place = (4, -9 if below else 4)
+        axes.annotate(name, (x, y), textcoords="offset points", xytext=place, fontsize=6.5, color=MUTED)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    wide = np.ptp(np.log10(times)) > WIDE_DECADES
+    axes.xaxis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.tick_params(labelsize=7)
 
