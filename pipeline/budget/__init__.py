@@ -1,1 +1,1 @@
-"""Settings for a time budget: what jobs take by their size, committed curves, estimates, and the choice among them."""
+"""Costs of jobs by size, committed curves, and the choice of settings for a budget."""

@@ -13,9 +13,9 @@ from pipeline.config.trained_model import Kind
 
 @dataclass(frozen=True)
 class CaptureSize:
-    """Numbers of cameras, frames and lights, pixels of an image, avatars to train, and what is captured.
+    """Numbers of cameras, frames and lights, pixels of an image, and avatars to train.
 
-    Pixels are the mean over the cameras; the kind is body or head.
+    Pixels are the mean over the cameras; the kind of what is captured is body or head.
     """
 
     cameras: int

@@ -121,11 +121,11 @@ class Curve:
         return [part.error(value) / max(part.allowed, LEAST_ALLOWED) for part in self.parts]
 
     def factor(self, value: Any) -> float:
-        """Time at a setting over that at the default, without imports, the geometric mean over the subjects."""
+        """Time at a setting, without imports, over that at the default: a geometric mean."""
         return _geometric_mean([part.work(value) / part.work(self.default) for part in self.parts])
 
     def duration(self, value: Any) -> float:
-        """Time at a setting with the import of the stage, seconds, the geometric mean over the subjects."""
+        """Time at a setting with the import of the stage, seconds: a geometric mean."""
         return _geometric_mean([part.imports + part.work(value) for part in self.parts])
 
     def front(self) -> list[str]:
@@ -137,7 +137,10 @@ class Curve:
         return [self.settings[place] for place in sorted(kept, key=lambda place: (factors[place], losses[place]))]
 
     def cheapest(self, limit: float) -> str | None:
-        """The fastest setting that loses at most `limit` on every subject; of several the most accurate."""
+        """The fastest setting that loses at most `limit` on every subject.
+
+        Of several that are about as fast it is the most accurate.
+        """
         values = [parse_setting(name) for name in self.settings]
         seconds = np.array([self.duration(value) for value in values])
         worst = np.array([max(self.losses(value)) for value in values])

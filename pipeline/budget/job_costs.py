@@ -1,4 +1,4 @@
-"""What jobs are expected to take, by their size.
+"""Expected cost of a job, by its size.
 
 It is a sum of terms, each a product of sizes, with coefficients of `config/curves/job_costs.csv`:
 `benchmarks/bench_job_costs.py` fits them to finished runs, and says there which.

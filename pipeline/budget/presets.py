@@ -56,9 +56,9 @@ def _most_accurate(curve: Curve) -> Any:
 
 
 def as_good(curve: SubjectCurve, value: Any, other: Any) -> bool:
-    """True if the error at a value is that at another one at most, or more by no more than its standard error.
+    """True if a value loses no more than another one, but for the standard error of both.
 
-    Not, if the other one lies beyond what was measured.
+    False if the other one lies beyond what was measured.
     """
     lost = curve.error(value) - curve.error(other)
     scatter = math.hypot(curve.scatter(value), curve.scatter(other))

@@ -1,4 +1,4 @@
-"""Seconds that the stages on the way to metrics.csv are expected to take, at the defaults of the dials.
+"""Seconds that the stages up to metrics.csv should take, at the defaults of the dials.
 
 The costs of `pipeline.budget.job_costs`, for what can be known of a capture before anything has run.
 """
@@ -71,7 +71,7 @@ def stages_on_the_way(settings: SubjectSettings, capture: CaptureSize) -> list[s
 
 
 def expected_texels(settings: SubjectSettings, capture: CaptureSize) -> int:
-    """Texels of an atlas that is not made yet: as many as pixels ask for, but no more than there may be."""
+    """Texels of an atlas not made yet: as many as pixels ask for, or as there may be."""
     asked = settings.unwrap_atlas
     if asked.size is not None:
         return round(COVERED * asked.size**2)
