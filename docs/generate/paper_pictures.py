@@ -92,14 +92,9 @@ def corneas(results: Path, light: Path, camera: str, frame: int, out: Path) -> U
     margin = EYE_MARGIN * float(np.ptp(own.x))
     left, right = own.x.min() - margin, own.x.max() + margin
     top, bottom = own.y.min() - margin, own.y.max() + margin
-    eyes = cropped(crop, (int(left), int(top)), (int(right - left), int(bottom - top)))
+    eyes = replace(crop, x0=int(left), y0=int(top), width=int(right - left), height=int(bottom - top))
     picture = relit(results, "full", light, eyes, out / "relit", EYES_FINER)
     return composed([picture, panel_of(light)], ["corneas", "their light"])
-
-
-def cropped(image: ImageRecord, first: tuple[int, int], size: tuple[int, int]) -> ImageRecord:
-    """The record of another rectangle of the same image; its pixels are not read."""
-    return replace(image, x0=first[0], y0=first[1], width=size[0], height=size[1])
 
 
 def panel_of(light: Path) -> UInt8[np.ndarray, "h w 3"]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pipeline.budget import job_costs
 from pipeline.budget.capture_size import CaptureSize
 from pipeline.budget.job_costs import CHUNKED, looked_at, read_costs
-from pipeline.budget.job_size import JobSize, size_of_whole
+from pipeline.budget.job_size import size_of_whole
 from pipeline.config.effects import EFFECTS
 from pipeline.config.project import SubjectSettings
 from pipeline.config.sections import section_for
@@ -48,12 +48,12 @@ def run_seconds(settings: SubjectSettings, capture: CaptureSize) -> dict[str, St
     costs = read_costs(job_costs.TABLE)
     texels, chunks = expected_texels(settings, capture), math.ceil(capture.frames / settings.chunk_frames)
     whole = size_of_whole(settings, capture, texels, list(settings.variants))
+    avatars = [size_of_whole(settings, capture, texels, [name]) for name in settings.variants]
     found = {}
     for stage in stages_on_the_way(settings, capture):
         terms = costs[stage, "seconds"]
         jobs = chunks if stage in CHUNKED else 1
-        sizes = [size_of_whole(settings, capture, texels, [name]) for name in settings.variants]
-        own: list[JobSize] = sizes if stage == "train_avatar" else [whole]
+        own = avatars if stage == "train_avatar" else [whole]
         work = sum(terms.expected(looked_at(stage, size)) - terms.fixed for size in own)
         found[stage] = StageSeconds(terms.fixed * jobs * len(own), work)
     return found

@@ -18,9 +18,9 @@ from pipeline.budget.job_size import JobSize, size_of_whole
 from pipeline.config.project import SubjectSettings
 from pipeline.workflow.job_files import JobFiles
 
-COVERED = 0.6
-"""Share of an atlas that carries texels, before the atlas is made: subjectA's covers 0.41, a head's of 60 lights 0.45,
-that of a recorded body 0.58."""
+MOST_COVERED = 0.6
+"""Share of an atlas that carries texels at most, before the atlas is made: subjectA's covers 0.41, a head's of 60 lights
+0.45, that of a recorded body 0.58."""
 
 HEADER = struct.Struct("<Q")
 """Start of a safetensors file: bytes of the JSON that follows."""
@@ -85,4 +85,4 @@ def _texels(atlas: Path) -> int:
 
 def _most_texels(settings: SubjectSettings) -> int:
     side = settings.unwrap_atlas.size or settings.unwrap_atlas.most
-    return round(COVERED * side**2)
+    return round(MOST_COVERED * side**2)
