@@ -72,7 +72,8 @@ TRACKING_DIALS = [
     Dial("keypoints_outlines", TRACKING, "outline_rounds", lambda subject: (0, 1, 2, 3, 5, 8), {"image_rounds": 0}),
     Dial("outline_rounds", TRACKING, "outline_rounds", lambda subject: (0, 1, 2, 3, 5, 8), chosen=True),
     Dial("mask_size", TRACKING, "outline_size_px", _image_sizes),
-    Dial("image_rounds", TRACKING, "image_rounds", lambda subject: (0, 1, 2, 3, 5), chosen=True),
+    # Chosen by nobody: what colours gain depends on how far off a capture's keypoints are.
+    Dial("image_rounds", TRACKING, "image_rounds", lambda subject: (0, 1, 2, 3, 5)),
     Dial("image_size", TRACKING, "image_size_px", _image_sizes),
     Dial("image_points", TRACKING, "image_points", lambda subject: (200, 500, 1500, 4000)),
     Dial("iterations", TRACKING, "max_iterations", lambda subject: (1, 2, 3, 5, 10, 30)),

@@ -19,8 +19,8 @@ from pipeline.config.project import SubjectSettings
 from pipeline.workflow.job_files import JobFiles
 
 MOST_COVERED = 0.6
-"""Share of an atlas that carries texels at most, before the atlas is made: subjectA's covers 0.41, a head's of 60 lights
-0.45, that of a recorded body 0.58."""
+"""Share of an atlas that carries texels at most, before the atlas is made: subjectA's covers 0.41, a head's of 60
+lights 0.45, that of a recorded body 0.58."""
 
 HEADER = struct.Struct("<Q")
 """Start of a safetensors file: bytes of the JSON that follows."""

@@ -286,7 +286,7 @@ class TestCameras:
 def test_dials_that_are_chosen_turn_settings_of_their_own() -> None:
     """What presets and budgets write is one value for each setting."""
     turned = [(dial.stage.name, dial.setting) for dial in DIALS if dial.chosen]
-    assert len(set(turned)) == len(turned) == 7
+    assert len(set(turned)) == len(turned) == 6
 
 
 def test_all_dials_of_the_design_are_there() -> None:
