@@ -13,15 +13,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import shlex
-import subprocess
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pandas as pd
 
+from benchmarks.workflow_runs import run_workflow
 from docs.generate.markdown import table
 from pipeline.base.files import write_table
 
@@ -54,9 +52,7 @@ def run_budget(subject: str, minutes: float, pace: float, config: list[str]) -> 
     """Run the workflow with a budget, and read what it says of it."""
     folder = Path("results", subject)
     words = [f"budget_minutes={minutes:g}", f"machine_pace={pace:g}", *config]
-    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--quiet", "all", "--config", *words]
-    command += ["--", str(folder / "budget.csv")]
-    subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
+    run_workflow(folder / "budget.csv", words)
     found = pd.read_csv(folder / "budget.csv").set_index("quantity")
     lost = found.estimated[found.unit.astype(str).str.startswith("PSNR lost")]
     scores = pd.read_csv(folder / "metrics.csv")

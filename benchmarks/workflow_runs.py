@@ -1,0 +1,26 @@
+"""Runs of the whole workflow, as a user starts them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def run_workflow(target: Path, config: Sequence[str], presets: Sequence[str] = ()) -> None:
+    """Make a file of the workflow on two cores.
+
+    Args:
+        target: the file.
+        config: settings, key=value.
+        presets: files of settings.
+
+    Raises:
+        CalledProcessError: if the workflow fails.
+    """
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--quiet", "all"]
+    command += ["--config", *config] if config else []
+    command += ["--configfile", *presets] if presets else []
+    subprocess.run([*command, "--", str(target)], check=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
