@@ -39,7 +39,7 @@ PLANTED = {16: 60, 32: 100}
 
 NOISE_PX, GROSS_SHARE, GROSS_PX = 0.2, 0.03, 20.0
 
-OURS = ("rig.py", "rig_model.py", "rig_inputs.py", "board_motion.py")
+OURS = ("rig.py", "rig_model.py", "intrinsics_priors.py", "rig_inputs.py", "board_motion.py")
 """Modules of ours that hold the adjustment."""
 
 COLMAP_FUNCTIONS = ("adjust_with_colmap", "_focal_bars", "_noise_px", "_rigid")

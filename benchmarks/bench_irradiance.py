@@ -34,9 +34,10 @@ from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
-from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, draw_lights, light_scene
+from pipeline.lighting.irradiance import IrradianceMap, Samples, draw_lights
 from pipeline.lighting.irradiance import trace_irradiance as trace
 from pipeline.lighting.light_sampling import pattern_uniforms
+from pipeline.lighting.light_scene import Lights, light_scene
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders, light_blocks
 from pipeline.lighting.visibility_bits import bits_are_cheaper, irradiance_from_bits, trace_bits

@@ -33,7 +33,8 @@ from pipeline.geometry.depth_maps import draw_depth
 from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas, read_atlas
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
-from pipeline.lighting.irradiance import IrradianceMap, Lights, light_scene
+from pipeline.lighting.irradiance import IrradianceMap
+from pipeline.lighting.light_scene import Lights, light_scene
 from pipeline.lighting.visibility import Occluders
 from pipeline.metrics.images import psnr_db
 

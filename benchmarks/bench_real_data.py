@@ -36,7 +36,8 @@ from pipeline.effects.scene_evidence import near_field_evidence
 from pipeline.figures.style import picture
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment import read_environment
-from pipeline.lighting.irradiance import Lights, trace_irradiance
+from pipeline.lighting.irradiance import trace_irradiance
+from pipeline.lighting.light_scene import Lights
 from pipeline.lighting.visibility import Occluders
 from pipeline.stages.plan_effects import decide
 from pipeline.stages.unwrap_atlas import measure_atlas

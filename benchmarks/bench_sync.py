@@ -21,7 +21,7 @@ import trimesh
 
 from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.geometry.cameras import read_cameras
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from pipeline.stages.book_patterns import build_model, fit_subject, seeing_cameras
 from pipeline.sync.brightness import BrightnessModel, PatternLog
 from pipeline.sync.image_means import measure_brightness

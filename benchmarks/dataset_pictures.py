@@ -14,7 +14,7 @@ from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.capture.images import ImageSource
 from pipeline.effects.scene_evidence import read_colors
 from pipeline.geometry.cameras import read_cameras
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from tests.support.datasets.turning_head import TurningHead
 
 SHOWN_SIDE = 420

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from pipeline.geometry.skin import read_template, skinned
+from pipeline.geometry.skin import skinned
+from pipeline.geometry.template_file import read_template
 
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 NUMBERS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}

@@ -14,12 +14,13 @@ from scipy.spatial import cKDTree
 
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.effects.light_evidence import texel_points
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.environment_lobes import prefilter
 from pipeline.lighting.environment_sh import gather_environment, project_environment
-from pipeline.lighting.irradiance import Lights, trace_irradiance
+from pipeline.lighting.irradiance import trace_irradiance
+from pipeline.lighting.light_scene import Lights
 from pipeline.lighting.lobes import LOBE_CONSTANT
 from pipeline.lighting.visibility import ORIGIN_OFFSET, Occluders
 from pipeline.lighting.zonal import DEGREES

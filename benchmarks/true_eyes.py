@@ -21,7 +21,7 @@ from pipeline.base.files import read_arrays, read_json, read_table
 from pipeline.eyes.eye_shape import EyeShape
 from pipeline.geometry.cameras import Camera, read_cameras
 from pipeline.geometry.rotations import matrix_from_quaternion
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from pipeline.lighting.visibility import Occluders
 
 CLEAR = 0.15

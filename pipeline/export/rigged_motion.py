@@ -17,7 +17,8 @@ from jaxtyping import Float64
 from pipeline.base.errors import InputError, listed
 from pipeline.base.files import read_arrays, read_json
 from pipeline.geometry.kinematics import Pose
-from pipeline.geometry.skin import Template, read_joint_names, read_template
+from pipeline.geometry.skin import Template
+from pipeline.geometry.template_file import read_joint_names, read_template
 
 log = logging.getLogger(__name__)
 

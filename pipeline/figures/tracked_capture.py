@@ -19,7 +19,8 @@ from pipeline.capture.images import ImageSource
 from pipeline.capture.reduced_images import block_means
 from pipeline.geometry.cameras import Camera
 from pipeline.geometry.kinematics import Pose, point_positions, tracked_points
-from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.skin import Template
+from pipeline.geometry.template_file import read_template
 from pipeline.geometry.tracked import read_tracked
 from pipeline.tracking.image_cameras import image_cameras
 from pipeline.tracking.keypoint_targets import NO_TARGETS, KeypointTargets, read_keypoint_targets

@@ -11,7 +11,8 @@ from jaxtyping import Float64, Int64
 from pipeline.geometry.mesh import unit_or, vertex_normals
 from pipeline.geometry.surface_points import SurfacePoints
 from pipeline.lighting.frame_lights import FrameLights
-from pipeline.lighting.irradiance import LUMINANCE, MIN_DISTANCE, Lights, trace_irradiance
+from pipeline.lighting.irradiance import trace_irradiance
+from pipeline.lighting.light_scene import LUMINANCE, MIN_DISTANCE, Lights
 from pipeline.lighting.visibility import Occluders
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float32, Float64
 
 from pipeline.base.errors import InputError
 from pipeline.capture.images import read_image
-from pipeline.lighting.irradiance import LUMINANCE, Lights
+from pipeline.lighting.light_scene import LUMINANCE, Lights
 
 WIDTH_OVER_HEIGHT = 2
 """Of a panorama of the whole sphere with square pixels at the horizon."""

@@ -17,7 +17,8 @@ from pipeline.geometry.texels import Atlas
 from pipeline.lighting.environment import Environment
 from pipeline.lighting.frame_lights import CHANNELS, read_frame_lights
 from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
-from pipeline.lighting.irradiance import LUMINANCE, IrradianceMap, Lights, Samples, light_scene, trace_irradiance
+from pipeline.lighting.irradiance import IrradianceMap, Samples, trace_irradiance
+from pipeline.lighting.light_scene import LUMINANCE, Lights, light_scene
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.visibility_bits import (

@@ -21,8 +21,9 @@ import numpy as np
 from jaxtyping import Float64, Int32
 
 from pipeline.geometry.texels import Atlas
-from pipeline.lighting.irradiance import IrradianceMap, Samples, Scene, draw_lights
+from pipeline.lighting.irradiance import IrradianceMap, Samples, draw_lights
 from pipeline.lighting.light_sampling import pattern_uniforms
+from pipeline.lighting.light_scene import Scene
 from pipeline.lighting.ray_kernels import kernel
 
 REACH = 0.5

@@ -24,41 +24,15 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 
 from pipeline.lighting.light_sampling import SamplePattern, pattern_uniforms
-from pipeline.lighting.ray_kernels import add_clear_rays, draw_by_arrival, draw_by_weight, share_of_arriving
+from pipeline.lighting.light_scene import Lights, Scene, light_scene
+from pipeline.lighting.ray_kernels import add_clear_rays, draw_by_arrival, draw_by_weight
 from pipeline.lighting.standard_error import BlockVariance, TexelBlocks
-from pipeline.lighting.visibility import Occluders, Rays, Receivers, light_blocks
-
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Luminance of linear RGB with Rec. 709 primaries (ITU-R BT.709, item 3.2)."""
-
-MIN_DISTANCE = 1e-6
-"""Least distance to a light, relative to the mesh's half extent: a light on the surface is finite, and outshines all
-others there all the same."""
+from pipeline.lighting.visibility import Occluders, Rays, light_blocks
 
 NOT_DRAWN = np.empty(0)
 """Probabilities of lights that were not drawn but all summed."""
 
 Sampling = Literal["uniform", "power", "arriving"]
-
-
-@dataclass(frozen=True)
-class Lights:
-    """The lit lights of a frame.
-
-    Attributes:
-        places: positions, in the unit of the mesh; or, if `distant`, unit directions towards them.
-        luminances: of their radiant intensities; of distant lights, the irradiance on a surface that faces them.
-        distant: as far away as the sky.
-    """
-
-    places: Float64[np.ndarray, "m 3"]
-    luminances: Float64[np.ndarray, " m"]
-    distant: bool = False
-
-    def lit(self) -> Lights:
-        """The lights that shine: one at zero is off, and costs nothing."""
-        on = self.luminances > 0
-        return Lights(self.places[on], self.luminances[on], self.distant)
 
 
 @dataclass(frozen=True)
@@ -100,39 +74,6 @@ class IrradianceMap:
     unlit: bool
 
 
-@dataclass(frozen=True)
-class Scene:
-    """Lit lights, the brightest of luminance 1, and the points they shine on.
-
-    Attributes:
-        normals: of the smooth surface, for the cosine.
-        least2: bound of squared distances to lights from below.
-    """
-
-    occluders: Occluders
-    receivers: Receivers
-    normals: Float64[np.ndarray, "t 3"]
-    lights: Float64[np.ndarray, "m 3"]
-    luminances: Float64[np.ndarray, " m"]
-    distant: bool
-    least2: float
-
-    def shares(
-        self, arrived: Float64[np.ndarray, " t"], cosine_arrived: Float64[np.ndarray, " t"], number: type = np.float64
-    ) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
-        """Sums over what is seen, divided by those over all lights, summed in the type `number`."""
-        axes, luminances = np.ascontiguousarray(self.lights.T, number), self.luminances.astype(number)
-        arrived, cosine_arrived = arrived.copy(), cosine_arrived.copy()
-        share_of_arriving(
-            self.receivers.points, self.normals, axes, luminances, self.distant, self.least2, arrived, cosine_arrived
-        )
-        return arrived, cosine_arrived
-
-    def per_arriving(self) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
-        """One over the sums of L_j, and of L_j max(0, n . w_j), over all lights."""
-        return self.shares(*np.ones((2, len(self.receivers))))
-
-
 def trace_irradiance(
     occluders: Occluders,
     points: Float[np.ndarray, "t 3"],
@@ -162,23 +103,6 @@ def unlit_map(points: int) -> IrradianceMap:
     The ratio of sums leaves it open (0 / 0).
     """
     return IrradianceMap(np.ones(points), np.ones(points), np.zeros(points), 0, 0, True)
-
-
-def light_scene(
-    occluders: Occluders, points: np.ndarray, face_normals: np.ndarray, lights: Lights, normals: np.ndarray | None
-) -> Scene | None:
-    """Points and lights as the sums need them, or None if no light is lit."""
-    lit = lights.lit()
-    if not len(lit.luminances):
-        return None
-    face_normals = np.ascontiguousarray(face_normals, np.float64)
-    normals = face_normals if normals is None else np.ascontiguousarray(normals, np.float64)
-    # Only ratios of lights matter, and these fit into float32.
-    return Scene(
-        occluders, Receivers(np.ascontiguousarray(points, np.float64), face_normals), normals,
-        np.ascontiguousarray(lit.places, np.float64), lit.luminances / lit.luminances.max(), lit.distant,
-        (MIN_DISTANCE * occluders.half_extent) ** 2,
-    )  # fmt: skip
 
 
 def _trace_all(scene: Scene) -> IrradianceMap:

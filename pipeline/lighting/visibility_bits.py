@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float, Float64, UInt8
 
 from pipeline.base.code_digest import code_digest
 from pipeline.base.files import digest_bytes, read_arrays, write_arrays
-from pipeline.lighting.irradiance import IrradianceMap, Lights, exact_map, light_scene, unlit_map
+from pipeline.lighting.irradiance import IrradianceMap, exact_map, unlit_map
+from pipeline.lighting.light_scene import Lights, light_scene
 from pipeline.lighting.ray_kernels import add_seen_bits
 from pipeline.lighting.visibility import LIGHT_CLEARANCE, ORIGIN_OFFSET, Occluders, Receivers, light_blocks
 

@@ -17,14 +17,16 @@ the tables of these jobs are the same.
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float64
 
 from pipeline.base.command import run_as_command
-from pipeline.base.errors import Complaints, InputError
+from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_table
 from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.calibration.lights.ball_measurements import (
@@ -35,25 +37,20 @@ from pipeline.calibration.lights.ball_measurements import (
 )
 from pipeline.calibration.lights.ball_photos import use_most_balls
 from pipeline.calibration.lights.given_lights import take_earlier, take_survey
-from pipeline.calibration.lights.length_units import radius_in_rig, size_by_lights, unit_complaint
+from pipeline.calibration.lights.length_units import radius_in_rig, size_by_lights
 from pipeline.calibration.lights.light_tables import RESIDUAL_COLUMNS, TABLE_COLUMNS, measure_lights, place_in_stage
 from pipeline.calibration.lights.light_verdicts import ball_verdicts, light_verdicts, refusals, why_not_measured
 from pipeline.calibration.lights.mirror_ball import locate_ball
+from pipeline.calibration.lights.stage_checks import check_frame, check_survey, check_units
 from pipeline.calibration.lights.survey_verdict import survey_verdict
 from pipeline.config.calibrate_lights import CalibrateLights
 from pipeline.geometry.cameras import Camera, read_cameras, write_cameras
-from pipeline.geometry.rigid_alignment import Alignment, align_rigid, fit_scale
+from pipeline.geometry.rigid_alignment import Alignment, align_rigid
 
 log = logging.getLogger("calibrate_lights")
 
-UNITS_SURE = 4.0
-"""Standard deviations of a scale below which three or four badly measured lights may have made it up."""
-
-CLEAR_SIGMA = 0.05
-"""Standard deviation of a light, over the stage's size in whatever unit, up to which it says something about scale."""
-
-MIRROR = np.array([-1.0, 1.0, 1.0])
-"""Turns points into their mirror image; which axis makes no difference up to a rotation."""
+Outlines = Mapping[tuple[str, str], Float64[np.ndarray, "_ 2"]]
+"""Pixels of balls' outlines, by position and camera."""
 
 
 def run(
@@ -111,10 +108,7 @@ def run(
     if not outlines:
         found = f"none: {refusals(refused)}"
         raise InputError(f"{capture}: calibration.lights.silhouette: expected a dark ball in some image, found {found}")
-    radius_m = radius_in_rig(cameras, outlines) or calibration["radius_m"]
-    ball_ratio = radius_m / calibration["radius_m"]
-    if abs(np.log(ball_ratio)) <= settings.largest_scale_error:
-        radius_m = calibration["radius_m"]
+    radius_m, ball_ratio = ball_radius(cameras, outlines, calibration["radius_m"], settings.largest_scale_error)
     seen = {p: sorted(camera for q, camera in outlines if q == p) for p in sorted({p for p, _ in outlines})}
     balls = {
         p: locate_ball([cameras[c] for c in names], [outlines[p, c] for c in names], radius_m)
@@ -134,9 +128,7 @@ def run(
         check_frame(capture, lights, settings)
     else:
         check_survey(capture, lights, well, survey, settings)
-        R, t = alignment.R, alignment.t
-        # x_cam = R_c x_rig + t_c and x_rig = R^T (x_stage - t).
-        cameras = {name: replace(c, R=c.R @ R.T, t=c.t - c.R @ R.T @ t) for name, c in cameras.items()}
+        cameras = {name: in_stage_frame(camera, alignment) for name, camera in cameras.items()}
     summarize(lights, table, alignment)
     verdicts = ball_verdicts(balls, seen, refused, settings) + light_verdicts(lights, settings)
     surveyed = survey.set_index("light").loc[well.index, ["x", "y", "z"]].to_numpy(np.float64)
@@ -145,33 +137,23 @@ def run(
     write(out, lights, cameras, table, verdicts)
 
 
-def check_units(capture: Path, facts: pd.DataFrame, survey: pd.DataFrame, ball_ratio: float, tolerance: float) -> None:
-    """Check that board, ball and survey are in one unit.
+def ball_radius(
+    cameras: Mapping[str, Camera], outlines: Outlines, declared_m: float, tolerance: float
+) -> tuple[float, float]:
+    """Radius of the balls in the rig's unit, and its ratio to the declared radius.
 
-    A rigid alignment would hide that they are not.
-
-    Raises:
-        InputError: saying which is not, and the factor.
+    The declared one counts where the two agree.
     """
-    facts = facts[facts.x.notna()]
-    points = facts[["x", "y", "z"]].to_numpy(np.float64)
-    if not len(points):
-        return  # `align` says so
-    extent = np.median(np.linalg.norm(points - np.median(points, 0), axis=1))
-    clear = (facts.rival == 0) & (facts.sigma_m < CLEAR_SIGMA * extent)
-    surveyed = survey.set_index("light").loc[facts.index[clear], ["x", "y", "z"]].to_numpy(np.float64)
-    try:
-        scale, sigma = fit_scale(points[clear], surveyed)
-    except ValueError:
-        return  # too few lights to say; `align` says so
-    text = "size over the rig's: survey %.4f +- %.4f; the rig says %.4f times the ball's radius"
-    log.info(text, scale, sigma, ball_ratio)
-    sure = abs(np.log(scale)) > UNITS_SURE * sigma / scale
-    if wrong := unit_complaint(ball_ratio, scale if sure else 1.0, tolerance):
-        file, key, expected, found, hint = wrong
-        complaints = Complaints(capture)
-        complaints.add(file, key, expected=expected, found=found, hint=hint)
-        complaints.raise_if_any()
+    radius_m = radius_in_rig(cameras, outlines) or declared_m
+    ratio = radius_m / declared_m
+    return (declared_m if abs(np.log(ratio)) <= tolerance else radius_m), ratio
+
+
+def in_stage_frame(camera: Camera, stage_from_rig: Alignment) -> Camera:
+    """Move a camera of the rig into the stage's frame."""
+    # x_cam = R_c x_rig + t_c and x_rig = R^T (x_stage - t).
+    R = camera.R @ stage_from_rig.R.T
+    return replace(camera, R=R, t=camera.t - R @ stage_from_rig.t)
 
 
 def align(well: pd.DataFrame, survey: pd.DataFrame, capture: Path) -> Alignment:
@@ -181,46 +163,6 @@ def align(well: pd.DataFrame, survey: pd.DataFrame, capture: Path) -> Alignment:
         return align_rigid(well[["x", "y", "z"]].to_numpy(np.float64), surveyed)
     except ValueError as error:
         raise InputError(f"{capture}: calibration.lights: {len(well)} lights are measured well: {error}") from error
-
-
-def check_frame(capture: Path, lights: pd.DataFrame, settings: CalibrateLights) -> None:
-    """Known cameras must be in the frame of the surveyed lights.
-
-    Raises:
-        InputError: if most lights are measured somewhere else.
-    """
-    away_m = float(np.median(lights.away_m[lights.status == "measured"]))
-    if away_m > settings.suspicious_distance_m:
-        found = f"lights measured {away_m:.2f} m from where the survey has them (median)"
-        hint = "write the cameras in the frame of lights.csv"
-        raise InputError(f"{capture}: calibration.cameras: expected the stage's frame, found {found}; {hint}")
-
-
-def check_survey(
-    capture: Path, lights: pd.DataFrame, well: pd.DataFrame, survey: pd.DataFrame, settings: CalibrateLights
-) -> None:
-    """The survey must be of this stage: it places the cameras, too.
-
-    Once half of the lights are elsewhere, no rigid motion is the right one, and no single light can be blamed.
-
-    Raises:
-        InputError: if most lights are measured somewhere else, and whether a mirror image of the survey fits.
-    """
-    measured = lights[lights.status == "measured"]
-    away_m = float(np.median(measured.away_m))
-    if away_m <= settings.suspicious_distance_m:
-        return
-    surveyed = survey.set_index("light").loc[well.index, ["x", "y", "z"]].to_numpy(np.float64)
-    mirrored = align_rigid(well[["x", "y", "z"]].to_numpy(np.float64) * MIRROR, surveyed)
-    mirrored_m = float(np.median(np.linalg.norm(mirrored.residual, axis=1)))
-    hint = "are names shifted or mixed up in lights.csv or among the ball images, or is it another stage's?"
-    if mirrored_m <= settings.suspicious_distance_m:
-        hint = f"its mirror image fits to {mirrored_m:.2f} m: change the sign of one axis, or exchange two"
-    found = f"{len(measured)} lights measured {away_m:.2f} m from it (median)"
-    expected = f"a survey that fits to {settings.suspicious_distance_m:g} m (calibrate_lights.suspicious_distance_m)"
-    complaints = Complaints(capture)
-    complaints.add("lights.csv", "x, y, z", expected=expected, found=found, hint=hint)
-    complaints.raise_if_any()
 
 
 def summarize(lights: pd.DataFrame, table: pd.DataFrame, alignment: Alignment) -> None:

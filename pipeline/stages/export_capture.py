@@ -23,7 +23,7 @@ from pipeline.export.colmap_folder import write_colmap_folder
 from pipeline.export.goliath_folder import write_goliath_folder
 from pipeline.export.nerfstudio_folder import write_nerfstudio_folder
 from pipeline.export.recording import Recording, read_recording
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 
 log = logging.getLogger("export_capture")
 

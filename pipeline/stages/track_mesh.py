@@ -28,8 +28,9 @@ from pipeline.base.verdicts import log_verdicts, verdict_table
 from pipeline.capture.images import ImageSource
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.signed_distance import View, silhouette_overlap
-from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.skin import Template
 from pipeline.geometry.surface_points import spread_vertices
+from pipeline.geometry.template_file import read_template
 from pipeline.lighting.frame_lights import read_frame_lights
 from pipeline.tracking.color_views import read_color_views
 from pipeline.tracking.cues import Rounds, posed_vertices

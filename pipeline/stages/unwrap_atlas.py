@@ -26,7 +26,8 @@ from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.geometry.atlas import reasons_against, sampled_atlas, unwrap_faces, uv_areas
 from pipeline.geometry.cameras import read_cameras
 from pipeline.geometry.mesh import area_vectors, is_closed, signed_volume, weld_vertices
-from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.skin import Template
+from pipeline.geometry.template_file import read_template
 from pipeline.geometry.template_regions import head_of_skin, read_regions
 from pipeline.geometry.texels import Atlas, write_atlas
 from pipeline.metrics.output_errors import pixel_size_m

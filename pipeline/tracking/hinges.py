@@ -13,7 +13,8 @@ from jaxtyping import Float64
 
 from pipeline.base.errors import Complaints, listed
 from pipeline.config.track_mesh import Axis
-from pipeline.geometry.skin import Template, read_joint_names
+from pipeline.geometry.skin import Template
+from pipeline.geometry.template_file import read_joint_names
 
 
 def hinge_axes(hinges: Mapping[str, Axis], path: Path, template: Template) -> Float64[np.ndarray, "joints 3"] | None:

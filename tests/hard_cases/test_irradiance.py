@@ -11,7 +11,8 @@ from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
-from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
+from pipeline.lighting.irradiance import IrradianceMap, Samples, trace_irradiance
+from pipeline.lighting.light_scene import Lights, light_scene
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.support.naive.surfaces import naive_visible

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.base.files import read_arrays, read_json
 from pipeline.config.synthesize_capture import SynthesizeCapture
 from pipeline.config.unwrap_atlas import UnwrapAtlas
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from pipeline.stages import index_capture, unwrap_atlas
 from tests.support.captures.synthesized import read_truth, synthesize
 

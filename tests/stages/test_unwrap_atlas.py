@@ -13,7 +13,7 @@ import trimesh
 from pipeline.base.errors import InputError
 from pipeline.config.unwrap_atlas import UnwrapAtlas
 from pipeline.geometry.cameras import Camera, write_cameras
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from pipeline.geometry.texels import read_atlas, texel_frames
 from pipeline.stages.unwrap_atlas import measure_atlas, run
 

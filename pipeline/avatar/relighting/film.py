@@ -39,7 +39,7 @@ from pipeline.lighting.environment_lobes import prefilter
 from pipeline.lighting.environment_sh import project_environment
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.frame_lights import NO_LIGHTS, FrameLights
-from pipeline.lighting.irradiance import LUMINANCE
+from pipeline.lighting.light_scene import LUMINANCE
 from pipeline.lighting.point_lights import PointLights
 from pipeline.rendering.splat_ply import Splats
 from pipeline.rendering.splat_types import Gaussians

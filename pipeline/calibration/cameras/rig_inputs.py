@@ -35,8 +35,8 @@ class RigPriors:
 
     Attributes:
         lenses: a camera of each camera's intrinsics, whose pose does not count; None: nothing is known of them.
-        lens_sigma: standard deviation of f over itself, by which goes that of all else (`rig_model.given_prior_sigma`);
-            0: they are known and stay.
+        lens_sigma: standard deviation of f over itself, by which goes that of all else
+            (`intrinsics_priors.given_prior_sigma`); 0: they are known and stay.
         clock_sigma_s: standard deviation of the times of `Observations.motion`.
     """
 

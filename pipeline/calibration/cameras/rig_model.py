@@ -15,18 +15,11 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float64, Int64
 
+from pipeline.calibration.cameras.intrinsics_priors import given_prior_sigma, intrinsics_prior_sigma
 from pipeline.calibration.cameras.rig_inputs import NOTHING_KNOWN, Observations, RigPriors
 from pipeline.geometry.cameras import PINHOLE_TERMS, Camera, project_with_jacobian
 from pipeline.geometry.lens import Lens
 from pipeline.geometry.rotations import left_jacobian, matrix_from_rotation_vector, skew
-
-PRIOR_SIGMA = {"f": np.inf, "aspect": 0.01, "cx": 0.03, "cy": 0.03}
-"""Standard deviations of the priors of `PINHOLE_TERMS`: about the spread of ordinary cameras, cx and cy in units of the
-longer side, none for f. Those of a lens's terms are its own."""
-
-GIVEN_TERMS = 10.0
-"""Error of a given lens's distortion and aspect, over that of ordinary lenses, over the error of f, over itself: where
-two people fitted the same photographs, f agrees to a fraction of a per cent, and k1 to some hundredths."""
 
 LAG_SIGMA_S = 0.1
 """Standard deviation of the prior of a camera's lag behind the others: three images of an ordinary camera wait for the
@@ -265,26 +258,6 @@ class RigModel:
         late = late + np.where(timed, x[self.lag_columns][self.observations.camera][:, None], 0)
         moved = (motion.velocity - motion.acceleration * late / 2) * late
         return np.where(timed, moved, 0), np.where(timed, motion.velocity - motion.acceleration * late, 0)
-
-
-def intrinsics_prior_sigma(camera: Camera) -> Float64[np.ndarray, " intrinsics"]:
-    """Standard deviations of the priors of `Camera.intrinsics`, infinite for f."""
-    longer = max(camera.width, camera.height)
-    scale = {"cx": longer, "cy": longer}
-    pinhole = [PRIOR_SIGMA[name] * scale.get(name, 1) for name in PINHOLE_TERMS]
-    return np.array([*pinhole, *camera.lens.prior_sigma])
-
-
-def given_prior_sigma(camera: Camera, lens_sigma: float) -> Float64[np.ndarray, " intrinsics"]:
-    """Standard deviations of the priors of a given lens's `Camera.intrinsics`.
-
-    f is known to `lens_sigma` over itself, the principal point to as many pixels, as it mostly is where lenses are
-    calibrated, and no term less well than that of an ordinary lens.
-    """
-    ordinary = intrinsics_prior_sigma(camera)
-    f = lens_sigma * camera.K[0, 0]
-    terms = GIVEN_TERMS * lens_sigma * ordinary
-    return np.minimum(np.array([f, terms[1], f, f, *terms[len(PINHOLE_TERMS) :]]), ordinary)
 
 
 def _rotations(pose: np.ndarray, start: np.ndarray) -> np.ndarray:

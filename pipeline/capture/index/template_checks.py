@@ -16,7 +16,7 @@ from pipeline.capture.index.eye_tables import read_eyes_csv
 from pipeline.capture.paths import locate
 from pipeline.capture.schema.capture_yaml import Template
 from pipeline.geometry.gltf import GltfFile, by_the_specification
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 
 REGION_COLUMNS: Mapping[str, Kind] = {"region": "name", "vertex": "whole"}
 

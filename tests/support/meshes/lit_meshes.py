@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from pipeline.geometry.mesh import area_vectors, unit_or
-from pipeline.lighting.irradiance import Lights
+from pipeline.lighting.light_scene import Lights
 from pipeline.lighting.visibility import Occluders
 
 LIGHTS = np.array([[0, 5.0, 0], [3, 4, 1], [-2, 3.5, 2], [0, 6, -4], [4, 5, -3]])

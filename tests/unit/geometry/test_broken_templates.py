@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from tests.support.meshes.glb_files import GlbFile
 
 

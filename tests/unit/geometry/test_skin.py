@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
-from pipeline.geometry.skin import posed, read_template, skinned
+from pipeline.geometry.skin import posed, skinned
+from pipeline.geometry.template_file import read_template
 from tests.support.meshes.glb_files import GlbFile
 
 FLOAT32 = 1e-6

@@ -12,7 +12,8 @@ import pytest
 from pipeline.base.errors import InputError
 from pipeline.base.exr import write_exr
 from pipeline.lighting.environment import Environment, read_environment
-from pipeline.lighting.irradiance import LUMINANCE, Lights, Samples, trace_irradiance
+from pipeline.lighting.irradiance import Samples, trace_irradiance
+from pipeline.lighting.light_scene import LUMINANCE, Lights
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.support.meshes.lit_meshes import plate, sphere, together

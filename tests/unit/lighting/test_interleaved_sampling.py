@@ -7,7 +7,8 @@ import pytest
 
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.interleaved_sampling import Neighbours, share_rays
-from pipeline.lighting.irradiance import IrradianceMap, Lights, Samples, light_scene, trace_irradiance
+from pipeline.lighting.irradiance import IrradianceMap, Samples, trace_irradiance
+from pipeline.lighting.light_scene import Lights, light_scene
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.support.meshes.lit_meshes import TEXEL, floor_map, plate, ring_of_lights, sphere, together

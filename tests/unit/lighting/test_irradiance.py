@@ -7,15 +7,8 @@ import pytest
 import trimesh
 
 from pipeline.geometry.mesh import area_vectors, unit_or
-from pipeline.lighting.irradiance import (
-    LUMINANCE,
-    IrradianceMap,
-    Lights,
-    Samples,
-    draw_lights,
-    light_scene,
-    trace_irradiance,
-)
+from pipeline.lighting.irradiance import IrradianceMap, Samples, draw_lights, trace_irradiance
+from pipeline.lighting.light_scene import LUMINANCE, Lights, light_scene
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 from tests.support.meshes.lit_meshes import LIGHTS, floor_under_a_ball

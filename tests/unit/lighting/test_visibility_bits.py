@@ -9,7 +9,8 @@ import pytest
 
 from pipeline.base.code_digest import imported_modules
 from pipeline.lighting import visibility_bits
-from pipeline.lighting.irradiance import Lights, trace_irradiance
+from pipeline.lighting.irradiance import trace_irradiance
+from pipeline.lighting.light_scene import Lights
 from pipeline.lighting.visibility_bits import (
     bits_are_cheaper,
     irradiance_from_bits,

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from pipeline.tracking.given_meshes import read_given
 
 FRAMES = pd.DataFrame({"frame": [3, 4, 5, 6, 7, 8], "segment": list("aaaabb")})

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.base.errors import InputError
 from pipeline.geometry.kinematics import Pose, TrackedPoints, point_positions, tracked_points
-from pipeline.geometry.skin import Template, read_joint_names, read_template
+from pipeline.geometry.skin import Template
+from pipeline.geometry.template_file import read_joint_names, read_template
 from pipeline.tracking.hinges import hinge_axes
 from pipeline.tracking.motion_prior import DECORRELATION_S, HINGE_PLAY_RAD, MotionPrior, prior_cost
 from pipeline.tracking.pose_solver import position_term, solve_poses

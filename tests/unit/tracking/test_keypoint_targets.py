@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from pipeline.base.errors import InputError
-from pipeline.geometry.skin import Template, read_template
+from pipeline.geometry.skin import Template
+from pipeline.geometry.template_file import read_template
 from pipeline.tracking.keypoint_targets import KeypointTargets, read_keypoint_targets, size_ratio
 from tests.support.figures.walking import BONES, rest_joints, write_template
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.geometry.kinematics import Pose, TrackedPoints, tracked_points
-from pipeline.geometry.skin import read_template
+from pipeline.geometry.template_file import read_template
 from pipeline.tracking.motion_prior import DECORRELATION_S, MotionPrior, prior_cost
 from pipeline.tracking.pose_solver import reprojection_term
 from tests.support.figures.walking import ring_of_cameras, write_template

@@ -18,8 +18,9 @@ from pipeline.geometry.kinematics import (
     points_with_derivatives,
     tracked_points,
 )
-from pipeline.geometry.skin import Template, posed, read_template
+from pipeline.geometry.skin import Template, posed
 from pipeline.geometry.surface_points import spread_points
+from pipeline.geometry.template_file import read_template
 from pipeline.tracking.mesh_tracker import fill_between
 from pipeline.tracking.motion_prior import BandedSystem, MotionPrior, inverse_right_jacobian, prior_cost, prior_system
 from pipeline.tracking.pose_equations import PointQuadratic, normal_equations, solve_equations

@@ -9,7 +9,8 @@ import pytest
 
 from pipeline.geometry.kinematics import Pose, TrackedPoints, point_positions, tracked_points
 from pipeline.geometry.signed_distance import View, view_from_masks
-from pipeline.geometry.skin import Template, posed, read_template
+from pipeline.geometry.skin import Template, posed
+from pipeline.geometry.template_file import read_template
 from pipeline.tracking.silhouette_cue import SilhouetteCue
 from pipeline.tracking.vertex_offsets import fit_offsets, membrane, skinning_jacobians
 from tests.support.figures.walking import draw_mask, mesh, ring_of_cameras, write_template

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from pipeline.calibration.cameras.intrinsics_priors import given_prior_sigma
 from pipeline.calibration.cameras.rig import adjust_rig
 from pipeline.calibration.cameras.rig_inputs import RigPriors
-from pipeline.calibration.cameras.rig_model import given_prior_sigma
 from tests.support.rigs.cameras import (
     BOARD,
     boards_in_stage,
