@@ -16,37 +16,33 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.avatar.training.checkpoint import load_avatar
+from pipeline.avatar.training.checkpoint import LoadedAvatar, load_avatar
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json, read_table, write_table
-from pipeline.base.splits import VALIDATION
 from pipeline.capture.shards import FrameShards, ImageShards, read_frame_shards, read_image_shards
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.figures.scored_images import LAYERS, remove_pictures, write_layers, write_pictures
 from pipeline.geometry.texels import Atlas, read_atlas
+from pipeline.metrics.ablation_rows import scores_in_a_row, spread_in_a_row
 from pipeline.metrics.evaluation import (
     COLOR_SPACE,
-    LIT,
     SHOWN,
-    SPLITS,
-    TABLES,
     Render,
-    capped,
     evaluate,
     region,
     summarize,
 )
 from pipeline.metrics.face_region import ShownFace, known_face, shown_face
-from pipeline.metrics.image_metrics import asked_metrics, metrics_in
+from pipeline.metrics.image_metrics import asked_metrics
 from pipeline.metrics.joined_scores import joined_scores
 from pipeline.metrics.lpips import open_lpips
-from pipeline.metrics.significance import Estimate, mean_over_images
 
 log = logging.getLogger("evaluate_avatar")
 
@@ -87,19 +83,11 @@ def run(
         chunks: number of chunks that are scored from there, if any.
         settings: see the flags below.
     """
-    variants = [folder.name for folder in avatars]
-    if len(set(variants)) < len(variants) or not variants:
-        raise InputError(
-            f"--avatars: expected folders of different names, found {variants}; a variant is its folder's name"
-        )
-    if chunk is not None and len(avatars) > 1:
-        raise InputError(f"--avatars: expected one folder, as a chunk is scored for each alone, found {len(avatars)}")
+    frames = frames or (shards / "frames",) * len(avatars)
+    require_folders(avatars, frames, chunk)
     lpips, weights = open_lpips(settings.lpips_net, settings.lpips_backbone)
     if lpips is None:
         log.warning("LPIPS stays empty: %s", weights)
-    frames = frames or (shards / "frames",) * len(avatars)
-    if len(frames) != len(avatars):
-        raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
     parts = [""] if chunk is None else [f"{chunk + each:04d}.arrow" for each in range(chunks)]
     images = read_image_shards([shards / split / part for split in settings.splits for part in parts])
     lit = {path: read_frame_shards([path / part for part in parts]) for path in frames}
@@ -107,29 +95,22 @@ def run(
     metrics = asked_metrics(settings.metrics)
     pixels = {} if index is None else whole_pixels(index)
     face = find_face(read_atlas(atlas), index) if "psnr_face" in settings.metrics else None
+
+    def scored(avatar: LoadedAvatar, path: Path) -> pd.DataFrame:
+        return evaluate(avatar.render, images, lit[path], lpips, metrics, avatar.trace, pixels, face)
+
     if chunk is not None:
-        avatar = load_avatar(avatars[0], atlas)
-        scored = evaluate(avatar.render, images, lit[frames[0]], lpips, metrics, avatar.trace, pixels, face)
-        write_table(out / f"{chunk:04d}.parquet", scored)
-        log.info("%s: %d images of %d chunks from %d", avatars[0].name, len(scored), chunks, chunk)
+        table = scored(load_avatar(avatars[0], atlas), frames[0])
+        write_table(out / f"{chunk:04d}.parquet", table)
+        log.info("%s: %d images of %d chunks from %d", avatars[0].name, len(table), chunks, chunk)
         return
     network = {"lpips_net": settings.lpips_net, "lpips_weights": weights}
-    protocol = {"color_space": COLOR_SPACE, "region": region(metrics), "protocol": settings.protocol}
-    protocol |= network
-
+    protocol = {"color_space": COLOR_SPACE, "region": region(metrics), "protocol": settings.protocol, **network}
+    remove_old_pictures(out / "images", settings)
     means, singles, ablations, times = [], [], [], []
-    # Those of an earlier run would stand beside scores that are not theirs.
-    if not settings.pictures:
-        remove_pictures(out / "images", SHOWN)
-    if not (settings.pictures and settings.intrinsic_layers):
-        remove_pictures(out / "images", (LAYERS,))
     for folder, path in zip(avatars, frames, strict=True):
         avatar = load_avatar(folder, atlas)
-        render = avatar.render
-        if scores is None:
-            per_image = evaluate(render, images, lit[path], lpips, metrics, avatar.trace, pixels, face)
-        else:
-            per_image = joined_scores(scores / folder.name, images.table)
+        per_image = scored(avatar, path) if scores is None else joined_scores(scores / folder.name, images.table)
         names = {"subject": subject, "variant": folder.name}
         config = read_json(folder / "config.json")
         built = {name: config.get(name, "") for name in ("built", "why")}
@@ -137,18 +118,55 @@ def run(
         singles.append(per_image.assign(**names, **network))
         row = scores_in_a_row(means[-1]) | spread_in_a_row(per_image, singles[0])
         ablations.append(names | {"parameters": config["parameters"]} | row)
-        trained = float(read_table(folder / "log.parquet").seconds.iloc[-1])
-        rendered = measure_milliseconds(render, images, lit[path])
-        times.append(names | {"training_seconds": trained, "render_milliseconds": rendered})
+        times.append(names | times_of(folder, avatar, images, lit[path]))
         log.info("%s: %s", folder.name, means[-1].iloc[0][["images", *(metric.name for metric in metrics)]].to_dict())
-        if settings.pictures:
-            write_pictures(out / "images", folder.name, render, per_image, images, lit[path])
-        if settings.pictures and settings.intrinsic_layers:
-            write_layers(out / "images", folder.name, avatar.intrinsic_layers, per_image, images, lit[path])
+        draw(out / "images", folder.name, avatar, per_image, images, lit[path], settings)
     write_table(out / "metrics_per_image.parquet", names_first(pd.concat(singles, ignore_index=True)))
     write_table(out / "metrics.csv", names_first(pd.concat(means, ignore_index=True)))
     write_table(out / "ablations.csv", pd.DataFrame(ablations))
     write_table(out / "avatar_times.csv", pd.DataFrame(times))
+
+
+def require_folders(avatars: Sequence[Path], frames: Sequence[Path], chunk: int | None) -> None:
+    """Require avatars of different names, each with its frames.
+
+    Raises:
+        InputError: if there are none, two of one name, or several for a chunk.
+    """
+    variants = [folder.name for folder in avatars]
+    if len(set(variants)) < len(variants) or not variants:
+        raise InputError(
+            f"--avatars: expected folders of different names, found {variants}; a variant is its folder's name"
+        )
+    if chunk is not None and len(avatars) > 1:
+        raise InputError(f"--avatars: expected one folder, as a chunk is scored for each alone, found {len(avatars)}")
+    if len(frames) != len(avatars):
+        raise InputError(f"--frames: expected a folder for each of {len(avatars)} avatars, found {len(frames)}")
+
+
+def remove_old_pictures(folder: Path, settings: EvaluateAvatar) -> None:
+    """Remove pictures of an earlier run that this one does not replace: its scores are others."""
+    if not settings.pictures:
+        remove_pictures(folder, SHOWN)
+    if not (settings.pictures and settings.intrinsic_layers):
+        remove_pictures(folder, (LAYERS,))
+
+
+def draw(
+    folder: Path, variant: str, avatar: LoadedAvatar, per_image: pd.DataFrame, images: ImageShards,
+    frames: FrameShards, settings: EvaluateAvatar,
+) -> None:  # fmt: skip
+    """Write the pictures of an avatar that are asked for."""
+    if settings.pictures:
+        write_pictures(folder, variant, avatar.render, per_image, images, frames)
+    if settings.pictures and settings.intrinsic_layers:
+        write_layers(folder, variant, avatar.intrinsic_layers, per_image, images, frames)
+
+
+def times_of(folder: Path, avatar: LoadedAvatar, images: ImageShards, frames: FrameShards) -> dict[str, float]:
+    """Seconds of an avatar's training, and milliseconds of a picture."""
+    trained = float(read_table(folder / "log.parquet").seconds.iloc[-1])
+    return {"training_seconds": trained, "render_milliseconds": measure_milliseconds(avatar.render, images, frames)}
 
 
 def find_face(atlas: Atlas, index: Path | None) -> ShownFace | None:
@@ -165,38 +183,6 @@ def whole_pixels(index: Path) -> dict[str, int]:
     """Pixels of the whole images of each camera."""
     cameras = read_table(index / "cameras.parquet")
     return dict(zip(cameras.camera, (cameras.width * cameras.height).tolist(), strict=True))
-
-
-def scores_in_a_row(means: pd.DataFrame) -> dict[str, float]:
-    """METRIC_LIT of all test images; METRIC_SPLIT of validation and of `TABLES`, all light."""
-    rows, metrics = means[means.split == "test"].set_index("lit"), [metric.name for metric in metrics_in(means)]
-    scores = {f"{metric}_{lit}": rows.loc[lit, metric] for metric in metrics for lit in LIT}
-    rows = means[means.lit == "all"].set_index("split")
-    return scores | {
-        f"{metric}_{split}": rows.loc[split, metric] for split in (VALIDATION, *TABLES) for metric in metrics
-    }
-
-
-def spread_in_a_row(per_image: pd.DataFrame, first: pd.DataFrame) -> dict[str, float]:
-    """METRIC_SPLIT_error of validation and `TABLES`, and gains in PSNR over the first avatar.
-
-    Errors are those over blocks of frames, of images that have the score; NaN where a split has too few.
-    """
-    found = {}
-    for split in (VALIDATION, *TABLES):
-        own, base = (capped(table[SPLITS[split](table)]) for table in (per_image, first))
-        for metric in metrics_in(per_image):
-            found[f"{metric.name}_{split}_error"] = over_frames(own[metric.name], own.frame).error
-        gain = over_frames(own.psnr_db.reset_index(drop=True) - base.psnr_db.reset_index(drop=True), own.frame)
-        found |= {f"psnr_db_{split}_gain": gain.mean, f"psnr_db_{split}_gain_error": gain.error}
-    return found
-
-
-def over_frames(values: pd.Series, frame: pd.Series) -> Estimate:
-    """Mean of what is known, with its standard error."""
-    numbers = values.to_numpy(np.float64)
-    known = np.isfinite(numbers)
-    return mean_over_images(numbers[known], frame.to_numpy()[known])
 
 
 def measure_milliseconds(render: Render, images: ImageShards, frames: FrameShards) -> float:

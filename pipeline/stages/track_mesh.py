@@ -16,6 +16,7 @@ then "given", "between" two of them, or "held" where there is one on one side on
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,30 +24,30 @@ import pandas as pd
 
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
-from pipeline.base.files import read_distinct, read_json, read_rows, read_table, write_arrays, write_table
-from pipeline.base.verdicts import log_verdicts, verdict_table
-from pipeline.capture.images import ImageSource
+from pipeline.base.files import read_json, read_table, write_arrays, write_table
+from pipeline.base.verdicts import Verdict, log_verdicts, verdict_table
 from pipeline.config.track_mesh import TrackMesh
 from pipeline.geometry.signed_distance import View, silhouette_overlap
 from pipeline.geometry.skin import Template
 from pipeline.geometry.surface_points import spread_vertices
 from pipeline.geometry.template_file import read_template
 from pipeline.lighting.frame_lights import read_frame_lights
+from pipeline.tracking.chunk_views import ChunkViews, read_chunk
 from pipeline.tracking.color_views import read_color_views
-from pipeline.tracking.cues import Rounds, posed_vertices
+from pipeline.tracking.cues import Rounds
 from pipeline.tracking.fit_verdicts import complain_of_misfits, fit_verdicts
 from pipeline.tracking.given_meshes import GivenTracking, read_given
 from pipeline.tracking.hinges import hinge_axes
-from pipeline.tracking.image_cameras import CAMERA_COLUMNS, image_cameras
-from pipeline.tracking.keypoint_targets import NO_TARGETS, read_keypoint_targets
+from pipeline.tracking.keyframe_refinement import KeyframeRefinement
+from pipeline.tracking.keypoint_targets import NO_TARGETS, KeypointTargets, read_keypoint_targets
 from pipeline.tracking.mask_interpolation import interpolated_views
 from pipeline.tracking.mesh_tracker import Tracking, TrackingLimits, track
 from pipeline.tracking.motion_prior import MotionPrior
 from pipeline.tracking.photometric_refinement import PhotometricSettings, fully_lit_frames, photometric_refinement
 from pipeline.tracking.silhouette_cue import SilhouetteCue
 from pipeline.tracking.surface_tracker import DeformationPrior, track_surface
-from pipeline.tracking.tracking_inputs import detected_pixels, keypoint_observations, keypoint_residuals, mask_views
-from pipeline.tracking.vertex_offsets import skinning_jacobians
+from pipeline.tracking.tracking_inputs import detected_pixels, keypoint_observations, keypoint_residuals
+from pipeline.tracking.tracking_outputs import frame_table, tracked_arrays, tracked_vertices
 
 LOG = logging.getLogger("track_mesh")
 
@@ -75,75 +76,49 @@ def run(
         lights: lights.parquet of calibrate_lights; needed with `patterns`.
         settings: numbers and modes.
     """
-    limits = TrackingLimits(settings.inlier_px, settings.min_keypoints, settings.max_iterations)
     content = read_json(index / "capture.json")
     frames = read_table(index / "frames.parquet").sort_values("frame", ignore_index=True)
     first, last = chunk * chunk_size, min((chunk + 1) * chunk_size, len(frames))
     if not 0 <= first < last:
         raise InputError(f"chunk: expected 0 to {(len(frames) - 1) // chunk_size}, found {chunk}; {len(frames)} frames")
-    start = max(first - settings.context_frames, 0)
-    with_context = frames.iloc[start : last + settings.context_frames]
     mesh = capture / content["template"]["mesh"]
     template = read_template(mesh, float(content["template"]["scale_to_m"]))
-    source, table = ImageSource.from_index(capture, content["images"]), index / "images.parquet"
-    downsample, every = float(content["images"]["downsample_from_sensor"]), read_distinct(table, CAMERA_COLUMNS)
-    # Of the tables of all images and keypoints, what the job looks at: not all frames of the capture.
-    frame_numbers = with_context.frame.to_numpy(np.int64)
-    images = read_rows(table, "frame", frame_numbers)
     targets = NO_TARGETS
     if content["template"].get("keypoints") is not None:
         targets = read_keypoint_targets(capture / content["template"]["keypoints"], template)
     if "meshes" in content:
         given = read_given(
-            capture, read_table(index / "meshes.parquet"), content["meshes"], template, frames,
-            slice(first, last),
-        )  # fmt: skip
+            capture, read_table(index / "meshes.parquet"), content["meshes"], template, frames, slice(first, last)
+        )
         numbers = frames.frame.to_numpy(np.int64)[first:last]
-        used = image_cameras(cameras, every, downsample, True)
-        masked = mask_views(source, images, used, numbers, settings.outline_cameras, settings.outline_size_px)
-        rows = read_rows(index / "keypoints_2d.parquet", "frame", numbers)
-        detected = detected_pixels(rows, list(used), numbers, targets.names)
-        away = keypoint_residuals(detected, used.values(), given.vertices[:, targets.vertices])
-        near_px = max(settings.inlier_px, NEAR_SHARE * max(camera.height for camera in used.values()))
-        table = given.table(numbers, list(masked.values()), template.faces, away, near_px)
-        write_given(out, chunk, table, template.faces, given, masked, len(targets.names))
+        seen = read_chunk(capture, index, cameras, numbers, settings, masks=True, test_cameras=True)
+        write_given(out, chunk, given, seen, template, targets, settings)
         return
     if targets is NO_TARGETS:
         raise InputError("capture.yaml: template.keypoints: expected a csv of keypoints on the template, found none")
-    used = image_cameras(cameras, every, downsample, settings.use_test_cameras)
-    keypoints = read_rows(index / "keypoints_2d.parquet", "frame", frame_numbers)
-    observations = keypoint_observations(keypoints, used, frame_numbers, targets)
-    masked = {}
-    if settings.outline_rounds:
-        masked = mask_views(source, images, used, frame_numbers, settings.outline_cameras, settings.outline_size_px)
-    views = list(masked.values())
-    chosen = spread_vertices(template.vertices_rest, settings.outline_vertices)
-    silhouettes = [SilhouetteCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
+    start = max(first - settings.context_frames, 0)
+    with_context = frames.iloc[start : last + settings.context_frames]
+    numbers = with_context.frame.to_numpy(np.int64)
+    seen = read_chunk(
+        capture, index, cameras, numbers, settings,
+        masks=settings.outline_rounds > 0, test_cameras=settings.use_test_cameras,
+    )  # fmt: skip
+    observations = keypoint_observations(seen.keypoints, seen.cameras, numbers, targets)
     times_s, takes = with_context.timestamp_s.to_numpy(np.float64), pd.factorize(with_context.segment)[0]
-    between = []
-    if settings.mask_gap_frames:
-        between = interpolated_views(views, times_s, takes.astype(np.int64), settings.mask_gap_frames)
-    if any(view.usable.any() for view in between):
-        silhouettes.append(SilhouetteCue(between, template.faces, chosen, settings.interpolated_sigma_px))
-    refinement = None
-    if settings.image_rounds and template.rigged and patterns is not None and lights is not None:
-        lit = fully_lit_frames(patterns, frame_numbers, settings.image_frames)
-        colors = read_color_views(
-            source, images, used, frame_numbers, lit,
-            settings.image_cameras, settings.image_size_px,
-        )  # fmt: skip
-        refinement = photometric_refinement(
-            template, colors, read_frame_lights(lights, patterns), frame_numbers, lit, silhouettes,
-            PhotometricSettings(
-                settings.image_rounds, settings.image_points, settings.image_redundancy, settings.offset_m
-            ),
-        )  # fmt: skip
     prior = MotionPrior(
         times_s, settings.rotation_acceleration, settings.translation_acceleration, settings.rest_rotation,
         hinges=hinge_axes(settings.hinges, mesh, template), takes=takes.astype(np.int64),
     )  # fmt: skip
+    views, between = list(seen.masked.values()), []
+    if settings.mask_gap_frames:
+        between = interpolated_views(views, times_s, prior.takes, settings.mask_gap_frames)
+    silhouettes = silhouette_cues(views, between, template, settings)
     schedule = [Rounds("silhouettes", silhouettes, settings.outline_rounds)] if silhouettes else []
+    limits = TrackingLimits(settings.inlier_px, settings.min_keypoints, settings.max_iterations)
     if template.rigged:
+        refinement = None
+        if settings.image_rounds and patterns is not None and lights is not None:
+            refinement = refine_by_images(seen, template, patterns, lights, silhouettes, settings)
         tracking = track(template, targets, observations, prior, schedule, limits, refinement)
     else:
         deformation = DeformationPrior(
@@ -154,79 +129,93 @@ def run(
     LOG.info("keypoint noise %.2f px, misfit %.2f px", tracking.noise_px, tracking.sigma_px)
     LOG.info("bones measure %.3f x the template's", tracking.size_ratio)
     kept = slice(first - start, last - start)
-    _write(out, chunk, frame_numbers, kept, template, tracking, masked, between, settings)
+    write_tracked(out, chunk, kept, template, tracking, seen, between, settings)
+
+
+def silhouette_cues(
+    views: list[View], between: list[View], template: Template, settings: TrackMesh
+) -> list[SilhouetteCue]:
+    """Cues of outlines that were seen, and of those interpolated between them."""
+    chosen = spread_vertices(template.vertices_rest, settings.outline_vertices)
+    cues = [SilhouetteCue(views, template.faces, chosen, settings.outline_sigma_px)] if views else []
+    if any(view.usable.any() for view in between):
+        cues.append(SilhouetteCue(between, template.faces, chosen, settings.interpolated_sigma_px))
+    return cues
+
+
+def refine_by_images(
+    seen: ChunkViews, template: Template, patterns: Path, lights: Path, silhouettes: list[SilhouetteCue],
+    settings: TrackMesh,
+) -> KeyframeRefinement:  # fmt: skip
+    """Refinement of poses by the colours of fully lit frames."""
+    lit = fully_lit_frames(patterns, seen.frames, settings.image_frames)
+    colors = read_color_views(
+        seen.source, seen.images, seen.cameras, seen.frames, lit, settings.image_cameras, settings.image_size_px
+    )
+    return photometric_refinement(
+        template, colors, read_frame_lights(lights, patterns), seen.frames, lit, silhouettes,
+        PhotometricSettings(
+            settings.image_rounds, settings.image_points, settings.image_redundancy, settings.offset_m
+        ),
+    )  # fmt: skip
 
 
 def write_given(
-    out: Path, chunk: int, table: pd.DataFrame, faces: np.ndarray, given: GivenTracking, masked: dict, keypoints: int
-) -> None:
+    out: Path, chunk: int, given: GivenTracking, seen: ChunkViews, template: Template, targets: KeypointTargets,
+    settings: TrackMesh,
+) -> None:  # fmt: skip
     """Write meshes that were tracked elsewhere, and say which frames lie between them."""
+    detected = detected_pixels(seen.keypoints, list(seen.cameras), seen.frames, targets.names)
+    away = keypoint_residuals(detected, seen.cameras.values(), given.vertices[:, targets.vertices])
+    near_px = max(settings.inlier_px, NEAR_SHARE * max(camera.height for camera in seen.cameras.values()))
+    table = given.table(seen.frames, list(seen.masked.values()), template.faces, away, near_px)
     for status, why in (("between", "interpolated between given ones"), ("held", "the nearest given one's")):
         if named := table.frame[table.status == status].tolist():
             LOG.warning("%d frames have no mesh: %s: %s", len(named), why, named)
-    overlaps = {name: silhouette_overlap([view], given.vertices, faces) for name, view in masked.items()}
+    overlaps = {name: silhouette_overlap([view], given.vertices, template.faces) for name, view in seen.masked.items()}
     # Whether keypoints and masks fit is said here, and decided when a set is imported.
     inliers, observations = int(table.inliers.sum()), int(table.observations.sum())
     verdicts = fit_verdicts(inliers, observations, overlaps)
     verdicts = [verdict for verdict in verdicts if verdict.kind == "masks" or observations]
     log_verdicts(LOG, verdicts)
-    write_table(out / f"verdicts_{chunk:04d}.csv", verdict_table(verdicts))
-    write_arrays(out / f"{chunk:04d}.safetensors", given.arrays(table.frame.to_numpy(np.int64), keypoints))
-    write_table(out / f"{chunk:04d}.parquet", table)
+    write(out, chunk, table, given.arrays(seen.frames, len(targets.names)), verdicts)
 
 
-def _write(
-    out: Path, chunk: int, frames: np.ndarray, kept: slice, template: Template, tracking: Tracking,
-    masked: dict[str, View], between: list[View], settings: TrackMesh,
+def write_tracked(
+    out: Path, chunk: int, kept: slice, template: Template, tracking: Tracking, seen: ChunkViews, between: list[View],
+    settings: TrackMesh,
 ) -> None:  # fmt: skip
     """Write what was found, once it is clear that it is the subject."""
-    views = list(masked.values())
-    pose, every = tracking.pose.at(kept), np.arange(len(frames))[kept]
-    vertices = posed_vertices(template, pose)
-    vertices = vertices + np.einsum(
-        "fvab,fvb->fva", skinning_jacobians(template, pose), tracking.offsets[kept], optimize=True
-    )
-    residual = tracking.residual_px[:, kept]
-    inlier = residual < settings.inlier_px
-    count = inlier.sum((0, 2))
-    rms = np.sqrt((np.where(inlier, residual, 0.0) ** 2).sum((0, 2)) / np.maximum(count, 1))
-    table = pd.DataFrame(
-        {
-            "frame": frames[kept],
-            "status": tracking.status[kept],
-            "rms_px": np.where(count > 0, rms, np.nan),
-            "inliers": count,
-            "observations": np.isfinite(residual).sum((0, 2)),
-            "keypoints": np.isfinite(tracking.keypoints_m[kept]).all(-1).sum(1),
-            "masks": np.sum([view.usable[kept] for view in views], axis=0) if views else 0,
-            "masks_interpolated": np.sum([view.usable[kept] for view in between], axis=0) if between else 0,
-            "silhouette_iou": silhouette_overlap([view.at(every) for view in views], vertices, template.faces),
-        }
-    )
-    interpolated = table.frame[table.status == "interpolated"].tolist()
-    if interpolated:
-        LOG.warning("%d frames had too few keypoints and were interpolated: %s", len(interpolated), interpolated)
-    unmasked = table.frame[table.masks == 0].tolist()
-    if views and unmasked:
-        LOG.warning("%d frames have no mask; interpolated poses stand in for silhouettes: %s", len(unmasked), unmasked)
-    for status, rows in table.groupby("status"):
-        LOG.info("%d frames %s", len(rows), status)
-    overlaps = {name: silhouette_overlap([view.at(every)], vertices, template.faces) for name, view in masked.items()}
+    vertices = tracked_vertices(template, tracking, kept)
+    every = np.arange(len(seen.frames))[kept]
+    views = {name: view.at(every) for name, view in seen.masked.items()}
+    table = frame_table(
+        seen.frames, kept, template, tracking, vertices, list(views.values()), [view.at(every) for view in between],
+        settings.inlier_px,
+    )  # fmt: skip
+    log_frames(table, bool(views))
+    overlaps = {name: silhouette_overlap([view], vertices, template.faces) for name, view in views.items()}
     verdicts = fit_verdicts(int(table.inliers.sum()), int(table.observations.sum()), overlaps)
     log_verdicts(LOG, verdicts)
     if settings.on_misfit == "error":
         complain_of_misfits(verdicts, f"track_mesh, chunk {chunk}")
-    arrays = {
-        "frames": frames[kept], "vertices": vertices.astype(np.float32),
-        "joint_rotations": pose.joint_rotations.astype(np.float32),
-        "root_rotation": pose.root_rotation.astype(np.float32),
-        "root_translation": pose.root_translation.astype(np.float32),
-        "offsets": tracking.offsets[kept].astype(np.float32),
-        "keypoints": tracking.keypoints_m[kept].astype(np.float32),
-        "keypoint_sigma_m": tracking.keypoint_sigma_m[kept].astype(np.float32),
-    }  # fmt: skip
-    if not template.rigged:
-        del arrays["joint_rotations"]
+    write(out, chunk, table, tracked_arrays(seen.frames, kept, template, tracking, vertices), verdicts)
+
+
+def log_frames(table: pd.DataFrame, masked: bool) -> None:
+    """Log how many frames have which status, and which of them lacked something."""
+    if interpolated := table.frame[table.status == "interpolated"].tolist():
+        LOG.warning("%d frames had too few keypoints and were interpolated: %s", len(interpolated), interpolated)
+    if masked and (unmasked := table.frame[table.masks == 0].tolist()):
+        LOG.warning("%d frames have no mask; interpolated poses stand in for silhouettes: %s", len(unmasked), unmasked)
+    for status, rows in table.groupby("status"):
+        LOG.info("%d frames %s", len(rows), status)
+
+
+def write(
+    out: Path, chunk: int, table: pd.DataFrame, arrays: Mapping[str, np.ndarray], verdicts: list[Verdict]
+) -> None:
+    """Write all outputs of the stage."""
     write_table(out / f"verdicts_{chunk:04d}.csv", verdict_table(verdicts))
     write_arrays(out / f"{chunk:04d}.safetensors", arrays)
     write_table(out / f"{chunk:04d}.parquet", table)

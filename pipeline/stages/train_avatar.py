@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import hashlib
 import logging
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import torch
@@ -35,7 +37,7 @@ from pipeline.avatar.training.loop import BROKEN, CHECKPOINT, train, warn_of
 from pipeline.avatar.training.losses import dropped_terms
 from pipeline.avatar.training.read_ahead import frames_in_use
 from pipeline.avatar.training.slurm_nodes import become_torchrun, shares_a_step
-from pipeline.avatar.training.training import Training
+from pipeline.avatar.training.training import Position, Training
 from pipeline.avatar.training.training_images import chosen_images, require_no_held_out
 from pipeline.base.code_digest import code_digest
 from pipeline.base.command import run_as_command
@@ -43,7 +45,7 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import digest_file, write_table
 from pipeline.base.seeds import seed_for
 from pipeline.base.spread import evenly
-from pipeline.capture.shards import read_frame_shards, read_image_shards
+from pipeline.capture.shards import FrameShards, read_frame_shards, read_image_shards
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.eyes.eye_fit import read_eyes
 from pipeline.geometry.texels import read_atlas
@@ -106,16 +108,7 @@ def run(
         kind = "head" if records.table.is_head.any() else "body"
         spec = resolve_spec(settings, planned, kind, read_regions_on(effects))
         require_drawable(spec, processes.device)
-        if spec.shadow_net and all((record.irradiance == 1).all() for record in records.values()):
-            raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
-        if spec.reads_eyes and fitted_eyes is None:
-            raise InputError(
-                "--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off and "
-                "gaze_features: false"
-            )
-        if bool(settings.geometry_from) != (given_geometry is not None):
-            expected = "the folder of an avatar" if settings.geometry_from else "none, as geometry_from is empty"
-            raise InputError(f"--given-geometry: expected {expected}, found {given_geometry or 'none'}")
+        require_inputs(spec, settings, records, frames, fitted_eyes, given_geometry)
         spec = spec if given_geometry is None else with_given_geometry(spec, given_geometry)
         read = [*(shards / "train").glob("[!.]*.arrow"), *frames.glob("[!.]*.arrow"), *[fitted_eyes] * spec.reads_eyes]
         read += [] if given_geometry is None else [given_geometry / "avatar.safetensors"]
@@ -135,29 +128,62 @@ def run(
         if spec.head:
             seen = sorted(set(images.table.frame.iloc[chosen].tolist()))
             learn_expressions(avatar, (inputs[number] for number in evenly(seen, statistics_frames(texels))))
+        facts = {
+            "subject": subject, "settings": settings.model_dump(), "effects": sorted(planned),
+            "dropped_terms": dropped_terms(settings), "built": describe(spec), "why": reason_of(settings, effects),
+            "texels": len(texels.face),
+        }  # fmt: skip
         work = f"{len(chosen)} images, {len(texels.face)} texels, {processes.count} x {processes.device.type}"
-        log.info("%s: %s", describe(spec), reason_of(settings, effects))
-        if unread := unread_settings(settings, spec):
-            log.warning("set, but read by nothing that is built: %s", ", ".join(unread))
-        dropped = dropped_terms(settings)
-        for name, why in dropped.items():
-            log.info("the loss has no term %s: %s", name, why)
-        log.info("%s, effects: %s", work, ", ".join(sorted(planned)) or "none")
+        log_start(facts, work, unread_settings(settings, spec))
         if processes.is_main:
             warn_of(unusual_size(avatar) + lacking_in_tables(images.table.iloc[chosen], records))
         training = Training(avatar, settings, processes, drawn, len(chosen))
         done = train(drawn, training, images, chosen, inputs, out, fingerprint)
         if processes.is_main:
-            write_table(out / "log.parquet", pd.DataFrame(done.rows))
-            parameters = sum(parameter.numel() for parameter in avatar.parameters())
-            facts = {"subject": subject, "settings": settings.model_dump(), "effects": sorted(planned)}
-            facts |= {"dropped_terms": dropped, "built": describe(spec), "why": reason_of(settings, effects)}
-            facts |= {"light_gains": done.light_gains, "camera_offsets": done.camera_offsets}
-            facts |= {"texels": len(texels.face), "parameters": parameters}  # No times: those are in the log alone.
-            save_avatar(out, avatar, facts)
-            for name in (CHECKPOINT, BROKEN):
-                (out / name).unlink(missing_ok=True)
-            log.info("%d steps in %.0f s, photometric %.4f", done.step, done.seconds, done.rows[-1]["photometric"])
+            write_avatar(out, avatar, done, facts)
+
+
+def require_inputs(
+    spec: AvatarSpec, settings: TrainAvatar, records: FrameShards, frames: Path, fitted_eyes: Path | None,
+    given_geometry: Path | None,
+) -> None:  # fmt: skip
+    """Require what the avatar is built from.
+
+    Raises:
+        InputError: if traced shadows, fitted eyes or another avatar's Gaussians are missing, or there for nothing.
+    """
+    if spec.shadow_net and all((record.irradiance == 1).all() for record in records.values()):
+        raise InputError(f"{frames}: expected traced shadows, found none; run pack_shards with --irradiance")
+    if spec.reads_eyes and fitted_eyes is None:
+        raise InputError(
+            "--fitted-eyes: expected eyes.json of fit_eyes, as eyes are on, found none; set eyes: off and "
+            "gaze_features: false"
+        )
+    if bool(settings.geometry_from) != (given_geometry is not None):
+        expected = "the folder of an avatar" if settings.geometry_from else "none, as geometry_from is empty"
+        raise InputError(f"--given-geometry: expected {expected}, found {given_geometry or 'none'}")
+
+
+def log_start(facts: Mapping[str, Any], work: str, unread: Sequence[str]) -> None:
+    """Log what is trained, on what, and which settings do nothing."""
+    log.info("%s: %s", facts["built"], facts["why"])
+    if unread:
+        log.warning("set, but read by nothing that is built: %s", ", ".join(unread))
+    for name, why in facts["dropped_terms"].items():
+        log.info("the loss has no term %s: %s", name, why)
+    log.info("%s, effects: %s", work, ", ".join(facts["effects"]) or "none")
+
+
+def write_avatar(out: Path, avatar: Avatar, done: Position, facts: Mapping[str, Any]) -> None:
+    """Write the trained avatar and the log; the checkpoint has served."""
+    write_table(out / "log.parquet", pd.DataFrame(done.rows))
+    # No times: those are in the log alone.
+    parameters = sum(parameter.numel() for parameter in avatar.parameters())
+    found = {"light_gains": done.light_gains, "camera_offsets": done.camera_offsets}
+    save_avatar(out, avatar, {**facts, **found, "parameters": parameters})
+    for name in (CHECKPOINT, BROKEN):
+        (out / name).unlink(missing_ok=True)
+    log.info("%d steps in %.0f s, photometric %.4f", done.step, done.seconds, done.rows[-1]["photometric"])
 
 
 def fingerprint_of(settings: TrainAvatar, spec: AvatarSpec, inputs: list[Path]) -> str:

@@ -13,6 +13,7 @@ import pytest
 import torch
 
 from pipeline.avatar.intrinsic_layers import IntrinsicLayers
+from pipeline.avatar.training.checkpoint import LoadedAvatar
 from pipeline.base.errors import InputError
 from pipeline.base.files import write_table
 from pipeline.capture.records import FrameRecord, ImageRecord
@@ -24,6 +25,7 @@ from pipeline.capture.shards import (
 )
 from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
+from pipeline.metrics.ablation_rows import spread_in_a_row
 from pipeline.metrics.evaluation import TEST_FLAGS
 from pipeline.stages import evaluate_avatar
 from tests.support.avatars.sheet import make_sheet
@@ -31,7 +33,7 @@ from tests.support.avatars.sheet import make_sheet
 LEVEL = 0.25
 
 
-class PlantedAvatar:
+class PlantedAvatar(LoadedAvatar):
     """Renders the captured image plus a constant error, and fails on a frame that is not the image's. The error grows
     with the irradiance that the frame carries."""
 
@@ -194,7 +196,7 @@ def test_errors_of_ablations_are_those_of_blocks_of_frames():
     flags = dict.fromkeys((*TEST_FLAGS, "fully_lit", "validation"), False)
     rows = pd.DataFrame({"frame": [3, 5, 6, 7, 9], "psnr_db": own, "ssim": 0.5, "flip": 0.1}).assign(**flags)
     rows.test_frame = True
-    found = evaluate_avatar.spread_in_a_row(rows, rows.assign(psnr_db=first))
+    found = spread_in_a_row(rows, rows.assign(psnr_db=first))
     known = np.isfinite(own)
     for name, values in (("_error", own[known]), ("_gain_error", (own - first)[known])):
         expected = values.std(ddof=1) / np.sqrt(len(values))
