@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
-from benchmarks.bench_irradiance import dome
 from benchmarks.irradiance_figure import draw_irradiance
+from benchmarks.irradiance_poses import dome
 from benchmarks.marked_page import write_between
 from pipeline.base.color import srgb_from_linear
 from pipeline.base.files import read_arrays

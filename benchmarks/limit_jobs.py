@@ -15,9 +15,9 @@ import numpy as np
 import torch
 from numba import njit
 
-from benchmarks.bench_irradiance import make_pose
 from benchmarks.bench_splatting import CHANNELS, make_scene
 from benchmarks.bench_splatting import step as splatting_step
+from benchmarks.irradiance_poses import make_pose
 from pipeline.avatar.networks.shadow_net import ShadowNet
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.lighting import zonal

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.bench_irradiance import answer, dome, make_pose, rays_of, trace_map
+from benchmarks.irradiance_poses import answer, dome, make_pose, rays_of, trace_map
 from pipeline.capture.crops import cut_crop
 from pipeline.capture.images import read_image
 from pipeline.capture.index.image_checks import ExpectedImage, inspect_image

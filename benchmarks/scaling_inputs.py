@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from benchmarks.bench_irradiance import dome, make_pose
 from benchmarks.effect_scenes import make_scene
+from benchmarks.irradiance_poses import dome, make_pose
 from pipeline.base.files import write_arrays, write_json, write_table
 from pipeline.config.effects import EFFECTS
 from pipeline.config.synthesize_capture import SynthesizeCapture
