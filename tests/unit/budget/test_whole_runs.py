@@ -1,0 +1,73 @@
+"""Benchmarks of whole runs, on planted results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmarks import bench_budgets, bench_presets
+from benchmarks.bench_presets import OWN
+from pipeline.base.files import write_table
+from pipeline.metrics.evaluation import TEST_FLAGS
+
+GAINS = {OWN: 0.0, "draft": -1.5, "standard": 0.25, "reference": 0.5}
+"""Decibels that a planted run of each preset gains on every image."""
+SECONDS = {OWN: 100.0, "draft": 25.0, "standard": 125.0, "reference": 300.0}
+
+
+def planted(results: Path, preset: str) -> None:
+    """Scores of four validation images of two frames, a fully lit one and one of a test; and a stage's time."""
+    own = np.array([30.0, 32.0, 28.0, 26.0, 99.0, 99.0])
+    table = pd.DataFrame({"camera": list("ababaa"), "frame": [1, 1, 2, 2, 3, 4], "psnr_db": own})
+    table["psnr_db"] += GAINS[preset] + np.array([0.1, 0.1, -0.1, -0.1, 0, 0]) * (preset != OWN)
+    table = table.assign(**dict.fromkeys(TEST_FLAGS, False), validation=[True] * 5 + [False], fully_lit=False)
+    table.loc[4, "fully_lit"], table.loc[5, TEST_FLAGS[0]] = True, True
+    write_table(results / "metrics_per_image.parquet", table.sample(frac=1, random_state=len(preset)))
+    times = pd.DataFrame({"s": [1.0], "cpu_time": [SECONDS[preset]]})
+    (results / "benchmarks").mkdir(parents=True, exist_ok=True)
+    times.to_csv(results / "benchmarks/train_avatar.full.tsv", sep="\t", index=False)
+
+
+def test_presets_are_held_against_the_same_images_of_a_subjects_own_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gains are of partially lit validation images, with the error of the two frames."""
+    asked = []
+
+    def run_workflow(target: Path, config: list[str], presets: list[str]) -> None:
+        asked.append((target, config))
+        planted(target.parent, Path(presets[0]).stem if presets else OWN)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(bench_presets, "run_workflow", run_workflow)
+    runs = pd.DataFrame([vars(run) for run in bench_presets.run_subject("someone", ["captures=there"])])
+    assert asked == [(Path("results/someone/metrics.csv"), ["captures=there"])] * 4
+    assert runs.preset.tolist() == list(GAINS)
+    assert runs.seconds.tolist() == list(SECONDS.values())
+    np.testing.assert_allclose(runs.gained_db, list(GAINS.values()), atol=1e-12)
+    np.testing.assert_allclose(runs.validation_db, 29 + np.array(list(GAINS.values())))
+    # Two frames that differ by 0.2: the standard error of their mean is 0.1.
+    np.testing.assert_allclose(runs.error_db[1:], 0.1)
+    assert "| `someone` | `draft` | 25 | 0.25 | 27.50 | -1.50 ± 0.10 |" in bench_presets.as_markdown(runs)
+
+
+def test_gain_of_one_frame_has_no_error() -> None:
+    """A number that is not known is left out."""
+    assert bench_presets.signed(0.254, np.nan) == "+0.25"
+
+
+def test_budgets_are_held_against_the_run_with_plenty_of_time() -> None:
+    """Decibels are what is lost beyond the most accurate settings; the count says what is within the limits."""
+    columns = ("subject", "minutes", "promised_s", "achieved_s", "promised_lost_db", "validation_db", "pace")
+    rows = [
+        ("a", 10_000.0, 900.0, 1000.0, 0.1, 32.0, 1.1),
+        ("a", 5.0, 300.0, 340.0, 0.6, 31.4, 1.1),
+        ("a", 3.0, 180.0, 220.0, 1.1, 30.6, 1.1),
+    ]
+    lines = bench_budgets.as_markdown(pd.DataFrame(rows, columns=columns))
+    assert "| `a` | 5 | 300 | 340 | 1.13 | 0.50 | 0.60 |" in lines
+    assert "| `a` | 3 | 180 | 220 | 1.22 | 1.00 | 1.40 |" in lines
+    assert lines[-1] == "1 of 2 within 15 % of the seconds, 1 within 0.3 dB."
