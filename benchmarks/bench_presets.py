@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -53,10 +53,10 @@ class Run:
     error_db: float
 
 
-def run_subject(subject: str, config: list[str]) -> Iterator[Run]:
+def run_subject(subject: str, config: list[str], presets: Sequence[str] = tuple(RULES)) -> Iterator[Run]:
     """Run a subject with its own settings, then with each preset."""
     results, own = Path("results", subject), None
-    for preset in (OWN, *RULES):
+    for preset in (OWN, *presets):
         run_workflow(results / "metrics.csv", config, [] if preset == OWN else [f"config/presets/{preset}.yaml"])
         scores = validation_scores(results)
         own = scores if own is None else own
@@ -98,9 +98,11 @@ def main() -> None:
     parser.add_argument("--captures", default="captures", help="folder of the captures")
     parser.add_argument("--config", default="", help="further settings of the runs, key=value")
     parser.add_argument("--out", type=Path, default=Path("results/presets.csv"))
+    parser.add_argument("--presets", nargs="+", choices=RULES, default=list(RULES))
     options = parser.parse_args()
     for subject in options.subjects:
-        for run in run_subject(subject, [f"captures={options.captures}", *shlex.split(options.config)]):
+        config = [f"captures={options.captures}", *shlex.split(options.config)]
+        for run in run_subject(subject, config, options.presets):
             print(json.dumps(asdict(run)), flush=True)
             before = [pd.read_csv(options.out)] if options.out.exists() else []
             kept = [one[(one.subject != run.subject) | (one.preset != run.preset)] for one in before]
