@@ -31,7 +31,7 @@ DRAFT_TIMES = 10.0
 """Errors of a draft over those that nobody minds: 1 dB of a picture, a tenth of full scale of irradiance."""
 
 DRAFT_TIMES_TRACKED = 2.0
-"""The same of tracked vertices. Pictures of `subjectA` lose 2.5 dB where they are off 2.4 times as far as by default."""
+"""The same of tracked vertices: off 2.4 times as far as by default, they cost pictures of `subjectA` 2.5 dB."""
 
 RULES = {
     "draft": f"for each dial the fastest setting with at most {DRAFT_TIMES:g} times the error that is allowed, or "
