@@ -88,8 +88,8 @@ def preset_yaml(preset: str, curves: Sequence[Curve], measured: Sequence[Measure
         for one in measured
     )
     text = (
-        f"Preset {preset}, written by `make presets`: {RULES[preset]}. Measured on {subjects}; errors are theirs in "
-        f"this order, with what is allowed; see config/curves. `--configfile config/presets/{preset}.yaml`"
+        f"Preset {preset}, written by `make presets`: {RULES[preset]}. Measured on {subjects}; errors stand with what "
+        f"is allowed; see config/curves. `--configfile config/presets/{preset}.yaml`"
     )
     indented = [textwrap.wrap(line, WIDTH, subsequent_indent="    ") for line in lines]
     comment = [*textwrap.wrap(text, WIDTH), *(f"  {part}" for line in indented for part in line)]
@@ -98,7 +98,7 @@ def preset_yaml(preset: str, curves: Sequence[Curve], measured: Sequence[Measure
 
 def _numbers(curve: Curve, value: Any) -> str:
     """Errors, what is allowed, and time, in words."""
-    known = [f"{part.error(value):.3g} ({part.allowed:.3g})" for part in curve.parts]
+    known = [f"{part.subject} {part.error(value):.3g} ({part.allowed:.3g})" for part in curve.parts]
     if any(math.isnan(part.error(value)) for part in curve.parts):
         return "the default, beyond what was measured"
     return f"errors {', '.join(known)}, {curve.factor(value):.2f} of the default's time"

@@ -19,18 +19,33 @@ from pipeline.geometry.rotations import matrix_from_quaternion
 
 
 @dataclass(frozen=True)
-class Template:
+class Skeleton:
+    """Joints of one skin in the skin's order; none of an unrigged mesh.
+
+    Attributes:
+        joint_nodes: glTF node index per joint.
+        parents: index of the parent *joint*, or -1.
+        before, after: the fixed 4x4 parts of each joint's local transform (module docstring), glTF units.
+        rest_rotations: local rotations in the rest pose, quaternions wxyz.
+        inverse_bind: inverse bind matrices.
+    """
+
+    joint_nodes: Int64[np.ndarray, " joints"]
+    parents: Int64[np.ndarray, " joints"]
+    before: Float64[np.ndarray, "joints 4 4"]
+    after: Float64[np.ndarray, "joints 4 4"]
+    rest_rotations: Float64[np.ndarray, "joints 4"]
+    inverse_bind: Float64[np.ndarray, "joints 4 4"]
+
+
+@dataclass(frozen=True)
+class Template(Skeleton):
     """A template mesh in the glTF file's vertex order (primitives concatenated), rigged or not.
 
     Attributes:
         vertices_rest: the skinned rest pose (unrigged: the mesh under its node's transform), metres.
         faces: vertex indices per triangle.
         uv: texture coordinates per vertex (glTF: v points down), or None if a primitive has none.
-        joint_nodes: glTF node index per joint, in the skin's order; empty if unrigged.
-        parents: index of the parent *joint*, or -1.
-        before, after: the fixed 4x4 parts of each joint's local transform (module docstring), glTF units.
-        rest_rotations: local rotations in the rest pose, quaternions wxyz.
-        inverse_bind: inverse bind matrices.
         weights: skinning weights, dense; rows sum to 1.
         vertices_bind: vertices before skinning, glTF units.
         scale_to_m: metres per glTF unit.
@@ -39,12 +54,6 @@ class Template:
     vertices_rest: Float64[np.ndarray, "vertices 3"]
     faces: Int64[np.ndarray, "faces 3"]
     uv: Float64[np.ndarray, "vertices 2"] | None
-    joint_nodes: Int64[np.ndarray, " joints"]
-    parents: Int64[np.ndarray, " joints"]
-    before: Float64[np.ndarray, "joints 4 4"]
-    after: Float64[np.ndarray, "joints 4 4"]
-    rest_rotations: Float64[np.ndarray, "joints 4"]
-    inverse_bind: Float64[np.ndarray, "joints 4 4"]
     weights: Float64[np.ndarray, "vertices joints"]
     vertices_bind: Float64[np.ndarray, "vertices 3"]
     scale_to_m: float

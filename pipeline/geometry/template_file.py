@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int64
 
 from pipeline.base.errors import InputError, listed
 from pipeline.geometry.gltf import GltfFile, Primitive, by_the_specification
 from pipeline.geometry.rotations import quaternion_from_matrix
-from pipeline.geometry.skin import Template, skinned
-
-
-@dataclass(frozen=True)
-class Skeleton:
-    """Joints of one skin, as `Template` has them; none of an unrigged mesh."""
-
-    joint_nodes: Int64[np.ndarray, " joints"]
-    parents: Int64[np.ndarray, " joints"]
-    before: Float64[np.ndarray, "joints 4 4"]
-    after: Float64[np.ndarray, "joints 4 4"]
-    rest_rotations: Float64[np.ndarray, "joints 4"]
-    inverse_bind: Float64[np.ndarray, "joints 4 4"]
-
+from pipeline.geometry.skin import Skeleton, Template, skinned
 
 NO_SKELETON = Skeleton(
     np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4, 4)), np.zeros((0, 4, 4)), np.zeros((0, 4)),

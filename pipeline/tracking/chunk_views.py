@@ -45,6 +45,9 @@ def read_chunk(
     """Read what the cameras see in some frames.
 
     With outlines, and with held-out cameras, where they are asked for.
+
+    Raises:
+        InputError: if a camera is not calibrated, or fewer than two take part.
     """
     stored, table = read_json(index / "capture.json")["images"], index / "images.parquet"
     source, every = ImageSource.from_index(capture, stored), read_distinct(table, CAMERA_COLUMNS)

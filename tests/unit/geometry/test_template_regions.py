@@ -24,8 +24,9 @@ def skinned(weights):
     weights = np.asarray(weights, np.float64)
     points, joints = np.zeros((len(weights), 3)), np.tile(np.eye(4), (4, 1, 1))
     return Template(
-        points, np.zeros((0, 3), np.int64), None, np.array([10, 11, 12, 13]), PARENTS, joints, joints,
-        np.tile([1.0, 0, 0, 0], (4, 1)), joints, weights, points, 1.0,
+        vertices_rest=points, faces=np.zeros((0, 3), np.int64), uv=None, joint_nodes=np.array([10, 11, 12, 13]),
+        parents=PARENTS, before=joints, after=joints, rest_rotations=np.tile([1.0, 0, 0, 0], (4, 1)),
+        inverse_bind=joints, weights=weights, vertices_bind=points, scale_to_m=1.0,
     )  # fmt: skip
 
 
