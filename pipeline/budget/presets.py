@@ -6,7 +6,7 @@ The rule, for each curve of `pipeline.budget.curves`, by the metric that decides
 
 - standard: the fastest setting whose error is at most what is allowed, which nobody minds or which is a tenth above the
   smallest error that was measured, on every subject; of settings about as fast, the most accurate;
-- draft: the same with an error at most DRAFT_TIMES as large, of tracked vertices DRAFT_TIMES_TRACKED;
+- draft: the same with an error at most DRAFT_TIMES as large;
 - reference: of the settings that are as good as the default on every subject, that whose largest error is smallest, of
   several the fastest; the default, where it lies beyond what was measured.
 
@@ -30,12 +30,9 @@ from pipeline.config.project import SECTIONS
 DRAFT_TIMES = 10.0
 """Errors of a draft over those that nobody minds: 1 dB of a picture, a tenth of full scale of irradiance."""
 
-DRAFT_TIMES_TRACKED = 2.0
-"""The same of tracked vertices: off 2.4 times as far as by default, they cost pictures of `subjectA` 2.5 dB."""
-
 RULES = {
-    "draft": f"for each dial the fastest setting with at most {DRAFT_TIMES:g} times the error that is allowed, or "
-    f"{DRAFT_TIMES_TRACKED:g} times where that is of tracked vertices, on every subject",
+    "draft": f"for each dial the fastest setting with at most {DRAFT_TIMES:g} times the error that is allowed, on "
+    "every subject",
     "standard": "for each dial the fastest setting with at most the error that is allowed, on every subject",
     "reference": "for each dial the setting with the smallest error, of those that are as good as the default on every "
     "subject",
@@ -47,14 +44,9 @@ def choose(preset: str, curve: Curve) -> Any:
     """The value that a preset takes from a curve."""
     if preset == "reference":
         return _most_accurate(curve)
-    name = curve.cheapest(draft_times(curve) if preset == "draft" else 1.0)
+    name = curve.cheapest(DRAFT_TIMES if preset == "draft" else 1.0)
     # Where nothing is as good as is allowed, the best there is.
     return _most_accurate(curve) if name is None else parse_setting(name)
-
-
-def draft_times(curve: Curve) -> float:
-    """Error of a draft over what is allowed, of a dial."""
-    return DRAFT_TIMES_TRACKED if curve.stage == "track_mesh" else DRAFT_TIMES
 
 
 def _most_accurate(curve: Curve) -> Any:

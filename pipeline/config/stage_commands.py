@@ -78,7 +78,7 @@ ARGUMENTS = {
     "out=export",
     "export_capture": "subject layout capture index cameras color lights=lights_of_layout patterns=patterns_of_layout "
     "tracking out=exported",
-    "check_budget": "results capture estimate chunk_size out=budget",
+    "check_budget": "results estimate out=budget",
     "measure_cost": "results capture out=results chunk_size variant stage_settings",
     "budget_errors": "results capture out=error_budget chunk_size variant stage_settings",
     "write_report": "results project_results subject_settings requests out=page",

@@ -70,7 +70,7 @@ TRACKING = CostedStage(
 TRACKING_DIALS = [
     # Without images; with 0 rounds of outlines, keypoints are all that is left.
     Dial("keypoints_outlines", TRACKING, "outline_rounds", lambda subject: (0, 1, 2, 3, 5, 8), {"image_rounds": 0}),
-    Dial("outline_rounds", TRACKING, "outline_rounds", lambda subject: (0, 1, 2, 3, 5, 8), chosen=True),
+    Dial("outline_rounds", TRACKING, "outline_rounds", lambda subject: (0, 1, 2, 3, 5, 8)),
     Dial("mask_size", TRACKING, "outline_size_px", _image_sizes),
     # Chosen by nobody: what colours gain depends on how far off a capture's keypoints are.
     Dial("image_rounds", TRACKING, "image_rounds", lambda subject: (0, 1, 2, 3, 5)),

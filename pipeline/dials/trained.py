@@ -16,6 +16,7 @@ from pipeline.base.files import read_json, read_table
 from pipeline.dials.dial import Dial, Files, Metric
 from pipeline.dials.irradiance import INPUTS, IRRADIANCE
 from pipeline.dials.subject import Subject
+from pipeline.dials.tracking import TRACKING
 from pipeline.metrics.evaluation import LIT, capped
 from pipeline.metrics.significance import Estimate, mean_over_images
 
@@ -90,6 +91,21 @@ TRACED_AND_TRAINED = replace(
     warm_up={},
 )
 
+TRACKED_AND_TRAINED = replace(
+    TRACKING,
+    files={"trackings": "{out}/tracking", "tracking": "{out}/tracking/0000.safetensors", **MADE},
+    inputs=(*TRACKING.inputs, "atlas.safetensors", "frames.parquet", "effects.json", "calibration/color.json"),
+    outputs={"tracking": ("tracking/0000.safetensors", None), "per_image": PER_IMAGE},
+    metrics=(psnr_lost("partial"), psnr_lost("all")),
+    runs_on=one_chunk,
+    afterwards=("trace_irradiance", *AFTER_TRACING),
+    later_settings={"train_avatar": {"steps": STEPS}, "evaluate_avatar": ON_VALIDATION},
+    seeded="train_avatar",
+    warm_up={},
+)
+
 TRAINED_DIALS = [
+    # What vertices are off tells too little: pictures lose far more to some millimetres than to others.
+    Dial("trained_outlines", TRACKED_AND_TRAINED, "outline_rounds", lambda subject: (0, 1, 2, 5, 8), chosen=True),
     Dial("trained_irradiance", TRACED_AND_TRAINED, "samples", lambda subject: ("1", "4", "full")),
 ]

@@ -1,9 +1,9 @@
 """Compare the estimate of a budget with what the run achieved: time of stages, and errors.
 
 Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. `machine_pace` is
-the setting with which the total would have been right. Errors are those
-that the run shows: of tracking where the capture knows the truth, the standard error of drawn irradiance, and the PSNR
-of partially lit test images, which is only estimated for the curves' own subject. Writes a table, see `COLUMNS`.
+the setting with which the total would have been right. Errors are those that the run shows: the standard error of
+drawn irradiance, and the PSNR of partially lit test images, which is only estimated for the curves' own subjects.
+Writes a table, see `COLUMNS`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
 from pipeline.config.check_budget import CheckBudget
-from pipeline.dials.subject import Subject
-from pipeline.dials.tracking import TRACKING
 
 log = logging.getLogger("check_budget")
 
@@ -31,23 +29,13 @@ COLUMNS = ["quantity", "setting", "by", "estimated", "achieved", "unit", "wall_s
 kept, missed, or empty where either side is not known."""
 
 
-def run(
-    *,
-    results: Path,
-    capture: Path,
-    estimate: str,
-    out: Path,
-    chunk_size: int = 64,
-    settings: CheckBudget = CheckBudget(),
-) -> None:
+def run(*, results: Path, estimate: str, out: Path, settings: CheckBudget = CheckBudget()) -> None:
     """Compare.
 
     Args:
         results: the subject's results, with benchmarks and metrics.csv.
-        capture: folder of the capture; the truth is looked for in its folder truth.
         estimate: JSON of `pipeline.budget.estimate.Estimate`.
         out: the table.
-        chunk_size: frames per chunk.
         settings: see the flags below.
     """
     expected = read_estimate(estimate)
@@ -59,10 +47,9 @@ def run(
     rows.append(row("budget", expected["budget_s"], total.cpu, "s", wall=total.wall))
     pace = expected["pace"]
     rows.append(row("machine_pace", pace, pace * total.cpu / sum(seconds.values()), "of what is expected"))
-    subject = Subject(results.resolve(), capture.resolve(), 1, chunk_size, {})
     for choice in expected["choices"]:
         estimated = math.nan if choice["error"] is None else choice["error"]
-        achieved = achieved_error(choice, subject)
+        achieved = achieved_error(choice, results)
         rows.append(row(choice["dial"], estimated, achieved, choice["metric"], choice["setting"], choice["by"]))
     psnr = math.nan if expected["psnr_db"] is None else expected["psnr_db"]
     rows.append(row("PSNR of partially lit test images", psnr, read_test_psnr(results / "metrics.csv"), "dB"))
@@ -102,17 +89,13 @@ def stage_times(folder: Path, stages: list[str]) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index", columns=["cpu", "wall"])
 
 
-def achieved_error(choice: dict[str, Any], subject: Subject) -> float:
+def achieved_error(choice: dict[str, Any], results: Path) -> float:
     """The error of a dial's metric, as far as this run shows it; else NaN."""
-    if choice["stage"] == "track_mesh" and "(truth)" in choice["metric"]:
-        truth = TRACKING.truth(subject)
-        output = {"tracking": subject.results / "tracking/0000.safetensors"}
-        return TRACKING.metrics[0].error(subject, output, truth) if truth else math.nan
-    if choice["stage"] == "trace_irradiance":
-        tables = [read_table(path) for path in sorted((subject.results / "irradiance").glob("*.parquet"))]
-        errors = np.concatenate([table.error_rms.to_numpy(np.float64) for table in tables]) if tables else np.array([])
-        return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else math.nan
-    return math.nan
+    if choice["stage"] != "trace_irradiance":
+        return math.nan
+    tables = [read_table(path) for path in sorted((results / "irradiance").glob("*.parquet"))]
+    errors = np.concatenate([table.error_rms.to_numpy(np.float64) for table in tables]) if tables else np.array([])
+    return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else math.nan
 
 
 def read_test_psnr(path: Path) -> float:

@@ -46,7 +46,7 @@ def estimate(**changes) -> str:
 
 def table_of(results, text, **settings) -> pd.DataFrame:
     out = results / "budget.csv"
-    run(results=results, capture=results / "capture", estimate=text, out=out, **settings)
+    run(results=results, estimate=text, out=out, **settings)
     return pd.read_csv(out).set_index("quantity")
 
 

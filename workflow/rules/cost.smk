@@ -111,9 +111,7 @@ rule budget_errors:
 # After a run with --config budget_minutes=...; give the same budget again, or what it chose is undone.
 rule check_budget:
     input:
-        stored=stored_capture,
         metrics="results/{subject}/metrics.csv",
-        tracking=each_chunk("tracking/{chunk}.safetensors"),
     output:
         "results/{subject}/budget.csv",
     log:
@@ -128,7 +126,6 @@ rule check_budget:
         runtime=minutes_for("check_budget"),
     params:
         code=code_for("check_budget"),
-        capture=capture_folder,
         arguments=arguments_for(
             "check_budget",
             estimate=lambda wildcards: estimate_json(project, wildcards.subject),
@@ -137,5 +134,4 @@ rule check_budget:
     message:
         "{wildcards.subject}: comparing what was estimated of the budget with what was achieved"
     shell:
-        "python -m pipeline.stages.check_budget --capture {params.capture:q} {params.arguments:q} "
-        "{params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.check_budget {params.arguments:q} " "{params.settings:q} > {log:q} 2>&1"

@@ -9,7 +9,7 @@ import yaml
 
 from pipeline.base.code_digest import ROOT
 from pipeline.budget.curves import FOLDER, read_curves, read_measured
-from pipeline.budget.presets import DRAFT_TIMES, DRAFT_TIMES_TRACKED, RULES, choose, preset_yaml
+from pipeline.budget.presets import DRAFT_TIMES, RULES, choose, preset_yaml
 from pipeline.config.project import SECTIONS
 from tests.support.results.curve_files import write_curves, write_subjects
 
@@ -65,8 +65,7 @@ def test_committed_presets_follow_their_rule() -> None:
             assert rows.error[chosen["reference"]] <= allowed, (stage, option)
         best = rows.error.min()
         assert rows.error[chosen["standard"]] <= max(rows.allowed.iloc[0], best), (stage, option)
-        times = DRAFT_TIMES_TRACKED if stage == "track_mesh" else DRAFT_TIMES
-        assert rows.error[chosen["draft"]] <= max(times * rows.allowed.iloc[0], best), (stage, option)
+        assert rows.error[chosen["draft"]] <= max(DRAFT_TIMES * rows.allowed.iloc[0], best), (stage, option)
 
 
 class TestReference:

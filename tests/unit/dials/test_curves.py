@@ -74,7 +74,7 @@ def test_run_that_is_not_whole(results, tmp_path) -> None:
 def test_table_without_a_dial_that_is_chosen(results, tmp_path) -> None:
     path = results / "accuracy_cost.csv"
     path.write_text(path.read_text().replace("training_steps", "compensation"))
-    with pytest.raises(InputError, match="expected some of the dials outline_rounds, irradiance_power"):
+    with pytest.raises(InputError, match="expected some of the dials irradiance_power, trained_outlines"):
         keep_curves(DIALS, SETTINGS, results, tmp_path / "kept")
 
 
