@@ -134,4 +134,4 @@ rule check_budget:
     message:
         "{wildcards.subject}: comparing what was estimated of the budget with what was achieved"
     shell:
-        "python -m pipeline.stages.check_budget {params.arguments:q} " "{params.settings:q} > {log:q} 2>&1"
+        "python -m pipeline.stages.check_budget {params.arguments:q} {params.settings:q} > {log:q} 2>&1"
