@@ -1,7 +1,7 @@
 """Hold what budgets promise against what runs achieve, on subjects that the curves were not measured on.
 
     cp benchmarks/unseen_*.yaml config/subjects
-    python -m benchmarks.bench_budgets --subjects unseen_body unseen_head --minutes 3 4 6 8
+    python -m benchmarks.bench_budgets --subjects unseen_body unseen_head --minutes 1 1.5 2.2 3
 
 For each subject the whole workflow runs once with time for everything, then once for each budget; stages that a budget
 does not turn are not run again. Seconds are a processor's. The first run says by how much this machine is slower than
@@ -85,11 +85,15 @@ def seconds_since(begun: float, folder: Path) -> float:
 
 
 def run_subject(subject: str, minutes: list[float], config: list[str], out: Path, cores: int = 2) -> list[Run]:
-    """Run a subject with plenty of time, then with each budget; runs are kept as they are done."""
+    """Run a subject with plenty of time, then with each budget; runs are kept as they are done.
+
+    Args:
+        minutes: of budgets, if this machine were as fast as that of the curves.
+    """
     runs = [run_budget(subject, PLENTY_MINUTES, 1.0, config, cores)]
     print(json.dumps(asdict(runs[0])), flush=True)
     for each in minutes:
-        runs.append(run_budget(subject, each, runs[0].pace, config, cores))
+        runs.append(run_budget(subject, each * runs[0].pace, runs[0].pace, config, cores))
         print(json.dumps(asdict(runs[-1])), flush=True)
         keep(runs, out)
     return runs
@@ -116,7 +120,7 @@ def as_markdown(runs: pd.DataFrame) -> list[str]:
             ratios.append((ratio, equal))
             decibels.append(abs(achieved - promised))
             lines.append([
-                f"`{subject}`", f"{row.minutes:g}", f"{row.promised_s:.0f}", f"{row.achieved_s:.0f}",
+                f"`{subject}`", f"{row.minutes:.3g}", f"{row.promised_s:.0f}", f"{row.achieved_s:.0f}",
                 f"{ratio:.2f}", f"{slower:.2f}", f"{equal:.2f}", f"{promised:.2f}", f"{achieved:.2f}",
             ])  # fmt: skip
     head = (
@@ -135,7 +139,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--subjects", nargs="+", required=True)
-    parser.add_argument("--minutes", type=float, nargs="+", required=True, help="budgets of each")
+    parser.add_argument("--minutes", type=float, nargs="+", required=True, help="of each, on the machine of the curves")
     parser.add_argument("--captures", default="captures", help="folder of the captures")
     parser.add_argument("--config", default="", help="further settings of the runs, key=value")
     parser.add_argument("--cores", type=int, default=2, help="of each run")
