@@ -3,16 +3,18 @@
 `pipeline.budget.knapsack` makes the choice.
 
 A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
-its time at the setting over that at the default, the mean over the curves' subjects. How much the effects of a plan
-cost is left out. An error is expected to be the mean over these subjects.
+its time at the setting over that at the default, the mean over the curves' subjects. What the size of texels costs is
+told by how many this capture would have, as it has no more than `most`, the curves' subjects at other sizes than it.
+How much the effects of a plan cost is left out. An error is expected to be the mean over these subjects.
 
 The budget only chooses what neither the subject's file nor the command line says.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,9 @@ from pipeline.budget.run_seconds import StageSeconds, run_seconds
 from pipeline.config.project import SECTIONS, SubjectSettings
 from pipeline.config.sections import merge
 
+Factor = Callable[[Curve, Any], float]
+"""Time of a dial's setting over that of its default."""
+
 SPENT_IN = {"unwrap_atlas": "train_avatar"}
 """Where a setting of a stage costs time, if not there: texels are laid out once and trained in every step."""
 
@@ -34,13 +39,16 @@ BEYOND_LOSS = 1e-6
 """What a default that lies beyond the measured settings is taken to lose less than the best of them, over what is
 allowed: as good as nothing, but enough for it to be chosen where there is time."""
 
+TOLD_BY_SIZE = {("unwrap_atlas", "texel_pixels")}
+"""Settings whose time is told by the sizes of jobs, for this capture, not by the curves' subjects."""
+
 OVERRULED_BY = {("unwrap_atlas", "texel_pixels"): "size"}
 """Settings that have no say once another one of the same stage has."""
 
 
 def within_budget(
     subject: str, settings: SubjectSettings, said: Mapping[str, Any], size: CaptureSize, curves: Sequence[Curve],
-    measured: Sequence[Measured], pace: float = 1.0,
+    measured: Sequence[Measured], pace: float | Mapping[str, float] = 1.0,
 ) -> tuple[SubjectSettings, Estimate]:  # fmt: skip
     """The settings with what the budget chooses, and what to expect of them.
 
@@ -49,19 +57,23 @@ def within_budget(
         said: what the user says, which stays.
         size: of this capture.
         measured: the subjects of the curves.
-        pace: seconds that jobs take here over those that are expected.
+        pace: seconds that jobs take here over those that are expected, of all stages or by stage.
 
     Raises:
         InputError: if no setting is fast enough, with what takes the time and what the user has set.
     """
     budget_s = 60.0 * settings.budget_minutes
     expected = run_seconds(at_defaults(settings, curves), size)
-    base = {stage: StageSeconds(pace * each.fixed, pace * each.work) for stage, each in expected.items()}
+    paces = {stage: pace.get(stage, 1.0) if isinstance(pace, Mapping) else pace for stage in expected}
+    base = {
+        stage: StageSeconds(paces[stage] * each.fixed, paces[stage] * each.work) for stage, each in expected.items()
+    }
     turned = [curve for curve in curves if _spent_in(curve) in base]
+    factor = functools.partial(_factor, settings=settings, size=size)
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}
     for curve in turned:
-        dials.setdefault(_spent_in(curve), {})[curve.dial] = _options(curve, fixed)
+        dials.setdefault(_spent_in(curve), {})[curve.dial] = _options(curve, fixed, factor)
     overhead = sum(seconds.fixed for seconds in base.values())
     best, fastest = best_within(budget_s - overhead, {stage: each.work for stage, each in base.items()}, dials)
     if best is None:
@@ -71,14 +83,14 @@ def within_budget(
     for curve in turned:
         if curve.dial not in fixed:
             changes.setdefault(curve.stage, {})[curve.option] = parse_setting(names[curve.dial])
-    choices = [_choice(curve, names[curve.dial], fixed) for curve in turned]
+    choices = [_choice(curve, names[curve.dial], fixed, factor) for curve in turned]
     factors = dict.fromkeys(base, 1.0)
     for curve, choice in zip(turned, choices, strict=True):
         factors[_spent_in(curve)] *= choice.factor
     seconds = {stage: each.fixed + each.work * factors[stage] for stage, each in base.items()}
     psnr_db = next((_expected_psnr(turned, choices, one) for one in measured if one.subject == subject), math.nan)
     names_of = ", ".join(one.subject for one in measured)
-    return with_options(settings, changes), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db, pace)
+    return with_options(settings, changes), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db, paces)
 
 
 def at_defaults(settings: SubjectSettings, curves: Sequence[Curve]) -> SubjectSettings:
@@ -121,27 +133,38 @@ def _loss(curve: Curve, value: Any) -> float:
     return 0.0 if math.isnan(loss) else loss
 
 
-def _options(curve: Curve, fixed: Mapping[str, Any]) -> list[Option]:
+def _factor(curve: Curve, value: Any, settings: SubjectSettings, size: CaptureSize) -> float:
+    """Time at a setting over that at the default."""
+    if (curve.stage, curve.option) not in TOLD_BY_SIZE:
+        return curve.factor(value)
+    chosen = (with_options(settings, {curve.stage: {curve.option: each}}) for each in (value, curve.default))
+    ours, default = (run_seconds(each, size)[_spent_in(curve)].work for each in chosen)
+    return ours / default if default else 1.0
+
+
+def _options(curve: Curve, fixed: Mapping[str, Any], factor: Factor) -> list[Option]:
     """The Pareto front of a curve; of a dial that the user has set, that setting alone.
 
     A default beyond the settings that were measured is one more, and best.
     """
     if curve.dial in fixed:
         value = fixed[curve.dial]
-        return [Option(setting_name(value), curve.factor(value), _loss(curve, value))]
+        return [Option(setting_name(value), factor(curve, value), _loss(curve, value))]
     values = [parse_setting(name) for name in curve.front()]
-    options = [Option(setting_name(value), curve.factor(value), _loss(curve, value)) for value in values]
+    options = [Option(setting_name(value), factor(curve, value), _loss(curve, value)) for value in values]
     if math.isnan(curve.error(curve.default)):
         least = min(option.loss for option in options)
         options.append(Option(setting_name(curve.default), 1.0, least - BEYOND_LOSS))
     return options
 
 
-def _choice(curve: Curve, name: str, fixed: Mapping[str, Any]) -> Choice:
+def _choice(curve: Curve, name: str, fixed: Mapping[str, Any], factor: Factor) -> Choice:
     value = fixed[curve.dial] if curve.dial in fixed else parse_setting(name)
     by = "user" if curve.dial in fixed else "budget"
-    error, factor = curve.error(value), curve.factor(value)
-    return Choice(curve.dial, curve.stage, curve.option, name, by, curve.metric, error, curve.allowed, factor)
+    return Choice(
+        curve.dial, curve.stage, curve.option, name, by, curve.metric, curve.error(value), curve.allowed,
+        factor(curve, value),
+    )  # fmt: skip
 
 
 def _expected_psnr(turned: Sequence[Curve], choices: Sequence[Choice], measured: Measured) -> float:

@@ -36,7 +36,7 @@ class Estimate:
         seconds: expected of each stage.
         choices: by dial.
         psnr_db: of the partially lit test images, if it is a subject of the curves; else NaN.
-        pace: seconds that jobs take here over those that are expected, as counted with.
+        paces: of each stage, seconds that its jobs take here over those that are expected, as counted with.
     """
 
     subject: str
@@ -45,7 +45,7 @@ class Estimate:
     seconds: Mapping[str, float]
     choices: Sequence[Choice]
     psnr_db: float
-    pace: float = 1.0
+    paces: Mapping[str, float]
 
     @property
     def total(self) -> float:
@@ -54,7 +54,7 @@ class Estimate:
 
     def as_json(self) -> dict[str, Any]:
         """All of it, as JSON has it: no number that is not one."""
-        content = asdict(self) | {"seconds": dict(self.seconds)}
+        content = asdict(self) | {"seconds": dict(self.seconds), "paces": dict(self.paces)}
         content["psnr_db"] = None if math.isnan(self.psnr_db) else self.psnr_db
         content["choices"] = [
             asdict(choice) | {"error": None if math.isnan(choice.error) else choice.error} for choice in self.choices

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import Field, PositiveFloat, StringConstraints
 
 from pipeline.config.bake_textures import BakeTextures
 from pipeline.config.book_patterns import BookPatterns
@@ -143,11 +143,10 @@ class ProjectSettings(SubjectSettings):
         description="folder on a disk of the machine that trains, for traced light of frames beyond training_cache_mb, "
         "which is then read, not traced again; at most half of what is free there; empty: none; changes no result",
     )
-    machine_pace: float = Field(
+    machine_pace: PositiveFloat | dict[str, PositiveFloat] = Field(
         1.0,
-        gt=0,
-        description="seconds that jobs take on this machine over those that config/curves/job_costs.csv expects: "
-        "budgets count with it; `make left` and budget.csv say what finished jobs took",
+        description="seconds that jobs take on this machine over those that config/curves/job_costs.csv expects, of "
+        "all stages or by stage: budgets count with it; `make left` and check_budget say what finished jobs took",
     )
     compare_subjects: CompareSubjects = CompareSubjects()
 

@@ -1,9 +1,9 @@
 """Compare the estimate of a budget with what the run achieved: time of stages, and errors.
 
 Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. `machine_pace` is
-the setting with which the total would have been right. Errors are those that the run shows: the standard error of
-drawn irradiance, and the PSNR of partially lit test images, which is only estimated for the curves' own subjects.
-Writes a table, see `COLUMNS`.
+the setting with which the total would have been right; the log has it by stage, too. Errors are those that the run
+shows: the standard error of drawn irradiance, and the PSNR of partially lit test images, which is only estimated for
+the curves' own subjects. Writes a table, see `COLUMNS`.
 """
 
 from __future__ import annotations
@@ -45,8 +45,11 @@ def run(*, results: Path, estimate: str, out: Path, settings: CheckBudget = Chec
     total = times.sum(skipna=False)
     rows.append(row("total", sum(seconds.values()), total.cpu, "s", wall=total.wall))
     rows.append(row("budget", expected["budget_s"], total.cpu, "s", wall=total.wall))
-    pace = expected["pace"]
-    rows.append(row("machine_pace", pace, pace * total.cpu / sum(seconds.values()), "of what is expected"))
+    plain = {name: seconds[name] / expected["paces"][name] for name in seconds}
+    pace = sum(seconds.values()) / sum(plain.values())
+    rows.append(row("machine_pace", pace, total.cpu / sum(plain.values()), "of what is expected"))
+    found = {name: round(times.cpu[name] / each, 2) for name, each in plain.items() if times.cpu[name] and each}
+    log.info("machine_pace, by stage, as it should have been: %s", json.dumps(found))
     for choice in expected["choices"]:
         estimated = math.nan if choice["error"] is None else choice["error"]
         achieved = achieved_error(choice, results)
@@ -70,7 +73,7 @@ def read_estimate(text: str) -> dict[str, Any]:
     """
     try:
         expected = json.loads(text)
-        lacking = sorted({"budget_s", "seconds", "choices", "psnr_db", "pace"} - expected.keys())
+        lacking = sorted({"budget_s", "seconds", "choices", "psnr_db", "paces"} - expected.keys())
     except (ValueError, AttributeError) as error:
         raise InputError(f"--estimate: expected JSON of the estimate of a budget, found {text!r}") from error
     if lacking:

@@ -40,7 +40,9 @@ def estimate(**changes) -> str:
         Choice("training_steps", "train_avatar", "steps", "300", "user", "PSNR lost", math.nan, 0.1, 1.0),
     ]
     given = {"budget_s": 27.0, "seconds": {"trace_irradiance": 7.0, "train_avatar": 15.0}, "choices": choices}
-    made = Estimate("someone", "other", **{**given, "psnr_db": math.nan, **changes})
+    made = Estimate(
+        "someone", "other", **{**given, "psnr_db": math.nan, "paces": dict.fromkeys(given["seconds"], 1.0), **changes}
+    )
     return json.dumps(made.as_json(), allow_nan=False)
 
 

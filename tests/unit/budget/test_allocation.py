@@ -116,7 +116,20 @@ def test_slow_machine_needs_more_of_everything(tmp_path) -> None:
     settings = SubjectSettings(budget_minutes=2.2, **SHADOWED)
     _, estimate = within_budget("someone", settings, {}, SAME_SIZE, *read, 1.5)
     assert estimate.total == pytest.approx(1.5 * 86)
-    assert estimate.pace == 1.5
+    assert set(estimate.paces.values()) == {1.5}
+    _, by_stage = within_budget("someone", settings, {}, SAME_SIZE, *read, {"track_mesh": 2.0})
+    assert by_stage.seconds["track_mesh"] == pytest.approx(2 * 30)
+    assert by_stage.total == pytest.approx(86 + 30)
+
+
+def test_time_of_texels_is_told_by_how_many_this_capture_would_have(tmp_path, costs) -> None:
+    """Half as large are four times as many, unless the atlas may not hold them; the curve's own times do not matter."""
+    costs(train_avatar={"": 2.0, "steps texels": 1e-4})
+    key = ("texel_size", "unwrap_atlas", "texel_pixels", "PSNR lost, dB", 0.1)
+    curves = {key: {"0.6": (0.5, 3.0), "0.3": (0.0, 3.1)}}
+    for said, texels in (({}, 6400), ({"unwrap_atlas": {"most": 100}}, 4500)):
+        _, estimate = choose(tmp_path / str(texels), 1000, said, curves=curves)
+        assert estimate.seconds["train_avatar"] == pytest.approx(2 + 1e-4 * 2000 * texels)
 
 
 def test_stages_that_a_capture_needs() -> None:
@@ -164,12 +177,13 @@ class TestSeveralSubjects:
         assert estimate.seconds["train_avatar"] == pytest.approx(202)
 
 
-def test_texels_that_the_user_lays_out_are_not_chosen(tmp_path) -> None:
+def test_texels_that_the_user_lays_out_are_not_chosen(tmp_path, costs) -> None:
+    costs(train_avatar={"": 2.0, "texels": 0.125})
     key = ("texel_size", "unwrap_atlas", "texel_pixels", "PSNR lost, dB", 0.1)
     finer = {key: {"1.2": (0.5, 7.0), "0.6": (0.1, 22.0), "0.45": (0.0, 42.0)}}
     settings, estimate = choose(tmp_path, 1000, curves=finer)
     assert settings.unwrap_atlas.texel_pixels == 0.45
-    assert estimate.seconds["train_avatar"] == pytest.approx(2 + 200 * 2)
+    assert estimate.seconds["train_avatar"] == pytest.approx(2 + 200 * (0.6 / 0.45) ** 2, rel=1e-3)
     settings, estimate = choose(tmp_path, 1000, {"unwrap_atlas": {"size": 64}}, curves=finer)
     assert settings.unwrap_atlas.texel_pixels == 0.6
     assert [choice.by for choice in estimate.choices] == ["user"]
