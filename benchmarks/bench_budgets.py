@@ -3,12 +3,12 @@
     cp benchmarks/unseen_*.yaml config/subjects
     python -m benchmarks.bench_budgets --subjects unseen_body unseen_head --minutes 1 1.5 2.2 3
 
-For each subject the whole workflow runs once with time for everything, then once for each budget; stages that a budget
-does not turn are not run again. Seconds are a processor's. The first run says how much longer each stage takes here than
-the costs of jobs expect (`machine_pace`), which the others are promised with. A machine that others use is not as fast
-in every run: a fixed piece of work is timed all the while (`benchmarks.machine_speed`), and what a run achieved is also
-given at the speed of the first. Decibels are what the partially lit validation images lose against the first run. Prints
-a table, and adds it to --out.
+For each subject the whole workflow runs once with time for everything, then once for each budget; stages that a
+budget does not turn are not run again. Seconds are a processor's. The first run says how much longer each stage takes
+here than the costs of jobs expect (`machine_pace`), which the others are promised with. A machine that others use is
+not as fast in every run: a fixed piece of work is timed all the while (`benchmarks.machine_speed`), and what a run
+achieved is also given at the speed of the first. Decibels are what the partially lit validation images lose against
+the first run. Prints a table, and adds it to --out.
 """
 
 from __future__ import annotations
