@@ -17,8 +17,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from pipeline.base.code_digest import ROOT
-from pipeline.budget.curve import LEAST_ALLOWED, Curve, SubjectCurve, parse_setting
+from pipeline.budget.curve import LEAST_ALLOWED, Curve
 from pipeline.budget.curves import FOLDER, read_curves
+from pipeline.budget.subject_curve import SubjectCurve, parse_setting
 from pipeline.figures.style import INK, MUTED, picture
 
 PANEL_INCHES = (2.6, 1.9)

@@ -3,44 +3,37 @@
 `pipeline.budget.knapsack` makes the choice.
 
 A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
-its time at the setting over that at the default, the mean over the curves' subjects. What the size of texels costs is
-told by how many this capture would have, as it has no more than `most`, the curves' subjects at other sizes than it.
-How much the effects of a plan cost is left out. An error is expected to be the mean over these subjects.
+its time at the setting over that at the default, the mean over the curves' subjects. See
+`pipeline.budget.dial_times` for what this capture's own size has a say in.
+How much the effects of a plan cost is left out. An error is expected to be the mean over those subjects that are of the
+same kind, heads or bodies: what coarse texels lose, for one, is far more on bodies.
 
 The budget only chooses what neither the subject's file nor the command line says.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from pipeline.base.errors import InputError
 from pipeline.budget.capture_size import CaptureSize
-from pipeline.budget.curve import Curve, SubjectCurve, parse_setting, setting_name
+from pipeline.budget.curve import Curve
 from pipeline.budget.curves import Measured
+from pipeline.budget.dial_times import DialTimes, spent_in, with_options
 from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
 from pipeline.budget.run_seconds import StageSeconds, run_seconds
-from pipeline.config.project import SECTIONS, SubjectSettings
-from pipeline.config.sections import merge
-
-Factor = Callable[[Curve, Any], float]
-"""Time of a dial's setting over that of its default."""
-
-SPENT_IN = {"unwrap_atlas": "train_avatar"}
-"""Where a setting of a stage costs time, if not there: texels are laid out once and trained in every step."""
+from pipeline.budget.subject_curve import SubjectCurve, parse_setting, setting_name
+from pipeline.config.project import SubjectSettings
+from pipeline.metrics.cost import pareto_front
 
 BEYOND_LOSS = 1e-6
 """What a default that lies beyond the measured settings is taken to lose less than the best of them, over what is
 allowed: as good as nothing, but enough for it to be chosen where there is time."""
-
-TOLD_BY_SIZE = {("unwrap_atlas", "texel_pixels")}
-"""Settings whose time is told by the sizes of jobs, for this capture, not by the curves' subjects."""
 
 OVERRULED_BY = {("unwrap_atlas", "texel_pixels"): "size"}
 """Settings that have no say once another one of the same stage has."""
@@ -65,15 +58,14 @@ def within_budget(
     budget_s = 60.0 * settings.budget_minutes
     expected = run_seconds(at_defaults(settings, curves), size)
     paces = {stage: pace.get(stage, 1.0) if isinstance(pace, Mapping) else pace for stage in expected}
-    base = {
-        stage: StageSeconds(paces[stage] * each.fixed, paces[stage] * each.work) for stage, each in expected.items()
-    }
-    turned = [curve for curve in curves if _spent_in(curve) in base]
-    factor = functools.partial(_factor, settings=settings, size=size)
+    turned = [curve for curve in curves if spent_in(curve) in expected]
+    times = DialTimes.of(settings, size, turned)
+    alike = [one.subject for one in measured if one.kind == size.kind]
+    base = {stage: times.split(stage, each).times(paces[stage]) for stage, each in expected.items()}
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}
     for curve in turned:
-        dials.setdefault(_spent_in(curve), {})[curve.dial] = _options(curve, fixed, factor)
+        dials.setdefault(spent_in(curve), {})[curve.dial] = _options(curve, alike, fixed, times)
     overhead = sum(seconds.fixed for seconds in base.values())
     best, fastest = best_within(budget_s - overhead, {stage: each.work for stage, each in base.items()}, dials)
     if best is None:
@@ -83,10 +75,10 @@ def within_budget(
     for curve in turned:
         if curve.dial not in fixed:
             changes.setdefault(curve.stage, {})[curve.option] = parse_setting(names[curve.dial])
-    choices = [_choice(curve, names[curve.dial], fixed, factor) for curve in turned]
+    choices = [_choice(curve, alike, names[curve.dial], fixed, times) for curve in turned]
     factors = dict.fromkeys(base, 1.0)
     for curve, choice in zip(turned, choices, strict=True):
-        factors[_spent_in(curve)] *= choice.factor
+        factors[spent_in(curve)] *= choice.factor
     seconds = {stage: each.fixed + each.work * factors[stage] for stage, each in base.items()}
     psnr_db = next((_expected_psnr(turned, choices, one) for one in measured if one.subject == subject), math.nan)
     names_of = ", ".join(one.subject for one in measured)
@@ -99,19 +91,6 @@ def at_defaults(settings: SubjectSettings, curves: Sequence[Curve]) -> SubjectSe
     for curve in curves:
         changes.setdefault(curve.stage, {})[curve.option] = curve.default
     return with_options(settings, changes)
-
-
-def with_options(settings: SubjectSettings, changes: Mapping[str, Mapping[str, Any]]) -> SubjectSettings:
-    """The settings with some options of stages changed."""
-    sections = {
-        stage: SECTIONS[stage](**merge(getattr(settings, stage).model_dump(), options))
-        for stage, options in changes.items()
-    }
-    return settings.model_copy(update=sections)
-
-
-def _spent_in(curve: Curve) -> str:
-    return SPENT_IN.get(curve.stage, curve.stage)
 
 
 def _is_said(said: Mapping[str, Any], settings: SubjectSettings, curve: Curve) -> bool:
@@ -133,37 +112,30 @@ def _loss(curve: Curve, value: Any) -> float:
     return 0.0 if math.isnan(loss) else loss
 
 
-def _factor(curve: Curve, value: Any, settings: SubjectSettings, size: CaptureSize) -> float:
-    """Time at a setting over that at the default."""
-    if (curve.stage, curve.option) not in TOLD_BY_SIZE:
-        return curve.factor(value)
-    chosen = (with_options(settings, {curve.stage: {curve.option: each}}) for each in (value, curve.default))
-    ours, default = (run_seconds(each, size)[_spent_in(curve)].work for each in chosen)
-    return ours / default if default else 1.0
-
-
-def _options(curve: Curve, fixed: Mapping[str, Any], factor: Factor) -> list[Option]:
+def _options(curve: Curve, alike: Sequence[str], fixed: Mapping[str, Any], times: DialTimes) -> list[Option]:
     """The Pareto front of a curve; of a dial that the user has set, that setting alone.
 
     A default beyond the settings that were measured is one more, and best.
     """
+    values = [fixed[curve.dial]] if curve.dial in fixed else [parse_setting(name) for name in curve.settings]
+    judged = curve.among(alike)
+    options = [Option(setting_name(value), times.factor(curve, value), _loss(judged, value)) for value in values]
     if curve.dial in fixed:
-        value = fixed[curve.dial]
-        return [Option(setting_name(value), factor(curve, value), _loss(curve, value))]
-    values = [parse_setting(name) for name in curve.front()]
-    options = [Option(setting_name(value), factor(curve, value), _loss(curve, value)) for value in values]
-    if math.isnan(curve.error(curve.default)):
+        return options
+    front = pareto_front(*(np.array(each) for each in zip(*((one.factor, one.loss) for one in options), strict=True)))
+    if math.isnan(judged.error(curve.default)):
         least = min(option.loss for option in options)
         options.append(Option(setting_name(curve.default), 1.0, least - BEYOND_LOSS))
-    return options
+        front = np.append(front, True)
+    return [option for option, kept in zip(options, front, strict=True) if kept]
 
 
-def _choice(curve: Curve, name: str, fixed: Mapping[str, Any], factor: Factor) -> Choice:
+def _choice(curve: Curve, alike: Sequence[str], name: str, fixed: Mapping[str, Any], times: DialTimes) -> Choice:
     value = fixed[curve.dial] if curve.dial in fixed else parse_setting(name)
-    by = "user" if curve.dial in fixed else "budget"
+    by, judged = "user" if curve.dial in fixed else "budget", curve.among(alike)
     return Choice(
-        curve.dial, curve.stage, curve.option, name, by, curve.metric, curve.error(value), curve.allowed,
-        factor(curve, value),
+        curve.dial, curve.stage, curve.option, name, by, curve.metric, judged.error(value), judged.allowed,
+        times.factor(curve, value),
     )  # fmt: skip
 
 

@@ -17,7 +17,8 @@ import pandas as pd
 import yaml
 
 from pipeline.base.errors import InputError
-from pipeline.budget.curve import Curve, SubjectCurve
+from pipeline.budget.curve import Curve
+from pipeline.budget.subject_curve import SubjectCurve
 from pipeline.config.project import SECTIONS
 from pipeline.config.trained_model import Kind
 from pipeline.metrics.cost import IMPORTS_ONLY
@@ -84,7 +85,7 @@ def _read_part(path: Path, dial: str, subject: str, rows: pd.DataFrame) -> Subje
         )
     return SubjectCurve(
         subject, tuple(known.setting), tuple(known.error), tuple(known.standard_error), tuple(known.seconds),
-        float(imports.seconds.iloc[0]), allowed,
+        float(imports.seconds.iloc[0]), allowed, tuple(known.work) if "work" in known else (),
     )  # fmt: skip
 
 

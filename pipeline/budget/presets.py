@@ -23,8 +23,9 @@ from typing import Any
 import yaml
 
 from pipeline.base.code_digest import ROOT
-from pipeline.budget.curve import Curve, SubjectCurve, parse_setting, setting_name
+from pipeline.budget.curve import Curve
 from pipeline.budget.curves import FOLDER, Measured, read_curves, read_measured
+from pipeline.budget.subject_curve import SubjectCurve, parse_setting, setting_name
 from pipeline.config.project import SECTIONS
 
 DRAFT_TIMES = 10.0

@@ -38,6 +38,10 @@ class StageSeconds:
     fixed: float
     work: float
 
+    def times(self, factor: float) -> StageSeconds:
+        """Both, times a factor."""
+        return StageSeconds(factor * self.fixed, factor * self.work)
+
 
 def run_seconds(settings: SubjectSettings, capture: CaptureSize) -> dict[str, StageSeconds]:
     """Seconds of a processor that each stage is expected to take.

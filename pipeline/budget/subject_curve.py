@@ -1,0 +1,140 @@
+"""Curve of error against time of one dial on one subject."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+LEAST_SECONDS = 0.01
+"""Work that takes less than its import's own scatter counts as this, so that ratios stay finite."""
+
+LARGEST_SHARE = 0.9
+"""Of seconds that do not grow with the steps: where short runs were slow for another reason, ratios stay positive."""
+
+
+@dataclass(frozen=True)
+class SubjectCurve:
+    """Error and time of one dial's settings on one subject, by the metric that decides.
+
+    Attributes:
+        subject: its name.
+        settings: as the table names them.
+        errors, scatters, seconds: of each; scatters are standard errors, NaN where they are not known; seconds are with
+            the import of the stage.
+        imports: seconds that the import alone takes.
+        allowed: the error up to which a setting is good enough.
+        counts: what the stage counts at each, texels for instance; NaN where it is not known.
+    """
+
+    subject: str
+    settings: tuple[str, ...]
+    errors: tuple[float, ...]
+    scatters: tuple[float, ...]
+    seconds: tuple[float, ...]
+    imports: float
+    allowed: float
+    counts: tuple[float, ...] = ()
+
+    def besides(self) -> float:
+        """Seconds of work that do not grow with a setting that is a number, as training has some before its first step.
+
+        They are where the line of least relative error through the times meets 0, and no less than nothing.
+        """
+        known, seconds = self._numbers(), self._work_seconds()
+        if len(known) < 2:
+            return 0.0
+        numbers, times = np.array(list(known)), seconds[list(known.values())]
+        return float(max(np.polyfit(numbers, times, 1, w=1 / times)[1], 0.0))
+
+    def relative(self, value: Any, default: Any, besides: float = 0.0) -> float:
+        """Time of work at a setting over that at another, in what is not `besides`."""
+        return _without(self.work(value), besides) / _without(self.work(default), besides)
+
+    def relative_to_count(self, ratio: float, default: Any, besides: float = 0.0) -> float:
+        """Time of work where the stage counts so many times as much as at the default.
+
+        It is in proportion between what was measured, and on beyond the last. NaN if counts are not known.
+        """
+        name = setting_name(default)
+        if name not in self.settings or not self.counts or not np.isfinite(self.counts).all():
+            return math.nan
+        ratios = np.array(self.counts) / self.counts[self.settings.index(name)]
+        times = np.array([self.relative(parse_setting(each), default, besides) for each in self.settings])
+        ratios, places = np.unique(ratios, return_index=True)
+        return _on_line(ratio, ratios, times[places])
+
+    def _work_seconds(self) -> np.ndarray:
+        return np.maximum(np.array(self.seconds) - self.imports, LEAST_SECONDS)
+
+    def work(self, value: Any) -> float:
+        """Seconds beyond the import at a setting.
+
+        They are in proportion between two numbers, and on beyond the last ones.
+
+        Of what was not measured and is no number, the median of all.
+        """
+        seconds = self._work_seconds()
+        if setting_name(value) in self.settings:
+            return float(seconds[self.settings.index(setting_name(value))])
+        known, place = self._numbers(), _number(value)
+        if place is None or len(known) < 2:
+            return float(np.median(seconds))
+        x, y = np.array(sorted(known)), np.array([seconds[known[number]] for number in sorted(known)])
+        return max(_on_line(place, x, y), LEAST_SECONDS)
+
+    def error(self, value: Any) -> float:
+        """Error at a setting, in proportion between two numbers; NaN if nothing near was measured."""
+        if setting_name(value) in self.settings:
+            return self.errors[self.settings.index(setting_name(value))]
+        known, place = self._numbers(), _number(value)
+        if place is None or not known or not min(known) <= place <= max(known):
+            return float("nan")
+        x = sorted(known)
+        return float(np.interp(place, x, [self.errors[known[number]] for number in x]))
+
+    def scatter(self, value: Any) -> float:
+        """Standard error of the error at a setting; 0 if it is not known."""
+        known = self.scatters[self.settings.index(setting_name(value))] if setting_name(value) in self.settings else 0.0
+        return 0.0 if math.isnan(known) else known
+
+    def _numbers(self) -> dict[float, int]:
+        numbers = {_number(yaml.safe_load(name)): place for place, name in enumerate(self.settings)}
+        return {number: place for number, place in numbers.items() if number is not None}
+
+
+def parse_setting(name: str) -> Any:
+    """A setting from its name in the table, as configuration files have it."""
+    return None if name == "all" else yaml.safe_load(name)
+
+
+def setting_name(value: Any) -> str:
+    """A setting's name in the table."""
+    return "all" if value is None else str(value)
+
+
+def _without(seconds: float, besides: float) -> float:
+    """Seconds without others, of which they hold no more than nine tenths."""
+    return seconds - min(besides, LARGEST_SHARE * seconds)
+
+
+def _on_line(place: float, x: np.ndarray, y: np.ndarray) -> float:
+    """Value of a piecewise linear function, which goes on as it went last; a constant of one point."""
+    if len(x) < 2 or x[0] <= place <= x[-1]:
+        return float(np.interp(place, x, y))
+    ends = (0, 1) if place < x[0] else (-2, -1)
+    slope = (y[ends[1]] - y[ends[0]]) / (x[ends[1]] - x[ends[0]])
+    return float(y[ends[0]] + slope * (place - x[ends[0]]))
+
+
+def _number(value: Any) -> float | None:
+    """A setting as a number, if it is one, also as text."""
+    if isinstance(value, bool):
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
