@@ -85,7 +85,7 @@ def _read_part(path: Path, dial: str, subject: str, rows: pd.DataFrame) -> Subje
         )
     return SubjectCurve(
         subject, tuple(known.setting), tuple(known.error), tuple(known.standard_error), tuple(known.seconds),
-        float(imports.seconds.iloc[0]), allowed, tuple(known.work) if "work" in known else (),
+        float(imports.seconds.iloc[0]), allowed, tuple(known.work.astype(float)) if "work" in known else (),
     )  # fmt: skip
 
 

@@ -51,7 +51,10 @@ class DialTimes:
 
     @classmethod
     def of(cls, settings: SubjectSettings, size: CaptureSize, curves: Sequence[Curve]) -> DialTimes:
-        """Times on a capture, with what the curve of steps says of training; without one, nothing is beside them."""
+        """Times on a capture, with what the curve of steps says of training.
+
+        Without such a curve, nothing is beside steps.
+        """
         steps = next((curve for curve in curves if (curve.stage, curve.option) == STEPS), None)
         besides = {part.subject: part.besides() for part in steps.parts} if steps else {}
         shares = [besides[part.subject] / part.work(steps.default) for part in steps.parts] if steps else [0.0]
