@@ -42,7 +42,8 @@ class SubjectCurve:
     def besides(self) -> float:
         """Seconds of work that do not grow with a setting that is a number.
 
-        Training has some before its first step. They are where the line of least relative error through the times meets 0, and no less than nothing.
+        Training has some before its first step. They are where the line of least relative error through the times meets
+        0, and no less than nothing.
         """
         known, seconds = self._numbers(), self._work_seconds()
         if len(known) < 2:
