@@ -1,4 +1,4 @@
-"""What a dial's setting takes on a capture, over what its default takes.
+"""Times of dials' settings on a capture, over those of their defaults.
 
 The curves were measured on other subjects, with trainings of a few steps. So of training, what is not steps is told
 apart: it is as long however many there are, and whatever a step takes. And what the size of texels takes is told by how
