@@ -66,7 +66,10 @@ class Curve:
         )
 
     def factor_of_count(self, ratio: float, besides: Mapping[str, float]) -> float:
-        """The same where the stage counts `ratio` times as much as at the default; NaN if nobody counted."""
+        """Time where the stage counts `ratio` times as much as at the default, over that.
+
+        NaN if nobody counted.
+        """
         return _geometric_mean(
             [part.relative_to_count(ratio, self.default, besides.get(part.subject, 0.0)) for part in self.parts]
         )
