@@ -40,25 +40,28 @@ class DialTimes:
 
     Attributes:
         settings: of the capture's subject.
-        besides: of each subject of the curves, seconds of training beside its steps.
-        share: of the time of training at the defaults, that beside its steps: the mean over these subjects.
+        share: of the time of training at the defaults, that beside its steps.
+        besides: of each subject of the curves, as many seconds.
     """
 
     settings: SubjectSettings
     size: CaptureSize
-    besides: Mapping[str, float]
     share: float
+    besides: Mapping[str, float]
 
     @classmethod
     def of(cls, settings: SubjectSettings, size: CaptureSize, curves: Sequence[Curve]) -> DialTimes:
         """Times on a capture, with what the curve of steps says of training.
 
+        The share is the median over the subjects: a machine that was slow in a few short runs makes one far too large.
         Without such a curve, nothing is beside steps.
         """
         steps = next((curve for curve in curves if (curve.stage, curve.option) == STEPS), None)
-        besides = {part.subject: part.besides() for part in steps.parts} if steps else {}
-        shares = [besides[part.subject] / part.work(steps.default) for part in steps.parts] if steps else [0.0]
-        return cls(settings, size, besides, float(np.mean(shares)))
+        if steps is None:
+            return cls(settings, size, 0.0, {})
+        whole = {part.subject: part.work(steps.default) for part in steps.parts}
+        share = float(np.median([part.besides() / whole[part.subject] for part in steps.parts]))
+        return cls(settings, size, share, {name: share * seconds for name, seconds in whole.items()})
 
     def split(self, stage: str, seconds: StageSeconds) -> StageSeconds:
         """Seconds of a stage at the defaults, with what no dial changes in its fixed part."""
