@@ -60,13 +60,13 @@ class Run:
     meanwhile_s: float
 
 
-def run_budget(subject: str, minutes: float, paces: dict[str, float], config: list[str], cores: int = 2) -> Run:
+def run_budget(subject: str, minutes: float, paces: dict[str, float], config: list[str]) -> Run:
     """Run the workflow with a budget, and read what it says of it."""
     folder = Path("results", subject)
     words = [f"budget_minutes={minutes:g}", f"machine_pace={json.dumps(paces)}", *config]
     begun = time.time()
     with SpeedMeter() as meter:
-        run_workflow(folder / "budget.csv", words, cores=cores)
+        run_workflow(folder / "budget.csv", words)
     found = pd.read_csv(folder / "budget.csv").set_index("quantity")
     lost = found.estimated[found.unit.astype(str).str.startswith("PSNR lost")]
     scores = pd.read_csv(folder / "metrics.csv")
@@ -79,10 +79,10 @@ def run_budget(subject: str, minutes: float, paces: dict[str, float], config: li
 
 
 def paces_of(folder: Path) -> dict[str, float]:
-    """Read by how much longer each stage took than it should have, in a run that reckoned with a pace of 1."""
-    table = pd.read_csv(folder / "budget.csv").set_index("quantity")
-    own = table[table.index.isin(ON_THE_WAY) & (table.achieved > 0)]
-    return {str(stage): round(row.achieved / row.estimated, 3) for stage, row in own.iterrows()}
+    """Read the pace of each stage, as it was found in a run."""
+    found = pd.read_csv(folder / "budget.csv").set_index("quantity").achieved
+    own = {stage: found.get(f"machine_pace.{stage}", math.nan) for stage in ON_THE_WAY}
+    return {stage: round(pace, 3) for stage, pace in own.items() if pace > 0}
 
 
 def seconds_since(begun: float, folder: Path) -> float:
@@ -91,17 +91,17 @@ def seconds_since(begun: float, folder: Path) -> float:
     return float(stage_times(folder, [stage for stage in ON_THE_WAY if stage in ran]).cpu.sum())
 
 
-def run_subject(subject: str, minutes: list[float], config: list[str], out: Path, cores: int = 2) -> list[Run]:
+def run_subject(subject: str, minutes: list[float], config: list[str], out: Path) -> list[Run]:
     """Run a subject with plenty of time, then with each budget; runs are kept as they are done.
 
     Args:
         minutes: of budgets, if this machine were as fast as that of the curves.
     """
-    runs = [run_budget(subject, PLENTY_MINUTES, {}, config, cores)]
+    runs = [run_budget(subject, PLENTY_MINUTES, {}, config)]
     paces = paces_of(Path("results", subject))
     print(json.dumps(asdict(runs[0])), json.dumps(paces), flush=True)
     for each in minutes:
-        runs.append(run_budget(subject, each * runs[0].pace, paces, config, cores))
+        runs.append(run_budget(subject, each * runs[0].pace, paces, config))
         print(json.dumps(asdict(runs[-1])), flush=True)
         keep(runs, out)
     return runs
@@ -150,12 +150,11 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, nargs="+", required=True, help="of each, on the machine of the curves")
     parser.add_argument("--captures", default="captures", help="folder of the captures")
     parser.add_argument("--config", default="", help="further settings of the runs, key=value")
-    parser.add_argument("--cores", type=int, default=2, help="of each run")
     parser.add_argument("--out", type=Path, default=Path("results/budgets.csv"))
     options = parser.parse_args()
     for subject in options.subjects:
         config = [f"captures={options.captures}", *shlex.split(options.config)]
-        run_subject(subject, sorted(options.minutes, reverse=True), config, options.out, options.cores)
+        run_subject(subject, sorted(options.minutes, reverse=True), config, options.out)
     print("\n".join(as_markdown(pd.read_csv(options.out))))
 
 

@@ -3,9 +3,8 @@
 `pipeline.budget.knapsack` makes the choice.
 
 A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
-its time at the setting over that at the default, the mean over the curves' subjects. See
-`pipeline.budget.dial_times` for what this capture's own size has a say in.
-How much the effects of a plan cost is left out. An error is expected to be the mean over those subjects that are of the
+its time at the setting over that at the default, the mean over the curves' subjects (`pipeline.budget.dial_times`). How
+much the effects of a plan cost is left out. An error is expected to be the mean over those subjects that are of the
 same kind, heads or bodies: what coarse texels lose, for one, is far more on bodies.
 
 The budget only chooses what neither the subject's file nor the command line says.
@@ -122,12 +121,12 @@ def _options(curve: Curve, alike: Sequence[str], fixed: Mapping[str, Any], times
     options = [Option(setting_name(value), times.factor(curve, value), _loss(judged, value)) for value in values]
     if curve.dial in fixed:
         return options
-    front = pareto_front(*(np.array(each) for each in zip(*((one.factor, one.loss) for one in options), strict=True)))
+    front = pareto_front(np.array([each.factor for each in options]), np.array([each.loss for each in options]))
+    kept = [option for option, good in zip(options, front, strict=True) if good]
     if math.isnan(judged.error(curve.default)):
         least = min(option.loss for option in options)
-        options.append(Option(setting_name(curve.default), 1.0, least - BEYOND_LOSS))
-        front = np.append(front, True)
-    return [option for option, kept in zip(options, front, strict=True) if kept]
+        kept.append(Option(setting_name(curve.default), 1.0, least - BEYOND_LOSS))
+    return kept
 
 
 def _choice(curve: Curve, alike: Sequence[str], name: str, fixed: Mapping[str, Any], times: DialTimes) -> Choice:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.budget.subject_curve import SubjectCurve, parse_setting
-from pipeline.metrics.cost import cheapest_within, pareto_front
+from pipeline.metrics.cost import cheapest_within
 
 LEAST_ALLOWED = 1e-12
 """Errors that are allowed to be nothing are compared with this, so that ratios stay finite."""
@@ -56,35 +56,27 @@ class Curve:
         """Error at a setting over what is allowed, on each subject."""
         return [part.error(value) / max(part.allowed, LEAST_ALLOWED) for part in self.parts]
 
-    def factor(self, value: Any, besides: Mapping[str, float] = MappingProxyType({})) -> float:
+    def factor(self, value: Any, startup: Mapping[str, float] = MappingProxyType({})) -> float:
         """Time at a setting, without imports, over that at the default: a geometric mean.
 
-        `besides` are seconds of each subject's that are left out of both.
+        `startup` are seconds of each subject's training that are left out of both.
         """
         return _geometric_mean(
-            [part.relative(value, self.default, besides.get(part.subject, 0.0)) for part in self.parts]
+            [part.relative(value, self.default, startup.get(part.subject, 0.0)) for part in self.parts]
         )
 
-    def factor_of_count(self, ratio: float, besides: Mapping[str, float]) -> float:
+    def factor_of_count(self, ratio: float, startup: Mapping[str, float]) -> float:
         """Time where the stage counts `ratio` times as much as at the default, over that.
 
         NaN if nobody counted.
         """
         return _geometric_mean(
-            [part.relative_to_count(ratio, self.default, besides.get(part.subject, 0.0)) for part in self.parts]
+            [part.relative_to_count(ratio, self.default, startup.get(part.subject, 0.0)) for part in self.parts]
         )
 
     def duration(self, value: Any) -> float:
         """Time at a setting with the import of the stage, seconds: a geometric mean."""
         return _geometric_mean([part.imports + part.work(value) for part in self.parts])
-
-    def front(self) -> list[str]:
-        """Settings on the Pareto front of time and mean loss, fastest first."""
-        values = [parse_setting(name) for name in self.settings]
-        factors = np.array([self.factor(value) for value in values])
-        losses = np.array([float(np.mean(self.losses(value))) for value in values])
-        kept = np.flatnonzero(pareto_front(factors, losses))
-        return [self.settings[place] for place in sorted(kept, key=lambda place: (factors[place], losses[place]))]
 
     def cheapest(self, limit: float) -> str | None:
         """The fastest setting that loses at most `limit` on every subject.

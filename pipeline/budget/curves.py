@@ -24,7 +24,19 @@ from pipeline.config.trained_model import Kind
 from pipeline.metrics.cost import IMPORTS_ONLY
 
 FOLDER = Path("config/curves")
-COLUMNS = ["subject", "dial", "stage", "option", "setting", "metric", "error", "standard_error", "seconds", "allowed"]
+COLUMNS = [
+    "subject",
+    "dial",
+    "stage",
+    "option",
+    "setting",
+    "metric",
+    "error",
+    "standard_error",
+    "seconds",
+    "allowed",
+    "work",
+]
 
 
 @dataclass(frozen=True)
@@ -85,7 +97,7 @@ def _read_part(path: Path, dial: str, subject: str, rows: pd.DataFrame) -> Subje
         )
     return SubjectCurve(
         subject, tuple(known.setting), tuple(known.error), tuple(known.standard_error), tuple(known.seconds),
-        float(imports.seconds.iloc[0]), allowed, tuple(known.work.astype(float)) if "work" in known else (),
+        float(imports.seconds.iloc[0]), allowed, tuple(known.work.astype(float)),
     )  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """Times of dials' settings on a capture, over those of their defaults.
 
-The curves were measured on other subjects, with trainings of a few steps. So of training, what is not steps is told
-apart: it is as long however many there are, and whatever a step takes. And what the size of texels takes is told by how
-many this capture would have of them, as it has no more than `most`.
+The curves were measured on other subjects, with trainings of 200 steps, of which startup is a good part. So startup is
+told apart: it is as long however many steps there are, and whatever a step takes. And what the size of texels takes is
+told by how many this capture would have of them, as it has no more than `most`.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from pipeline.budget.run_seconds import StageSeconds, expected_texels
 from pipeline.config.project import SECTIONS, SubjectSettings
 from pipeline.config.sections import merge
 
-STEPS = ("train_avatar", "steps")
-"""The setting that says how often a stage does the same."""
+TRAINING = "train_avatar"
+"""The stage whose time has a startup, and then steps."""
 
-SPENT_IN = {"unwrap_atlas": "train_avatar"}
+SPENT_IN = {"unwrap_atlas": TRAINING}
 """Where a setting of a stage costs time, if not there: texels are laid out once and trained in every step."""
 
 TOLD_BY_TEXELS = ("unwrap_atlas", "texel_pixels")
@@ -40,47 +40,47 @@ class DialTimes:
 
     Attributes:
         settings: of the capture's subject.
-        share: of the time of training at the defaults, that beside its steps.
-        besides: of each subject of the curves, as many seconds.
+        share: of startup, in the time of training at the defaults.
+        startup: of each subject of the curves, in seconds.
     """
 
     settings: SubjectSettings
     size: CaptureSize
     share: float
-    besides: Mapping[str, float]
+    startup: Mapping[str, float]
 
     @classmethod
     def of(cls, settings: SubjectSettings, size: CaptureSize, curves: Sequence[Curve]) -> DialTimes:
-        """Times on a capture, with what the curve of steps says of training.
+        """Times on a capture, with the share of startup that the curve of steps says.
 
-        The share is the median over the subjects: a machine that was slow in a few short runs makes one far too large.
-        Without such a curve, nothing is beside steps.
+        It is the median over the subjects: a machine that was slow in a few short runs makes one far too large. Without
+        such a curve there is no startup.
         """
-        steps = next((curve for curve in curves if (curve.stage, curve.option) == STEPS), None)
+        steps = next((curve for curve in curves if (curve.stage, curve.option) == (TRAINING, "steps")), None)
         if steps is None:
             return cls(settings, size, 0.0, {})
         whole = {part.subject: part.work(steps.default) for part in steps.parts}
-        share = float(np.median([part.besides() / whole[part.subject] for part in steps.parts]))
+        share = float(np.median([part.startup() / whole[part.subject] for part in steps.parts]))
         return cls(settings, size, share, {name: share * seconds for name, seconds in whole.items()})
 
     def split(self, stage: str, seconds: StageSeconds) -> StageSeconds:
-        """Seconds of a stage at the defaults, with what no dial changes in its fixed part."""
-        if stage != STEPS[0]:
+        """Seconds of a stage at the defaults, with startup in the fixed part, which no dial changes."""
+        if stage != TRAINING:
             return seconds
         return StageSeconds(seconds.fixed + self.share * seconds.work, (1 - self.share) * seconds.work)
 
     def factor(self, curve: Curve, value: Any) -> float:
-        """Time of a setting over that of the default, of what dials change."""
-        besides = self.besides if spent_in(curve) == STEPS[0] else {}
+        """Time of a setting over that of the default, without startup."""
+        startup = self.startup if spent_in(curve) == TRAINING else {}
         if (curve.stage, curve.option) == TOLD_BY_TEXELS:
             texels = [
                 expected_texels(with_options(self.settings, {curve.stage: {curve.option: each}}), self.size)
                 for each in (value, curve.default)
             ]
-            found = curve.factor_of_count(texels[0] / texels[1], besides)
+            found = curve.factor_of_count(texels[0] / texels[1], startup)
             if np.isfinite(found):
                 return found
-        return curve.factor(value, besides)
+        return curve.factor(value, startup)
 
 
 def with_options(settings: SubjectSettings, changes: Mapping[str, Mapping[str, Any]]) -> SubjectSettings:

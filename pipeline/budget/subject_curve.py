@@ -13,7 +13,7 @@ LEAST_SECONDS = 0.01
 """Work that takes less than its import's own scatter counts as this, so that ratios stay finite."""
 
 LARGEST_SHARE = 0.9
-"""Of seconds that do not grow with the steps: where short runs were slow for another reason, ratios stay positive."""
+"""Of seconds that may count as startup: where short runs were slow for another reason, ratios stay positive."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,12 @@ class SubjectCurve:
     seconds: tuple[float, ...]
     imports: float
     allowed: float
-    counts: tuple[float, ...] = ()
+    counts: tuple[float, ...]
 
-    def besides(self) -> float:
-        """Seconds of work that do not grow with a setting that is a number.
+    def startup(self) -> float:
+        """Seconds of work before the first step, of a curve of steps.
 
-        Training has some before its first step. They are where the line of least relative error through the times meets
-        0, and no less than nothing.
+        Where the line of least relative error through the times meets 0 steps, and no less than nothing.
         """
         known, seconds = self._numbers(), self._work_seconds()
         if len(known) < 2:
@@ -51,20 +50,20 @@ class SubjectCurve:
         numbers, times = np.array(list(known)), seconds[list(known.values())]
         return float(max(np.polyfit(numbers, times, 1, w=1 / times)[1], 0.0))
 
-    def relative(self, value: Any, default: Any, besides: float = 0.0) -> float:
-        """Time of work at a setting over that at another, in what is not `besides`."""
-        return _without(self.work(value), besides) / _without(self.work(default), besides)
+    def relative(self, value: Any, default: Any, startup: float = 0.0) -> float:
+        """Time of work at a setting over that at another, without `startup` seconds of each."""
+        return _without(self.work(value), startup) / _without(self.work(default), startup)
 
-    def relative_to_count(self, ratio: float, default: Any, besides: float = 0.0) -> float:
+    def relative_to_count(self, ratio: float, default: Any, startup: float = 0.0) -> float:
         """Time of work where the stage counts so many times as much as at the default.
 
         It is in proportion between what was measured, and on beyond the last. NaN if counts are not known.
         """
         name = setting_name(default)
-        if name not in self.settings or not self.counts or not np.isfinite(self.counts).all():
+        if name not in self.settings or not np.isfinite(self.counts).all():
             return math.nan
         ratios = np.array(self.counts) / self.counts[self.settings.index(name)]
-        times = np.array([self.relative(parse_setting(each), default, besides) for each in self.settings])
+        times = np.array([self.relative(parse_setting(each), default, startup) for each in self.settings])
         ratios, places = np.unique(ratios, return_index=True)
         return _on_line(ratio, ratios, times[places])
 
@@ -117,9 +116,9 @@ def setting_name(value: Any) -> str:
     return "all" if value is None else str(value)
 
 
-def _without(seconds: float, besides: float) -> float:
-    """Seconds without others, of which they hold no more than nine tenths."""
-    return seconds - min(besides, LARGEST_SHARE * seconds)
+def _without(seconds: float, startup: float) -> float:
+    """Seconds without those of startup, which are no more than nine tenths of them."""
+    return seconds - min(startup, LARGEST_SHARE * seconds)
 
 
 def _on_line(place: float, x: np.ndarray, y: np.ndarray) -> float:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PositiveFloat, StringConstraints
+from pydantic import Field, PositiveFloat, StringConstraints, field_validator
+from pydantic_core import PydanticCustomError
 
+from pipeline import STAGES
 from pipeline.config.bake_textures import BakeTextures
 from pipeline.config.book_patterns import BookPatterns
 from pipeline.config.budget_errors import BudgetErrors
@@ -145,10 +147,18 @@ class ProjectSettings(SubjectSettings):
     )
     machine_pace: PositiveFloat | dict[str, PositiveFloat] = Field(
         1.0,
-        description="seconds that jobs take on this machine over those that config/curves/job_costs.csv expects, of "
-        "all stages or by stage: budgets count with it; `make left` and check_budget say what finished jobs took",
+        description="seconds that jobs take on this machine over those that config/curves/job_costs.csv expects, more "
+        "than 0; of all stages, or by stage and 1 for the others: budgets count with it; `make left` and budget.csv "
+        "say what finished jobs took",
     )
     compare_subjects: CompareSubjects = CompareSubjects()
+
+    @field_validator("machine_pace")
+    @classmethod
+    def _is_of_stages(cls, pace: float | dict[str, float]) -> float | dict[str, float]:
+        if isinstance(pace, dict) and not pace.keys() <= set(STAGES):
+            raise PydanticCustomError("unknown_stage", "Input should be paces of stages, such as train_avatar")
+        return pace
 
 
 SECTIONS: dict[str, type[Settings]] = {

@@ -27,7 +27,7 @@ from pipeline.dials.catalogue import DIALS
 from pipeline.dials.dial import Dial
 from pipeline.geometry.texels import read_atlas
 
-KEPT = [*COLUMNS, "peak_mb", "work", "unit"]
+KEPT = [*COLUMNS, "unit", "peak_mb"]
 
 
 def keep_curves(dials: Sequence[Dial], settings: SubjectSettings, results: Path, out: Path) -> None:

@@ -105,7 +105,7 @@ TRACKED_AND_TRAINED = replace(
 )
 
 TRAINED_DIALS = [
-    # What vertices are off tells too little: pictures lose far more to some millimetres than to others.
+    # Vertices tell too little: pictures lose far more to some millimetres than to others. Eyes stay as they were.
     Dial("trained_outlines", TRACKED_AND_TRAINED, "outline_rounds", lambda subject: (0, 1, 2, 5, 8), chosen=True),
     Dial("trained_irradiance", TRACED_AND_TRAINED, "samples", lambda subject: ("1", "4", "full")),
 ]

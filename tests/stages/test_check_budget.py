@@ -59,6 +59,8 @@ def test_time_and_error_side_by_side(results) -> None:
     assert table.wall_seconds["total"] == 48
     # Jobs took 28 s in place of 22.
     assert table.achieved["machine_pace"] == pytest.approx(28 / 22) and pd.isna(table.verdict["machine_pace"])
+    assert table.achieved["machine_pace.train_avatar"] == pytest.approx(20 / 15)
+    assert pd.isna(table.verdict["machine_pace.train_avatar"])
     # 8 for 7 is within a quarter, 20 for 15 is not; 28 for a budget of 27 is not, and of 22 just within 27.5 + 1.
     verdicts = table.verdict[["trace_irradiance", "train_avatar", "total", "budget"]].tolist()
     assert verdicts == ["kept", "missed", "missed", "missed"]

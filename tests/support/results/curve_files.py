@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pandas as pd
@@ -66,7 +67,7 @@ def write_subjects(folder: Path, curves: dict[str, dict], imports: float = 2.0) 
         for (dial, stage, option, metric, allowed), settings in own.items():
             shared = {"subject": subject, "dial": dial, "stage": stage, "option": option, "metric": metric}
             shared |= {"allowed": allowed, "standard_error": 0.02}
-            rows.append({**shared, "setting": "imports only", "seconds": imports})
+            rows.append({**shared, "setting": "imports only", "seconds": imports, "work": math.nan})
             rows += [{**shared, "setting": name, "error": e, "seconds": s} for name, (e, s) in settings.items()]
     pd.DataFrame(rows).to_csv(folder / "accuracy_cost.csv", index=False)
     (folder / "subjects.yaml").write_text(yaml.safe_dump([{**SUBJECT, "subject": name} for name in curves]))

@@ -140,10 +140,10 @@ class TestTimesOnThisCapture:
             assert estimate.choices[0].factor == pytest.approx(factor)
             assert estimate.seconds["train_avatar"] == pytest.approx(2 + 200 * factor)
 
-    def test_what_is_not_steps_is_neither_more_nor_less(self, tmp_path) -> None:
-        """10 s and 0.1 s a step, of 2 s of imports: of 210 s at the default, 200 are steps'.
+    def test_startup_is_neither_more_nor_less(self, tmp_path) -> None:
+        """Startup of 10 s, and 0.1 s a step: of 210 s at the default, 200 are steps'.
 
-        Texels that take 20 s for 30 at 100 steps' curve halve what is not the first 10.
+        Coarse texels take 20 s for 30, and with no startup in either 10 for 20: half of a step.
         """
         curves = {
             self.STEPS: {"100": (1.0, 22.0), "1000": (0.1, 112.0), "2000": (0.0, 212.0)},

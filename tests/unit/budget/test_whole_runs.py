@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from pathlib import Path
@@ -89,15 +90,29 @@ def test_stages_that_did_not_run_again_are_not_fresh(tmp_path: Path) -> None:
     assert bench_budgets.seconds_since(1000.0, tmp_path) == 8
 
 
+def test_pace_of_each_stage_is_read_from_the_first_run(tmp_path: Path) -> None:
+    """A stage that did not run has none."""
+    rows = {
+        "train_avatar": 900.0,
+        "machine_pace": 1.4,
+        "machine_pace.train_avatar": 2.2346,
+        "machine_pace.fit_eyes": np.nan,
+    }
+    pd.DataFrame({"quantity": list(rows), "achieved": list(rows.values())}).to_csv(tmp_path / "budget.csv", index=False)
+    assert bench_budgets.paces_of(tmp_path) == {"train_avatar": 2.235}
+
+
 def test_speed_meter_samples_until_the_end_of_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A slower piece of work counts as it takes."""
-    monkeypatch.setattr(machine_speed, "EVERY_S", 0.01)
-    with SpeedMeter() as plain:
-        time.sleep(0.2)
-    taken = len(plain.samples)
-    monkeypatch.setattr(machine_speed, "LOOPS", 40 * machine_speed.LOOPS)
-    with SpeedMeter() as slow:
-        time.sleep(0.01)
-    assert taken > 1
-    assert len(plain.samples) == taken, "it goes on after its block"
-    assert slow.seconds > 4 * plain.seconds
+    """A clock of its own says that the pieces of work take 1, 2, 3, ... seconds."""
+    ticks = itertools.chain.from_iterable((0.0, float(seconds)) for seconds in itertools.count(1))
+    monkeypatch.setattr(machine_speed, "EVERY_S", 0.0)
+    monkeypatch.setattr(machine_speed, "piece_of_work", lambda matrix: 0.0)
+    monkeypatch.setattr(machine_speed, "thread_time", lambda: next(ticks))
+    with SpeedMeter() as meter:
+        while len(meter.samples) < 3:
+            time.sleep(0.001)
+    taken = len(meter.samples)
+    time.sleep(0.01)
+    assert len(meter.samples) == taken, "it goes on after its block"
+    assert meter.samples == [float(number + 1) for number in range(taken)]
+    assert meter.seconds == (taken + 1) / 2

@@ -111,6 +111,17 @@ def test_wrong_variant_names_the_variant(tmp_path):
     assert any("two.yaml: variants.v.nothing: expected a known key" in line for line in lines)
 
 
+@pytest.mark.parametrize("pace", [0, -1.0, {"train_avatar": 0}])
+def test_pace_is_more_than_nothing(tmp_path, pace):
+    lines = complaints(tmp_path, command_line={"machine_pace": pace})
+    assert len(lines) > 1 and all("machine_pace" in line for line in lines[1:])
+
+
+def test_pace_of_what_is_no_stage(tmp_path):
+    lines = complaints(tmp_path, command_line={"machine_pace": {"train_avatr": 2.0}})
+    assert "machine_pace: expected paces of stages, such as train_avatar, found {'train_avatr': 2.0}" in lines[1]
+
+
 def test_geometry_comes_from_another_variant_and_never_in_a_circle(tmp_path):
     def lines(**variants):
         return complaints(tmp_path, subjects={"two": {"variants": variants}})[1:]
