@@ -4,8 +4,8 @@
 
 A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
 its time at the setting over that at the default, the mean over the curves' subjects (`pipeline.budget.dial_times`). How
-much the effects of a plan cost is left out. An error is expected to be the mean over those subjects that are of the
-same kind, heads or bodies: what coarse texels lose, for one, is far more on bodies.
+much the effects of a plan cost is left out. Errors are expected as on subjects of the same kind
+(`pipeline.budget.dial_errors`).
 
 The budget only chooses what neither the subject's file nor the command line says.
 """
@@ -22,6 +22,7 @@ from pipeline.base.errors import InputError
 from pipeline.budget.capture_size import CaptureSize
 from pipeline.budget.curve import Curve
 from pipeline.budget.curves import Measured
+from pipeline.budget.dial_errors import DialErrors
 from pipeline.budget.dial_times import DialTimes, spent_in, with_options
 from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
@@ -58,13 +59,12 @@ def within_budget(
     expected = run_seconds(at_defaults(settings, curves), size)
     paces = {stage: pace.get(stage, 1.0) if isinstance(pace, Mapping) else pace for stage in expected}
     turned = [curve for curve in curves if spent_in(curve) in expected]
-    times = DialTimes.of(settings, size, turned)
-    alike = [one.subject for one in measured if one.kind == size.kind]
+    times, errors = DialTimes.of(settings, size, turned), DialErrors.of(settings, size, measured)
     base = {stage: times.split(stage, each).times(paces[stage]) for stage, each in expected.items()}
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}
     for curve in turned:
-        dials.setdefault(spent_in(curve), {})[curve.dial] = _options(curve, alike, fixed, times)
+        dials.setdefault(spent_in(curve), {})[curve.dial] = _options(curve, errors, fixed, times)
     overhead = sum(seconds.fixed for seconds in base.values())
     best, fastest = best_within(budget_s - overhead, {stage: each.work for stage, each in base.items()}, dials)
     if best is None:
@@ -74,7 +74,7 @@ def within_budget(
     for curve in turned:
         if curve.dial not in fixed:
             changes.setdefault(curve.stage, {})[curve.option] = parse_setting(names[curve.dial])
-    choices = [_choice(curve, alike, names[curve.dial], fixed, times) for curve in turned]
+    choices = [_choice(curve, errors, names[curve.dial], fixed, times) for curve in turned]
     factors = dict.fromkeys(base, 1.0)
     for curve, choice in zip(turned, choices, strict=True):
         factors[spent_in(curve)] *= choice.factor
@@ -105,36 +105,29 @@ def _setting(settings: SubjectSettings, curve: Curve) -> Any:
     return getattr(getattr(settings, curve.stage), curve.option)
 
 
-def _loss(curve: Curve, value: Any) -> float:
-    """Mean error in units of what is allowed; 0 if it is not known, as it cannot be chosen by."""
-    loss = float(np.mean(curve.losses(value)))
-    return 0.0 if math.isnan(loss) else loss
-
-
-def _options(curve: Curve, alike: Sequence[str], fixed: Mapping[str, Any], times: DialTimes) -> list[Option]:
+def _options(curve: Curve, errors: DialErrors, fixed: Mapping[str, Any], times: DialTimes) -> list[Option]:
     """The Pareto front of a curve; of a dial that the user has set, that setting alone.
 
     A default beyond the settings that were measured is one more, and best.
     """
     values = [fixed[curve.dial]] if curve.dial in fixed else [parse_setting(name) for name in curve.settings]
-    judged = curve.among(alike)
-    options = [Option(setting_name(value), times.factor(curve, value), _loss(judged, value)) for value in values]
+    options = [Option(setting_name(value), times.factor(curve, value), errors.loss(curve, value)) for value in values]
     if curve.dial in fixed:
         return options
     front = pareto_front(np.array([each.factor for each in options]), np.array([each.loss for each in options]))
     kept = [option for option, good in zip(options, front, strict=True) if good]
-    if math.isnan(judged.error(curve.default)):
+    if math.isnan(errors.error(curve, curve.default)):
         least = min(option.loss for option in options)
         kept.append(Option(setting_name(curve.default), 1.0, least - BEYOND_LOSS))
     return kept
 
 
-def _choice(curve: Curve, alike: Sequence[str], name: str, fixed: Mapping[str, Any], times: DialTimes) -> Choice:
+def _choice(curve: Curve, errors: DialErrors, name: str, fixed: Mapping[str, Any], times: DialTimes) -> Choice:
     value = fixed[curve.dial] if curve.dial in fixed else parse_setting(name)
-    by, judged = "user" if curve.dial in fixed else "budget", curve.among(alike)
+    by = "user" if curve.dial in fixed else "budget"
     return Choice(
-        curve.dial, curve.stage, curve.option, name, by, curve.metric, judged.error(value), judged.allowed,
-        times.factor(curve, value),
+        curve.dial, curve.stage, curve.option, name, by, curve.metric, errors.error(curve, value),
+        errors.allowed(curve), times.factor(curve, value),
     )  # fmt: skip
 
 

@@ -52,6 +52,13 @@ class Curve:
         """Error at a setting, the mean over the subjects; NaN if nothing near was measured."""
         return float(np.mean([part.error(value) for part in self.parts]))
 
+    def error_of_count(self, ratio: float) -> float:
+        """Error where the stage counts `ratio` times as much as at the default.
+
+        The mean over the subjects; NaN if nobody counted.
+        """
+        return float(np.mean([part.error_of_count(ratio, self.default) for part in self.parts]))
+
     def losses(self, value: Any) -> list[float]:
         """Error at a setting over what is allowed, on each subject."""
         return [part.error(value) / max(part.allowed, LEAST_ALLOWED) for part in self.parts]

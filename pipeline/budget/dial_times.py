@@ -26,12 +26,26 @@ SPENT_IN = {"unwrap_atlas": TRAINING}
 """Where a setting of a stage costs time, if not there: texels are laid out once and trained in every step."""
 
 TOLD_BY_TEXELS = ("unwrap_atlas", "texel_pixels")
-"""The setting whose time is told by how many texels there are."""
+"""The setting whose time and error are told by how many texels there are."""
 
 
 def spent_in(curve: Curve) -> str:
     """Name the stage in which a dial's time is spent."""
     return SPENT_IN.get(curve.stage, curve.stage)
+
+
+def told_by_texels(curve: Curve) -> bool:
+    """True for the dial that is told by how many texels there are."""
+    return (curve.stage, curve.option) == TOLD_BY_TEXELS
+
+
+def texel_ratio(settings: SubjectSettings, size: CaptureSize, curve: Curve, value: Any) -> float:
+    """Texels that a capture would have at a setting of their size, over those at the default."""
+    asked, usual = (
+        expected_texels(with_options(settings, {curve.stage: {curve.option: each}}), size)
+        for each in (value, curve.default)
+    )
+    return asked / usual
 
 
 @dataclass(frozen=True)
@@ -72,12 +86,8 @@ class DialTimes:
     def factor(self, curve: Curve, value: Any) -> float:
         """Time of a setting over that of the default, without startup."""
         startup = self.startup if spent_in(curve) == TRAINING else {}
-        if (curve.stage, curve.option) == TOLD_BY_TEXELS:
-            texels = [
-                expected_texels(with_options(self.settings, {curve.stage: {curve.option: each}}), self.size)
-                for each in (value, curve.default)
-            ]
-            found = curve.factor_of_count(texels[0] / texels[1], startup)
+        if told_by_texels(curve):
+            found = curve.factor_of_count(texel_ratio(self.settings, self.size, curve, value), startup)
             if np.isfinite(found):
                 return found
         return curve.factor(value, startup)

@@ -22,6 +22,7 @@ from typing import Any
 
 import yaml
 
+from pipeline import STAGES
 from pipeline.base.code_digest import ROOT
 from pipeline.budget.curve import Curve
 from pipeline.budget.curves import FOLDER, Measured, read_curves, read_measured
@@ -67,10 +68,10 @@ def as_good(curve: SubjectCurve, value: Any, other: Any) -> bool:
 
 
 def preset_yaml(preset: str, curves: Sequence[Curve], measured: Sequence[Measured]) -> str:
-    """A preset's file: the rule and the numbers as a comment, and the settings."""
+    """A preset's file: the rule and the numbers as a comment, and the settings, in data order."""
     sections: dict[str, dict[str, Any]] = {}
     lines = []
-    for curve in curves:
+    for curve in sorted(curves, key=lambda curve: STAGES.index(curve.stage)):
         value = choose(preset, curve)
         # As the settings have it: a number of samples is text, which `full` is, too.
         settings = SECTIONS[curve.stage].model_validate({curve.option: value})

@@ -67,6 +67,19 @@ class SubjectCurve:
         ratios, places = np.unique(ratios, return_index=True)
         return _on_line(ratio, ratios, times[places])
 
+    def error_of_count(self, ratio: float, default: Any) -> float:
+        """Error where the stage counts so many times as much as at the default: texels of a surface.
+
+        It is in proportion to the side of a texel between what was measured, and on beyond the largest; finer ones than
+        those measured gain nothing more. NaN if counts are not known.
+        """
+        name = setting_name(default)
+        if name not in self.settings or not np.isfinite(self.counts).all():
+            return math.nan
+        sides = np.sqrt(self.counts[self.settings.index(name)] / np.array(self.counts))
+        sides, places = np.unique(sides, return_index=True)
+        return _on_line(max(ratio**-0.5, float(sides[0])), sides, np.array(self.errors)[places])
+
     def _work_seconds(self) -> np.ndarray:
         return np.maximum(np.array(self.seconds) - self.imports, LEAST_SECONDS)
 

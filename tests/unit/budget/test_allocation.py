@@ -99,7 +99,7 @@ def test_stages_take_what_jobs_of_their_size_took(tmp_path, costs) -> None:
     assert estimate.seconds["plan_effects"] == pytest.approx(16)  # 1.6 texels a pixel
     _, larger = choose(tmp_path, 1000, {"chunk_frames": 3}, CaptureSize(8, 10, 2000, 1, kind="head"))
     assert larger.seconds["pack_shards"] == pytest.approx(4 * 1 + 16)  # four jobs start
-    assert larger.seconds["plan_effects"] == pytest.approx(50)
+    assert larger.seconds["plan_effects"] == pytest.approx(92)  # 4.6 of a head
 
 
 @pytest.mark.parametrize(
@@ -139,6 +139,30 @@ class TestTimesOnThisCapture:
             _, estimate = within_budget("someone", settings, {}, SAME_SIZE, *read)
             assert estimate.choices[0].factor == pytest.approx(factor)
             assert estimate.seconds["train_avatar"] == pytest.approx(2 + 200 * factor)
+
+    @pytest.mark.parametrize(
+        ("said", "lost"),
+        [
+            ({"texel_pixels": 0.9}, 0.75),  # a side of 1.5 lies between 1 and 2
+            ({"texel_pixels": 1.8}, 1.5),  # a side of 3, as it went last
+            ({"texel_pixels": 0.2}, 0.0),  # finer than was measured
+            ({"texel_pixels": 0.6, "most": 30}, 0.5),  # full at either size
+            ({"texel_pixels": 0.3, "most": 30}, 0.5),
+            ({"texel_pixels": 1.2, "most": 50}, 0.5 + 0.5 * (math.sqrt(1125 / 400) - 1)),
+        ],
+    )
+    def test_texels_lose_as_this_capture_has_them(self, tmp_path, said, lost) -> None:
+        """Of texels whose side is 2, 1 and a half of the usual one."""
+        curves = {self.TEXELS: {"1.2": (1.0, 5.0), "0.6": (0.5, 8.0), "0.3": (0.0, 20.0)}}
+        path = write_curves(tmp_path / "curves", curves)
+        table = pd.read_csv(path)
+        table["work"] = table.setting.map({"1.2": 400, "0.6": 1600, "0.3": 6400})
+        table.to_csv(path, index=False)
+        read = read_curves(path), read_measured(path.parent / "subjects.yaml")
+        settings = SubjectSettings(budget_minutes=1000, **SHADOWED, unwrap_atlas=said)
+        _, estimate = within_budget("someone", settings, {"unwrap_atlas": said}, SAME_SIZE, *read)
+        # Texels are whole, and 178 at least: half of one is a sixth of a percent of the side.
+        assert estimate.choices[0].error == pytest.approx(lost, rel=2e-3)
 
     def test_startup_is_neither_more_nor_less(self, tmp_path) -> None:
         """Startup of 10 s, and 0.1 s a step: of 210 s at the default, 200 are steps'.
