@@ -1,4 +1,4 @@
-"""Write the table of docs/effects.md: avatars as planned beside one with every effect on.
+"""Write the tables of docs/effects.md: avatars as planned beside one with every effect on, and decisions turned round.
 
 python -m docs.generate.effects_table --comparison results/effects_comparison.csv
 """
@@ -14,8 +14,8 @@ import tyro
 from docs.generate.markdown import percent, put_between, table
 from pipeline.base.code_digest import ROOT
 
-TABLE = "effects comparison"
-"""Name of the marks around the table in the page."""
+TABLE, TURNED_TABLE = "effects comparison", "effects turned round"
+"""Names of the marks around the tables in the page."""
 
 HEADS = (
     "scene",
@@ -43,11 +43,11 @@ TURNED = "not_"
 def run(
     *, comparison: tuple[Path, ...] = (Path("results/effects_comparison.csv"),), page: Path = ROOT / "docs/effects.md"
 ) -> None:
-    """Put a row per scene into the page's table, and one of medians.
+    """Put a row per scene into the page's tables, and one of medians into the first.
 
     Args:
         comparison: what `make effects` wrote, in one file or several.
-        page: the page with the table.
+        page: the page with the tables.
     """
     rows = pd.concat([pd.read_csv(path) for path in comparison])
     gains = {avatar: of_avatar(rows, avatar) for avatar in SHOWN}
@@ -58,6 +58,7 @@ def run(
         gained, ratio = -gains[avatar].psnr_lost_db.median(), gains[avatar].cpu_ratio.median()
         last += [f"{gained:+.2f} dB", percent(ratio)] if known else [UNTRAINED, UNTRAINED]
     put_between(page, TABLE, table(HEADS, [*lines, [*last, ""]]))
+    put_between(page, TURNED_TABLE, turned_table(rows))
 
 
 def of_avatar(rows: pd.DataFrame, avatar: str) -> pd.DataFrame:
@@ -91,13 +92,37 @@ def gain(values: np.ndarray) -> str:
 
 def best_turned(rows: pd.DataFrame) -> str:
     """The decision that, turned round, makes the default best, and what it gains; a dash where none was."""
-    turned = rows[rows.avatar.str.startswith(TURNED)]
-    if turned.empty:
-        return "-"
-    default = rows[rows.avatar == "auto"].set_index("draw").psnr_db
-    gains = (turned.psnr_db - turned.draw.map(default)).groupby(turned.avatar).mean()
+    gains = turned_gains(rows)
+    if gains.empty:
+        return UNTRAINED
     name = gains.idxmax().removeprefix(TURNED).replace("_", " ")
     return f"{name} {gains.max():+.2f} dB"
+
+
+def turned_gains(rows: pd.DataFrame) -> pd.Series:
+    """What each decision turned round gains on the default, dB: a scene's mean over the draws in which it was."""
+    turned = rows[rows.avatar.str.startswith(TURNED)]
+    if turned.empty:
+        return pd.Series(dtype=np.float64)
+    default = rows[rows.avatar == "auto"].set_index("draw").psnr_db
+    return (turned.psnr_db - turned.draw.map(default)).groupby(turned.avatar).mean()
+
+
+def turned_table(rows: pd.DataFrame) -> str:
+    """A table of scenes by decisions: what the plan says, and what the default gains if told otherwise."""
+    names = list(dict.fromkeys(rows.avatar[rows.avatar.str.startswith(TURNED)]))
+    lines = []
+    for scene, of_scene in rows.groupby("scene", sort=False):
+        effects, gains = of_scene.effects[of_scene.avatar == "auto"].iloc[0], turned_gains(of_scene)
+        planned = effects.split() if isinstance(effects, str) else []
+        cells = [
+            f"{'on' if name.removeprefix(TURNED) in planned else 'off'}, turned {gains[name]:+.2f} dB"
+            if name in gains
+            else UNTRAINED
+            for name in names
+        ]
+        lines.append([str(scene), *cells])
+    return table(["scene", *(name.removeprefix(TURNED).replace("_", " ") for name in names)], lines)
 
 
 if __name__ == "__main__":

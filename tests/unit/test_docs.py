@@ -253,12 +253,20 @@ def test_effects_are_compared_by_scene_and_in_the_median(tmp_path):
     again = [(*row[:4], 2 * row[4], row[5], "b") for row in again]
     pd.DataFrame(again, columns=columns).to_csv(tmp_path / "again.csv")
     page = page_with_marks(tmp_path / "page.md", "effects comparison")
+    page.write_text(page.read_text() + page_with_marks(tmp_path / "other.md", "effects turned round").read_text())
     effects_table.run(comparison=(tmp_path / "table.csv", tmp_path / "again.csv"), page=page)
-    assert page.read_text().splitlines()[3:-1] == [
+    lines = page.read_text().splitlines()
+    assert lines[3:6] == [
         # Of 0.25 and 0.5 dB, and of 1 and 2 dB, half the difference is the standard error.
         "| dull | none | 30.00 dB | +0.38 ± 0.12 dB | 50 % | +1.50 ± 0.50 dB | 5.0 % | - | - | specular +0.20 dB |",
         "| shiny | specular, near field | 28.00 dB | -0.25 dB | 70 % | +1.00 dB | 25 % | +0.50 dB | 12 % | - |",
         "| median |  |  | +0.06 dB | 60 % | +1.25 dB | 15 % | +0.50 dB | 12 % |  |",
+    ]
+    assert lines[8:-1] == [
+        "| scene | shadow | specular |",
+        "|---|---|---|",
+        "| dull | off, turned -0.10 dB | off, turned +0.20 dB |",
+        "| shiny | - | - |",
     ]
 
 
