@@ -12,6 +12,7 @@ from pipeline.config.settings import Settings
 Kind = Literal["body", "head"]
 Anchors = Literal["decoded", "tracked", "rigid"]
 Highlight = Literal["angular", "half", "cosine", "harmonics"]
+AlbedoStart = Literal["auto", "images", "grey"]
 TransferStart = Literal["lambertian", "traced"]
 Device = Literal["auto", "cpu", "cuda"]
 ANALYTIC = ("microfacet", "subsurface", "combined")
@@ -109,6 +110,11 @@ class TrainedModel(Settings):
         "GGX, these and light that spreads below the surface, these and zonal transfer of what they leave over "
         "(combined), or, for heads, a network that is linear in the light; auto: microfacet, or subsurface where "
         "learned_transport is planned",
+    )
+    albedo_start: AlbedoStart = Field(
+        "auto",
+        description="Albedo starts as training images show it, or as the same grey everywhere; auto: grey but with "
+        "Lambert and GGX alone, as elsewhere colours do not tell it from other light",
     )
     transfer_start: TransferStart = Field(
         "lambertian",

@@ -29,12 +29,14 @@ class Evidence:
     Attributes:
         regions: the same number of each part of the surface, where the template names them.
         unit: of these numbers.
+        ggx_width: of gloss, the width that fits it best.
     """
 
     value: float
     text: str
     regions: Mapping[str, float] = field(default_factory=dict)
     unit: str = "dB"
+    ggx_width: float | None = None
 
 
 def choose_images(
@@ -79,7 +81,14 @@ def judged(gains: Gains, of_region: float, of_whole: float) -> float:
 def specular_evidence(found: Explained) -> Evidence:
     """Gain by gloss over what colours of texels explain, in dB."""
     regions = {name: judged(gains, gains.gloss_db, found.gloss_db) for name, gains in found.regions.items()}
-    return Evidence(found.gloss_db, f"gloss explains {found.gloss_db:.2f} dB of {describe(found)}", regions)
+    text = f"gloss explains {found.gloss_db:.2f} dB of {describe(found)}"
+    return Evidence(found.gloss_db, text, regions, ggx_width=gloss_width(found))
+
+
+def gloss_width(found: Explained) -> float | None:
+    """GGX width of the fitted gloss, the mean by how much of each there is; None without."""
+    total = found.gloss.sum()
+    return float(found.gloss @ GLOSS_WIDTHS / total) if total > 0 else None
 
 
 def transport_evidence(found: Explained) -> Evidence:
@@ -109,7 +118,7 @@ def deferred_evidence(
     value = decibels(found.floor**2 + square, found.floor**2)
     middle = np.median(footprint_px) if len(texel) else 0.0
     spread_deg = np.degrees(np.median(turn)) if len(texel) else 0.0
-    width_deg = np.degrees(np.sqrt(2) * (found.gloss @ GLOSS_WIDTHS) / max(found.gloss.sum(), np.finfo(float).tiny))
+    width_deg = np.degrees(np.sqrt(2) * (gloss_width(found) or 0.0))
     text = (
         f"mirrored directions spread by {spread_deg:.1f} degrees over a Gaussian of {middle:.2f} pixels, lobes are "
         f"{width_deg:.0f} degrees wide: shading per Gaussian would lose {value:.2f} dB"

@@ -7,7 +7,7 @@ Reads the tracked meshes, the booked light patterns, the calibrations and a few 
 exceeds its threshold (`pipeline.config.plan_effects` derives them); what is off costs nothing downstream, and "cost"
 says how much that spares: jobs, channels, parameters and estimated seconds of training. Where the template names
 regions, shadows, gloss and, for bodies, learned transport are decided for each: "regions" of their entries has {region:
-{"on", "evidence"}}.
+{"on", "evidence"}}. That of gloss has "ggx_width", which training starts from.
 """
 
 from __future__ import annotations
@@ -136,6 +136,8 @@ def decide(mode: str, evidence: Evidence, threshold: float) -> dict[str, Any]:
     exceeds = evidence.value > threshold
     compared = f"{evidence.text}: {'more than' if exceeds else 'within'} the threshold of {threshold:g}"
     entry = {"mode": mode, "evidence": evidence.value, "threshold": threshold}
+    if exceeds and evidence.ggx_width is not None:  # else it was fitted to noise
+        entry["ggx_width"] = evidence.ggx_width
     if mode != "auto":
         return {"on": mode == "on", **entry, "why": f"forced {mode}; {compared}"}
     if not evidence.regions:

@@ -24,7 +24,14 @@ from pipeline.avatar.frames.scratch import own_scratch
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.spec.gpu_limits import require_drawable
-from pipeline.avatar.spec.planned import read_plan, read_regions_on, reason_of, resolve_spec, unread_settings
+from pipeline.avatar.spec.planned import (
+    read_gloss_width,
+    read_plan,
+    read_regions_on,
+    reason_of,
+    resolve_spec,
+    unread_settings,
+)
 from pipeline.avatar.spec.spec_words import describe
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.avatar.training.checkpoint import save_avatar
@@ -106,7 +113,7 @@ def run(
         frames = frames or shards / "frames"
         records, planned = read_frame_shards([frames]), read_plan(effects)
         kind = "head" if records.table.is_head.any() else "body"
-        spec = resolve_spec(settings, planned, kind, read_regions_on(effects))
+        spec = resolve_spec(settings, planned, kind, read_regions_on(effects), read_gloss_width(effects))
         require_drawable(spec, processes.device)
         require_inputs(spec, settings, records, frames, fitted_eyes, given_geometry)
         spec = spec if given_geometry is None else with_given_geometry(spec, given_geometry)

@@ -8,7 +8,7 @@ from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
 from benchmarks.effect_jobs import count_jobs
 from benchmarks.effect_scenes import make_scene
 from pipeline.avatar.model import Avatar
-from pipeline.avatar.spec.planned import read_plan, read_regions_on, resolve_spec
+from pipeline.avatar.spec.planned import read_gloss_width, read_plan, read_regions_on, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.base.files import read_json
 from pipeline.config.effects import EFFECTS
@@ -62,6 +62,8 @@ def test_what_is_called_for_is_on(scene):
     for effect in effects.values():
         assert effect["on"] == (effect["evidence"] > effect["threshold"])
         assert set(effect["cost"]) == {"jobs", "channels", "parameters", "seconds"}
+    assert ("ggx_width" in effects["specular"]) == effects["specular"]["on"]
+    assert read_gloss_width(folder / "effects.json") == effects["specular"].get("ggx_width")
 
 
 def test_effects_are_planned_where_they_are(scene):

@@ -21,8 +21,6 @@ from pipeline.lighting.lobes import unit
 from pipeline.lighting.microfacet import gather_reflections
 from pipeline.lighting.reflection_kernels import DIELECTRIC_F0
 
-START_GGX_WIDTH = 0.4
-
 
 class GgxGloss(SpecularModel):
     """Cook-Torrance reflection, scaled per texel; each highlight is shadowed by itself.
@@ -37,7 +35,7 @@ class GgxGloss(SpecularModel):
         if spec.gloss_regions:
             glossy = torch.as_tensor(in_regions(store.atlas, spec.gloss_regions))
             store.register_buffer("glossy", glossy, persistent=False)
-        store.add("log_ggx_width", store.fill(START_GGX_WIDTH).log())
+        store.add("log_ggx_width", store.fill(spec.start_ggx_width).log())
         store.add("log_gloss", store.fill(0.0))
 
     @property

@@ -85,6 +85,7 @@ class AvatarSpec:
         harmonics_frame: frame of a highlight's harmonics: each texel's "tangent" frame, or the "head"'s.
         last_layers: of decoders, weight-"normalised" as the others, or "plain"; they start at zero.
         matte: what is not gloss, beside GGX: as "lambert" has it, or "coated", so that grazing light passes less.
+        start_ggx_width: width of the gloss of GGX that training starts from.
         gloss_regions, transport_regions, shadow_regions: regions of the template that have GGX, light below the
             surface, and traced visibility and bounces; all if empty.
     """
@@ -135,6 +136,7 @@ class AvatarSpec:
     harmonics_frame: HarmonicsFrame = "head"
     last_layers: LastLayers = "normalised"
     matte: Matte = "lambert"
+    start_ggx_width: float = 0.4
     gloss_regions: tuple[str, ...] = ()
     transport_regions: tuple[str, ...] = ()
     shadow_regions: tuple[str, ...] = ()

@@ -47,26 +47,34 @@ def read_regions_on(path: Path) -> Regions:
     return {name: some for name, some in on.items() if 0 < len(some) < len(regions[name])}
 
 
+def read_gloss_width(path: Path) -> float | None:
+    """Width of GGX that fits the images' gloss, of effects.json; None if they show none."""
+    return read_json(path)["specular"].get("ggx_width")
+
+
 def resolve_spec(
-    settings: TrainAvatar, planned: Collection[str], kind: Kind = "body", regions: Regions = EVERYWHERE
-) -> AvatarSpec:
+    settings: TrainAvatar, planned: Collection[str], kind: Kind = "body", regions: Regions = EVERYWHERE,
+    gloss_width: float | None = None,
+) -> AvatarSpec:  # fmt: skip
     """Spec of what the settings ask for; where they say `auto`, of what plan_effects turned on.
 
     Args:
         planned: the effects that are on in effects.json.
         kind: what the capture is of.
         regions: where they are on, if not everywhere.
+        gloss_width: width of GGX to start from, if the plan found any gloss.
 
     Raises:
         InputError: if they ask a body for what only heads have.
     """
     decided = settings.decided(planned, kind)
     require_parts(decided)
-    names = {field.name for field in fields(AvatarSpec)} - {"given_geometry", *REGIONAL}
+    names = {field.name for field in fields(AvatarSpec)} - {"given_geometry", "start_ggx_width", *REGIONAL}
     chosen = {name: getattr(decided, name) for name in names}
     modes = ("specular", "shadow", "near_field", "articulation", "deferred", "eyes")
     spec = AvatarSpec(**chosen | {name: chosen[name] == "on" for name in modes})
     if spec.analytic:
+        spec = spec if gloss_width is None else replace(spec, start_ggx_width=gloss_width)
         left = {name: effect for name, (effect, asked) in REGIONAL.items() if getattr(settings, asked) == "auto"}
         spec = replace(spec, **{name: regions.get(effect, ()) for name, effect in left.items()})
         spec = spec if spec.traced else replace(spec, shadow_regions=())

@@ -16,6 +16,7 @@ from pipeline.avatar.training.calibration_rounds import apply_refined, refine, r
 from pipeline.avatar.training.distributed import Processes
 from pipeline.avatar.training.lacking import LookedAt, undrawn_texels
 from pipeline.avatar.training.read_ahead import ReadAhead, Rounds
+from pipeline.avatar.training.starting_albedo import albedo_from_images, first_portions, start_albedo
 from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule
 from pipeline.avatar.training.training_log import TrainingLog
@@ -63,6 +64,8 @@ def train(
         open_log(out, images, chosen, frames, training, at) as training_log,
         ReadAhead(training.avatar, images, frames, processes) as ahead,
     ):
+        if at.step == 0 and albedo_from_images(settings, training.avatar.spec):
+            start_albedo(training, first_portions(settings, rounds, ahead))
         for first in progress(left, "train_avatar") if processes.is_main else left:
             if first < at.step:
                 continue  # was done in the round of those before it

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import pytest
 
+from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import resolve_spec, unread_settings
 from pipeline.avatar.spec.spec_words import describe
+from pipeline.avatar.texels.posed_texels import texel_spacing
 from pipeline.config.effects import EFFECTS
 from pipeline.config.train_avatar import TrainAvatar
+from tests.support.avatars.sheet import make_sheet
 
 EVERYTHING = set(EFFECTS)
+
+
+def make_avatar(spec):
+    atlas = make_sheet(4)
+    return Avatar(atlas, texel_spacing(atlas), spec)
 
 
 def test_light_spreads_below_the_surface_where_transport_is_called_for():
@@ -27,6 +35,13 @@ def test_papers_models():
     assert spec.specular and spec.shadow and spec.deferred and spec.near_field
     head = resolve_spec(TrainAvatar(shading="harmonics"), EVERYTHING, "head")
     assert (head.shading, head.highlight, head.shadow) == ("harmonics", "half", False)
+
+
+def test_gloss_starts_as_wide_as_the_images_show_it():
+    assert resolve_spec(TrainAvatar(), EVERYTHING, gloss_width=0.2).start_ggx_width == 0.2
+    assert resolve_spec(TrainAvatar(), EVERYTHING).start_ggx_width == 0.4
+    avatar = make_avatar(resolve_spec(TrainAvatar(), {"specular"}, gloss_width=0.2))
+    assert avatar.log_ggx_width.exp().tolist() == pytest.approx([0.2] * 16)
 
 
 def test_nothing_is_built_that_the_plan_left_out():

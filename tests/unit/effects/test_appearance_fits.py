@@ -7,6 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
+from pipeline.effects.appearance_evidence import gloss_width
 from pipeline.effects.appearance_fits import explain_colors
 from pipeline.effects.seen_texels import SeenTexels
 from pipeline.effects.texel_light import TexelLight
@@ -92,6 +93,8 @@ def test_gloss_is_found_and_is_no_transport():
     assert found.gloss_db > 3
     assert found.transport_db < found.gloss_db / 3
     assert found.gloss.argmax() in (1, 2, 3)
+    # Within a third of Blinn's: its foot is shorter than that of GGX, and widths are a factor 1.6 apart.
+    assert gloss_width(found) == pytest.approx(0.16, rel=1 / 3)
 
 
 def test_leaking_light_is_transport_and_no_gloss():
