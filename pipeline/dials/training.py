@@ -81,6 +81,7 @@ TRAINING_DIALS = [
     Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.01, 0.03), AT_STEPS),
     Dial("compensation", SHORT_TRAINING, "compensate_opacity", lambda subject: (True, False), AT_STEPS),
     Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
+    Dial("albedo_start", SHORT_TRAINING, "albedo_start", lambda subject: ("grey", "images"), AT_STEPS),
     Dial("highlight", SHORT_TRAINING, "highlight", lambda subject: ("cosine", "angular", "half"), AT_STEPS),
     # What a smaller stage, or a shorter session, would have cost (RGCA, figures S4 and S5).
     Dial("training_cameras", SHORT_TRAINING, "cameras", _camera_counts, AT_STEPS),
