@@ -23,8 +23,12 @@ LIGHTS = np.array([[0.5, 0.3, 1.5], [-0.6, 0.0, 1.2], [0.0, -0.7, 1.0], [0.1, 0.
 TOO_BRIGHT = np.array([1.08, 0.94, 1.0, 0.97])
 """What lights really send over what their calibration says."""
 
-SETTINGS = {"shading": "microfacet", "normals": "mesh", "indirect": "none", "steps": 120, "checkpoint_every": 1000}
-"""Normals that are learned could stand in for brightness: the bas-relief ambiguity of photometric stereo."""
+SETTINGS = {
+    "shading": "microfacet", "normals": "mesh", "indirect": "none", "albedo_start": "grey", "steps": 120,
+    "checkpoint_every": 1000,
+}  # fmt: skip
+"""What could stand in for brightness is kept from it: normals that are learned, by the bas-relief ambiguity of
+photometric stereo, and an albedo that starts uneven, where six pairs of lights are all that tells the two apart."""
 
 CHANNELS_AND_PIXELS = (400, 3)
 
