@@ -27,7 +27,6 @@ HEADS = (
     "its time",
     "with half the steps",
     "its time",
-    "best decision turned round",
 )
 
 SHOWN = ("full", "auto", "half")
@@ -57,7 +56,7 @@ def run(
         known = not gains[avatar].empty
         gained, ratio = -gains[avatar].psnr_lost_db.median(), gains[avatar].cpu_ratio.median()
         last += [f"{gained:+.2f} dB", percent(ratio)] if known else [UNTRAINED, UNTRAINED]
-    put_between(page, TABLE, table(HEADS, [*lines, [*last, ""]]))
+    put_between(page, TABLE, table(HEADS, [*lines, last]))
     put_between(page, TURNED_TABLE, turned_table(rows))
 
 
@@ -81,22 +80,13 @@ def cells(scene: str, rows: pd.DataFrame) -> list[str]:
             shown += [UNTRAINED, UNTRAINED]
         else:
             shown += [gain(-of_avatar.psnr_lost_db.to_numpy()), percent(of_avatar.cpu_ratio.mean())]
-    return [*shown, best_turned(rows)]
+    return shown
 
 
 def gain(values: np.ndarray) -> str:
     """Mean in dB with its standard error over draws; `values` of one draw have none."""
     error = f" ± {values.std(ddof=1) / np.sqrt(len(values)):.2f}" if len(values) > 1 else ""
     return f"{values.mean():+.2f}{error} dB"
-
-
-def best_turned(rows: pd.DataFrame) -> str:
-    """The decision that, turned round, makes the default best, and what it gains; a dash where none was."""
-    gains = turned_gains(rows)
-    if gains.empty:
-        return UNTRAINED
-    name = gains.idxmax().removeprefix(TURNED).replace("_", " ")
-    return f"{name} {gains.max():+.2f} dB"
 
 
 def turned_gains(rows: pd.DataFrame) -> pd.Series:

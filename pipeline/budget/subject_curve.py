@@ -59,10 +59,9 @@ class SubjectCurve:
 
         It is in proportion between what was measured, and on beyond the last. NaN if counts are not known.
         """
-        name = setting_name(default)
-        if name not in self.settings or not np.isfinite(self.counts).all():
+        ratios = self._count_ratios(default)
+        if ratios is None:
             return math.nan
-        ratios = np.array(self.counts) / self.counts[self.settings.index(name)]
         times = np.array([self.relative(parse_setting(each), default, startup) for each in self.settings])
         ratios, places = np.unique(ratios, return_index=True)
         return _on_line(ratio, ratios, times[places])
@@ -73,12 +72,18 @@ class SubjectCurve:
         It is in proportion to the side of a texel between what was measured, and on beyond the largest; finer ones than
         those measured gain nothing more. NaN if counts are not known.
         """
+        ratios = self._count_ratios(default)
+        if ratios is None:
+            return math.nan
+        sides, places = np.unique(ratios**-0.5, return_index=True)
+        return _on_line(max(ratio**-0.5, float(sides[0])), sides, np.array(self.errors)[places])
+
+    def _count_ratios(self, default: Any) -> np.ndarray | None:
+        """What the stage counts at each setting, over that at the default; None if it is not known."""
         name = setting_name(default)
         if name not in self.settings or not np.isfinite(self.counts).all():
-            return math.nan
-        sides = np.sqrt(self.counts[self.settings.index(name)] / np.array(self.counts))
-        sides, places = np.unique(sides, return_index=True)
-        return _on_line(max(ratio**-0.5, float(sides[0])), sides, np.array(self.errors)[places])
+            return None
+        return np.array(self.counts) / self.counts[self.settings.index(name)]
 
     def _work_seconds(self) -> np.ndarray:
         return np.maximum(np.array(self.seconds) - self.imports, LEAST_SECONDS)

@@ -14,9 +14,9 @@ from pipeline.avatar.frames.camera_offsets import MovedImages
 from pipeline.avatar.frames.frame_stream import FrameStream
 from pipeline.avatar.training.calibration_rounds import apply_refined, refine, refinement_step
 from pipeline.avatar.training.distributed import Processes
+from pipeline.avatar.training.isra_albedo import first_portions, isra_round, starts_from_images
 from pipeline.avatar.training.lacking import LookedAt, undrawn_texels
 from pipeline.avatar.training.read_ahead import ReadAhead, Rounds
-from pipeline.avatar.training.starting_albedo import albedo_from_images, first_portions, start_albedo
 from pipeline.avatar.training.training import BrokenStep, Position, Training
 from pipeline.avatar.training.training_images import Schedule
 from pipeline.avatar.training.training_log import TrainingLog
@@ -64,14 +64,13 @@ def train(
         open_log(out, images, chosen, frames, training, at) as training_log,
         ReadAhead(training.avatar, images, frames, processes) as ahead,
     ):
-        if at.step == 0 and albedo_from_images(settings, training.avatar.spec):
-            start_albedo(training, first_portions(settings, rounds, ahead))
+        if at.step == 0 and starts_from_images(settings, training.avatar.spec):
+            isra_round(training, first_portions(rounds, ahead))
         for first in progress(left, "train_avatar") if processes.is_main else left:
             if first < at.step:
                 continue  # was done in the round of those before it
             if first == refinement_step(settings):
-                ahead.wait()
-                refine(training, images, chosen, frames, schedule, at)
+                refine(training, images, frames, rounds, ahead, at)
             steps, batches = rounds.steps(first), rounds.batches(first)
             portions = ahead.portions(batches)
             ahead.start(rounds.batches(steps.stop))

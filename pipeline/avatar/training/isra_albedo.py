@@ -1,14 +1,14 @@
-"""Albedo to start a training from: what training images show of it.
+"""Albedo that training images show, by a round of the image space reconstruction algorithm.
 
-One round of the image space reconstruction algorithm (Daube-Witherspoon and Muehllehner 1986). A picture is J rho + s,
-linear in the texels' albedo rho but for what bounces, and each texel's albedo is multiplied by
+Daube-Witherspoon and Muehllehner (1986). A picture is J rho + s, linear in the texels' albedo rho but for what bounces,
+and each texel's albedo is multiplied by
 
     J^T y / J^T (J rho + s)
 
-over the captured pictures y: what its pixels show, over what they show of the start. How splatting blends texels, and
-how light falls on them, is all in J, whose transpose is one backward pass. On an opaque body 100 steps from there are
-as good as 200 from grey. Where light also spreads below the surface, colours tell the two apart less well than training
-does: on a body of wax grey was the better start.
+over the captured pictures y: what its pixels show, over what they show as drawn. How splatting blends texels, and how
+light falls on them, is all in J, whose transpose is one backward pass. Trainings start from it, and refine lights
+between two rounds. Where light also spreads below the surface, colours tell the two apart less well than training does:
+on a body of wax grey was the better start.
 """
 
 from __future__ import annotations
@@ -29,29 +29,35 @@ from pipeline.avatar.training.training import Training
 from pipeline.config.train_avatar import TrainAvatar
 from pipeline.rendering.splat_conventions import NotFinite
 
-START_IMAGES = 24
-"""Training images that are looked at, those of the first steps: more tell nothing more on a body of 8 cameras."""
+MOST_IMAGES = 24
+"""Training images that are looked at, those of the first steps. On a body of 8 cameras twice as many tell no more."""
 
 PRIOR_SHARE = 0.02
 """Weight of what all texels show together, of a texel's mean weight: it decides where next to nothing is seen."""
 
 
-def albedo_from_images(settings: TrainAvatar, spec: AvatarSpec) -> bool:
-    """True if a training starts from what images show of the albedo, and not from grey."""
-    return settings.albedo_start == "images" or (settings.albedo_start == "auto" and spec.shading == "microfacet")
+def tells_albedo(spec: AvatarSpec) -> bool:
+    """True if colours tell the albedo: Lambert and GGX are all that is built."""
+    return spec.shading == "microfacet"
 
 
-def first_portions(settings: TrainAvatar, rounds: Rounds, ahead: ReadAhead) -> Iterator[list[Portion]]:
+def starts_from_images(settings: TrainAvatar, spec: AvatarSpec) -> bool:
+    """True if a training starts from the albedo that images show, and not from grey."""
+    return settings.albedo_start == "images" or (settings.albedo_start == "auto" and tells_albedo(spec))
+
+
+def first_portions(rounds: Rounds, ahead: ReadAhead) -> Iterator[list[Portion]]:
     """Portions of the rounds that are looked at; the next round is read meanwhile."""
+    settings = rounds.settings
     step_images, together = settings.cameras_per_step * settings.frames_per_step, settings.steps_together
-    for first in range(0, min(settings.steps, -(-START_IMAGES // step_images)), together):
+    for first in range(0, min(settings.steps, -(-MOST_IMAGES // step_images)), together):
         portions = ahead.portions(rounds.batches(first))
         ahead.start(rounds.batches(first + together))
         yield portions
 
 
-def start_albedo(training: Training, rounds: Iterable[Sequence[Portion]]) -> None:
-    """Set the albedo to what the images of the first rounds show, the same in all processes.
+def isra_round(training: Training, rounds: Iterable[Sequence[Portion]]) -> None:
+    """Move the albedo to what the images of some rounds show, the same in all processes.
 
     Frames of which nothing finite can be drawn tell nothing: the first step says what is wrong with them.
     """

@@ -1,0 +1,121 @@
+"""What a capture's own size and kind say of times and errors that were measured on others."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+import pytest
+import yaml
+
+from pipeline.budget.allocation import within_budget
+from pipeline.budget.capture_size import CaptureSize, capture_size
+from pipeline.budget.curves import read_curves, read_measured
+from pipeline.budget.run_seconds import expected_texels
+from pipeline.config.project import SubjectSettings
+from pipeline.config.sections import merge
+from tests.support.results.chosen_budgets import SAME_SIZE, SHADOWED, choose
+from tests.support.results.curve_files import write_curves, write_subjects
+
+pytestmark = pytest.mark.usefixtures("costs")
+
+TEXELS = ("texel_size", "unwrap_atlas", "texel_pixels", "PSNR lost, dB", 0.1)
+STEPS = ("training_steps", "train_avatar", "steps", "PSNR lost, dB", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("said", "texels"), [({}, 1600), ({"texel_pixels": 0.3}, 6400), ({"most": 50}, 1125), ({"size": 100}, 4500)]
+)
+def test_texels_that_are_asked_for(said, texels) -> None:
+    settings = SubjectSettings(unwrap_atlas=said)
+    assert expected_texels(settings, SAME_SIZE) == texels
+
+
+class TestTexelsAreCounted:
+    """Of texels whose side is 2, 1 and a half of the usual one."""
+
+    @pytest.fixture
+    def estimate(self, tmp_path):
+        """What to expect of an atlas that is asked for: a function of its settings, and of what the user has said."""
+        curves = {TEXELS: {"1.2": (1.0, 5.0), "0.6": (0.5, 8.0), "0.3": (0.0, 20.0)}}
+        path = write_curves(tmp_path / "curves", curves)
+        table = pd.read_csv(path)
+        table["work"] = table.setting.map({"1.2": 400, "0.6": 1600, "0.3": 6400})
+        table.to_csv(path, index=False)
+        read = read_curves(path), read_measured(path.parent / "subjects.yaml")
+
+        def expected(atlas, said):
+            settings = SubjectSettings(budget_minutes=1000, **SHADOWED, unwrap_atlas=atlas)
+            return within_budget("someone", settings, said, SAME_SIZE, *read)[1]
+
+        return expected
+
+    @pytest.mark.parametrize(("atlas", "factor"), [({}, 3.0), ({"most": 100}, 1 + 2 * (4500 / 1600 - 1) / 3)])
+    def test_time_is_of_those_that_this_capture_has(self, estimate, atlas, factor) -> None:
+        """Half as large are four times as many, unless the atlas may not hold them: then 2.81 times."""
+        found = estimate(atlas, {})
+        assert found.choices[0].factor == pytest.approx(factor)
+        assert found.seconds["train_avatar"] == pytest.approx(2 + 200 * factor)
+
+    @pytest.mark.parametrize(
+        ("atlas", "lost"),
+        [
+            ({"texel_pixels": 0.9}, 0.75),  # a side of 1.5 lies between 1 and 2
+            ({"texel_pixels": 1.8}, 1.5),  # a side of 3, as it went last
+            ({"texel_pixels": 0.2}, 0.0),  # finer than was measured
+            ({"texel_pixels": 0.6, "most": 30}, 0.5),  # full at either size
+            ({"texel_pixels": 0.3, "most": 30}, 0.5),
+            ({"texel_pixels": 1.2, "most": 50}, 0.5 + 0.5 * (math.sqrt(1125 / 400) - 1)),
+        ],
+    )
+    def test_error_is_of_those_that_this_capture_has(self, estimate, atlas, lost) -> None:
+        # Texels are whole, and 178 at least: half of one is a sixth of a percent of the side.
+        assert estimate(atlas, {"unwrap_atlas": atlas}).choices[0].error == pytest.approx(lost, rel=2e-3)
+
+
+def test_startup_is_neither_more_nor_less(tmp_path) -> None:
+    """Startup of 10 s, and 0.1 s a step: of 210 s at the default, 200 are steps'.
+
+    Coarse texels take 20 s for 30, and with no startup in either 10 for 20: half of a step.
+    """
+    curves = {
+        STEPS: {"100": (1.0, 22.0), "1000": (0.1, 112.0), "2000": (0.0, 212.0)},
+        TEXELS: {"1.2": (0.5, 22.0), "0.6": (0.0, 32.0)},
+    }
+    base = 200.0  # of jobs at the defaults, without imports
+    _, estimate = choose(tmp_path, 100, {"train_avatar": {"steps": 1000}}, curves=curves)
+    assert estimate.seconds["train_avatar"] == pytest.approx(2 + base * (10 + 100) / 210)
+    said = {"train_avatar": {"steps": 1000}, "unwrap_atlas": {"texel_pixels": 1.2}}
+    _, estimate = choose(tmp_path, 100, said, curves=curves)
+    assert estimate.seconds["train_avatar"] == pytest.approx(2 + base * (10 + 50) / 210)
+
+
+def test_errors_are_expected_as_on_subjects_of_its_kind(tmp_path) -> None:
+    key = ("supersampling", "train_avatar", "supersample", "PSNR lost, dB", 0.1)
+    lost = {"someones_body": 1.0, "someones_head": 0.2}
+    path = write_subjects(tmp_path, {name: {key: {"1": (db, 3.0), "3": (0.0, 9.0)}} for name, db in lost.items()})
+    content = yaml.safe_load((tmp_path / "subjects.yaml").read_text())
+    (tmp_path / "subjects.yaml").write_text(yaml.safe_dump([{**one, "kind": one["subject"][9:]} for one in content]))
+    read = read_curves(path), read_measured(tmp_path / "subjects.yaml")
+    for kind, db in (("body", 1.0), ("head", 0.2)):
+        settings = SubjectSettings(budget_minutes=1000, **merge(SHADOWED, {"train_avatar": {"supersample": 1}}))
+        _, estimate = within_budget(
+            "other", settings, {"train_avatar": {"supersample": 1}}, CaptureSize(4, 10, 1000, 1, kind=kind), *read
+        )
+        assert estimate.choices[0].error == pytest.approx(db)
+
+
+def test_size_of_captures(tmp_path) -> None:
+    made = SubjectSettings(
+        source="synthetic", synthesize_capture={"cameras": 5, "frames": 7, "width": 20, "height": 30, "lights": 9}
+    )
+    assert capture_size(made, tmp_path, SAME_SIZE) == CaptureSize(5, 7, 600, 1, 9)
+    (tmp_path / "capture.yaml").write_text("cameras: cameras.csv\nframes: frames.csv\nlights: lights.csv\n")
+    pd.DataFrame({"camera": ["a", "b"], "width": [10, 30], "height": [10, 10]}).to_csv(tmp_path / "cameras.csv")
+    pd.DataFrame({"frame": range(3)}).to_csv(tmp_path / "frames.csv", index=False)
+    pd.DataFrame({"light": ["L0", "L1", "L2", "L3"]}).to_csv(tmp_path / "lights.csv", index=False)
+    recorded = SubjectSettings(variants={"full": {}, "matte": {}})
+    assert capture_size(recorded, tmp_path, SAME_SIZE) == CaptureSize(2, 3, 200, 2, 4)
+    (tmp_path / "capture.yaml").write_text("kind: head\ncameras: cameras.csv\n")
+    assert capture_size(recorded, tmp_path, SAME_SIZE).kind == "head"
+    assert capture_size(recorded, tmp_path / "nowhere", SAME_SIZE) == CaptureSize(4, 10, 1000, 2, 1)
