@@ -13,7 +13,14 @@ import pandas as pd
 import pytest
 import yaml
 
-from docs.generate import comparison_table, curves_figure, effects_table, error_budget_table, scaling_table
+from docs.generate import (
+    comparison_table,
+    curves_figure,
+    effects_table,
+    error_budget_table,
+    papers_dials,
+    scaling_table,
+)
 from docs.generate.flowchart import FLOW, PLACES
 from docs.generate.pages import PAGES
 from docs.generate.pictures import evening
@@ -284,6 +291,29 @@ def test_scaling_has_a_row_per_cost_and_no_exponent_where_none_is_told(tmp_path)
         "| `track_mesh` | frames | peak MB | 8 | 4,096 | 0 |  | cannot tell |",
     ]
     assert (tmp_path / "pictures/scaling.png").exists()
+
+
+def test_papers_dials_have_their_reference_first_and_a_line_per_value(tmp_path):
+    lost, also, picture = (f"{name}{rest}" for name, rest in (
+        ("PSNR lost on validation images, ", "partial lit, dB"), ("PSNR lost on validation images, ", "all lit, dB"),
+        ("time of a picture, ms", "")))  # fmt: skip
+    measured = {
+        "imports only": (2.0, {lost: (np.nan, np.nan)}),
+        "8": (20.0, {lost: (0.251, 0.0149), also: (-0.5, np.nan), picture: (40.4, np.nan)}),
+        "16": (25.0, {lost: (0.0, 0.0), also: (0.0, 0.0), picture: (50.0, np.nan)}),
+    }
+    rows = [
+        {"dial": "code_size", "setting": setting, "metric": metric, "error": error, "standard_error": scatter,
+         "cpu_seconds": seconds}
+        for setting, (seconds, metrics) in measured.items() for metric, (error, scatter) in metrics.items()
+    ]  # fmt: skip
+    write_table(tmp_path / "one/accuracy_cost.csv", pd.DataFrame([*rows, rows[-1] | {"dial": "texel_size"}]))
+    page = page_with_marks(tmp_path / "page.md", "papers' dials")
+    papers_dials.run(costs=(tmp_path / "one/accuracy_cost.csv",), page=page)
+    assert page.read_text().splitlines()[3:-1] == [
+        "| `one` | `code_size` | `16` |  |  | 25 | 1.00 | 50 |",
+        "| `one` | `code_size` | `8` | 0.25 ± 0.01 | -0.50 | 20 | 0.80 | 40 |",
+    ]
 
 
 def test_row_of_results_repeats_the_scores_of_all_held_out_images(tmp_path):
