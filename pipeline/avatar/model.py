@@ -8,9 +8,10 @@ The parts are listed in `pipeline.avatar.build`.
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import accumulate
 
 import numpy as np
 import torch
@@ -148,8 +149,24 @@ class Avatar(TexelStore):
 
     def view(self, frame: PreparedFrame, camera: CameraView) -> Picture:
         """Show a prepared frame to one camera."""
-        layers = self.layers(frame, camera.center)
-        picture = self.draw(frame, layers.stacked(), camera, layers.colors())
+        return self.views([frame], camera)[0]
+
+    def views(self, frames: Sequence[PreparedFrame], camera: CameraView) -> list[Picture]:
+        """Show a frame that was prepared for several lights to one camera: a picture of each, blended together."""
+        layers = [self.layers(frame, camera.center) for frame in frames]
+        stacks = [of_light.stacked() for of_light in layers]
+        widths = [stack.shape[-1] for stack in stacks]
+        firsts = accumulate(widths[:-1], initial=0)
+        colors = [first + color for first, own in zip(firsts, layers, strict=True) for color in own.colors()]
+        blended = self.draw(frames[0], torch.cat(stacks, -1), camera, colors)
+        features = blended.features.split(widths, -1)
+        return [
+            self.picture(frame, own, blended._replace(features=images), camera)
+            for frame, own, images in zip(frames, layers, features, strict=True)
+        ]
+
+    def picture(self, frame: PreparedFrame, layers: Layers, picture: Splatted, camera: CameraView) -> Picture:
+        """Put the blended layers of a frame together."""
         images = layers.images(picture.features)
         rgb, of_eyes = self.shade_pixels(images, picture, frame, camera), None
         if self.eyes is not None and self.eyes.decoders is not None and layers.mirrors is not None:

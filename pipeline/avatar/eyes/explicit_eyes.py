@@ -65,6 +65,7 @@ class Eyes(EyeSpheres):
         self.register_buffer("start_scales", scales[self.chosen].clone(), persistent=False)
         self.albedo, self.decoders = EyeAlbedo(len(self.chosen)), None
         self.lit_apart = self.shadow_learned = self.lids_learned = False
+        self._lids: WeakKeyDictionary[PosedTexels, LidOcclusion] = WeakKeyDictionary()
         self._traced: WeakKeyDictionary[FrameInputs, tuple[LidOcclusion, Tensor | None]] = WeakKeyDictionary()
 
     def add_decoders(self, spec: AvatarSpec, parameters: TexelParameters) -> None:
@@ -121,12 +122,14 @@ class Eyes(EyeSpheres):
     def traced(self, inputs: FrameInputs) -> tuple[LidOcclusion, Tensor | None]:
         """Lids and, where eyes are lit apart, the light that passes them.
 
-        Traced once for a frame, and kept.
+        Lids are traced once for a pose, the light once for a frame; both are kept.
         """
         if inputs not in self._traced:
             motion = inputs.head_from_world, frame_gaze(inputs, self.parts, self.axes)
             (_, _, turns), (points, frames) = self.placed(*motion), self.pose(*motion)
-            lids, harmonics = trace_lids(inputs.mesh[0], self.skin_faces, points, frames), None
+            lids, harmonics = self._lids.get(inputs.posed), None
+            if lids is None:
+                lids = self._lids[inputs.posed] = trace_lids(inputs.mesh[0], self.skin_faces, points, frames)
             if self.lit_apart:
                 skin = None if self.shadow_learned or self.lids_learned else lids.skin
                 lights = white_once(inputs.lights if inputs.sky is None else inputs.sky.pixels)

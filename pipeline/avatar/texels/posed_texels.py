@@ -15,9 +15,9 @@ from pipeline.geometry.texel_surface import surface_frames
 from pipeline.geometry.texels import Atlas
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PosedTexels:
-    """Anchors of all texels on a frame's mesh.
+    """Anchors of all texels on a frame's mesh; equal only to themselves.
 
     Attributes:
         points: v_k, metres.

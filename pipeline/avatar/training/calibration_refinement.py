@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import torch
+from jaxtyping import Float32
 
 from pipeline.avatar.frames.camera_offsets import CAMERAS_AS_CALIBRATED, CameraOffsets
 from pipeline.avatar.frames.frame_stream import FrameStream
@@ -29,12 +30,16 @@ from pipeline.avatar.training.picture_equations import PictureEquations, image_e
 from pipeline.avatar.training.seen_surface import seen_surface
 from pipeline.base.spread import evenly
 from pipeline.capture.records import ImageRecord
+from pipeline.rendering.splat_types import CameraView
 
 log = logging.getLogger("train_avatar")
 
 MOST_LIGHTS, MOST_PARTS, IMAGES_PER_FRAME = 64, 512, 6
 """What is looked at: partially lit frames of at most so many lights, so many lights of frames together, and some images
 of each frame. Every light of a frame is a picture of each of its images: time is theirs."""
+
+LIGHTS_TOGETHER = 6
+"""Lights whose pictures are blended together: about what a training step holds with its gradients."""
 
 MOTION = 6
 """Unknowns of a camera."""
@@ -99,10 +104,7 @@ def look_at(avatar: Avatar, frame: FrameInputs, images: Sequence[ImageRecord], s
         sigmas: which say what is refined.
     """
     lights, cameras = len(frame.record.light_positions), [camera_view(i, avatar.albedo.device) for i in images]
-    traced, pictures = avatar.trace(frame), []
-    for light in range(lights):
-        prepared = avatar.prepare(traced.with_light(light))
-        pictures.append([avatar.view(prepared, camera).rgb.cpu().numpy() for camera in cameras])
+    pictures = light_pictures(avatar, frame, cameras)
     places = frame.gains.moved(frame.record.light_positions).astype(np.float64)
     look = Look(PictureEquations.none(lights * (4 if sigmas.light_m else 1)), {})
     for number, image in enumerate(images):
@@ -122,6 +124,18 @@ def look_at(avatar: Avatar, frame: FrameInputs, images: Sequence[ImageRecord], s
             seen, columns = surface.seen, surface.motion_columns(rgb.astype(np.float64))
             look.cameras[image.camera] = image_equations(np.moveaxis(columns, -1, 0), rgb[seen], captured[seen])
     return look
+
+
+def light_pictures(
+    avatar: Avatar, frame: FrameInputs, cameras: Sequence[CameraView]
+) -> list[list[Float32[np.ndarray, "h w 3"]]]:
+    """What each light of a frame shows to each camera by itself, by light and camera."""
+    traced, pictures, lights = avatar.trace(frame), [], range(len(frame.record.light_positions))
+    for first in lights[::LIGHTS_TOGETHER]:
+        prepared = [avatar.prepare(traced.with_light(light)) for light in lights[first:][:LIGHTS_TOGETHER]]
+        seen = [[picture.rgb.cpu().numpy() for picture in avatar.views(prepared, camera)] for camera in cameras]
+        pictures += [list(of_light) for of_light in zip(*seen, strict=True)]
+    return pictures
 
 
 def refine_calibration(

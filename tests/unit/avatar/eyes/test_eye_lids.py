@@ -9,6 +9,7 @@ import torch
 
 from benchmarks.mirror_glints import glint_points
 from pipeline.avatar.build import START_ALBEDO
+from pipeline.avatar.eyes import explicit_eyes
 from pipeline.avatar.frames.inputs import FrameInputs
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.texels.posed_texels import texel_spacing
@@ -53,6 +54,18 @@ def test_lids_hide_what_is_behind_them():
     ratio = (frame.shading.diffuse / shaded.shading.diffuse).detach()[avatar.eyes.chosen]
     assert torch.allclose(ratio[shaded.shading.diffuse[avatar.eyes.chosen] > 0.01], share[:, None].expand(-1, 3)[
         shaded.shading.diffuse[avatar.eyes.chosen] > 0.01], atol=1e-5)  # fmt: skip
+
+
+def test_lids_are_traced_once_for_all_lights_of_a_frame(monkeypatch):
+    half, traced = walled_atlas(0.010, 0.2), []
+    real = explicit_eyes.trace_lids
+    monkeypatch.setattr(explicit_eyes, "trace_lids", lambda *given: traced.append(1) or real(*given))
+    avatar = make_avatar(half, EYES)
+    frame = avatar.trace(FrameInputs(half, make_frame(half, AHEAD, LIGHTS[:2])))
+    lit = [avatar.prepare(frame.with_light(number)).eyes.lids for number in range(2)]
+    assert len(traced) == 1 and lit[0].opening is lit[1].opening
+    avatar.prepare(FrameInputs(half, make_frame(half, AHEAD, LIGHTS[:2])))
+    assert len(traced) == 2
 
 
 @pytest.mark.parametrize(("wall", "passes"), [((0.010, 0.2), 0.0), ((0.030, 0.2), 1.0)])

@@ -13,7 +13,7 @@ from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.avatar_spec import AvatarSpec
 from pipeline.avatar.spec.planned import resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
-from pipeline.avatar.training.checkpoint import LoadedAvatar
+from pipeline.avatar.training.checkpoint import LoadedAvatar, camera_view
 from pipeline.avatar.training.losses import photometric, silhouette
 from pipeline.avatar.training.optimizer import rate_share
 from pipeline.avatar.training.training import BrokenStep, Position, Training
@@ -124,6 +124,22 @@ def test_traced_shadows_and_gloss_are_linear_in_the_light(scene):
         for chosen in ([0], [1], [0, 1])
     ]
     assert torch.allclose(pictures[0] + pictures[1], pictures[2], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_lights_that_are_blended_together_look_as_each_by_itself(scene, name):
+    """To the bit: channels are blended side by side, and know nothing of each other."""
+    atlas, _, images = scene
+    positions = np.array([[0.5, 0.3, 1.5], [-0.4, 0.2, 1.0], [0.1, 0.6, 1.2]])
+    power = np.array([[3.0, 2.0, 1.0], [1.0, 2.0, 4.0], [2.0, 2.0, 2.0]])
+    frame = FrameInputs(atlas, make_frame(atlas, positions, power))
+    avatar = Avatar(atlas, texel_spacing(atlas), resolve_spec(TrainAvatar(**VARIANTS[name]), PLANNED))
+    camera = camera_view(images[0])
+    with torch.no_grad():
+        prepared = [avatar.prepare(frame.with_light(number)) for number in range(3)]
+        together, each = avatar.views(prepared, camera), [avatar.view(one, camera) for one in prepared]
+    assert all(torch.equal(a.rgb, b.rgb) and torch.equal(a.alpha, b.alpha) for a, b in zip(together, each, strict=True))
+    assert not torch.allclose(together[0].rgb, together[1].rgb, rtol=0.1)
 
 
 def test_far_lamps_may_be_taken_as_distant(scene):
