@@ -117,11 +117,11 @@ def keep(runs: list[Run], out: Path) -> None:
 
 
 def as_markdown(runs: pd.DataFrame) -> list[str]:
-    """The table of a page: a line for each budget, and the largest misses."""
+    """The table of a page: a line for each budget that did not buy the first run's settings, and how many hold."""
     lines, ratios, decibels = [], [], []
     for subject, own in runs.groupby("subject", sort=False):
         best = own.iloc[0]
-        for row in own.iloc[1:].itertuples():
+        for row in own.iloc[1:][own.fresh_s.iloc[1:] > 0].itertuples():  # else its settings are those of the first
             promised, achieved = row.promised_lost_db - best.promised_lost_db, best.validation_db - row.validation_db
             ratio, slower = row.achieved_s / row.promised_s, row.meanwhile_s / best.meanwhile_s
             equal = (row.achieved_s - row.fresh_s + row.fresh_s / slower) / row.promised_s
