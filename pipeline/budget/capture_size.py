@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pipeline.config.project import SubjectSettings
 from pipeline.config.subjects import read_description
+from pipeline.config.synthesize_capture import Material
 from pipeline.config.trained_model import Kind
 
 
@@ -15,7 +16,8 @@ from pipeline.config.trained_model import Kind
 class CaptureSize:
     """Numbers of cameras, frames and lights, pixels of an image, and avatars to train.
 
-    Pixels are the mean over the cameras; the kind of what is captured is body or head.
+    Pixels are the mean over the cameras; the kind of what is captured is body or head. Its material is opaque, as
+    people in clothes are to the plan of effects, unless settings say else.
     """
 
     cameras: int
@@ -24,6 +26,7 @@ class CaptureSize:
     variants: int
     lights: int = 1
     kind: Kind = "body"
+    material: Material = "opaque"
 
     @property
     def images(self) -> int:
@@ -43,7 +46,8 @@ def capture_size(settings: SubjectSettings, capture: Path, unknown: CaptureSize)
     """
     variants, made = len(settings.variants), settings.synthesize_capture
     if settings.source == "synthetic":
-        return CaptureSize(made.cameras, made.frames, made.width * made.height, variants, made.lights, made.figure)
+        pixels = made.width * made.height
+        return CaptureSize(made.cameras, made.frames, pixels, variants, made.lights, made.figure, made.material)
     described = read_description(capture / "capture.yaml")
     kind: Kind = "head" if described.get("kind") == "head" else "body"
     cameras, frames, lights = (_rows(capture / str(described.get(name))) for name in ("cameras", "frames", "lights"))
@@ -54,8 +58,14 @@ def capture_size(settings: SubjectSettings, capture: Path, unknown: CaptureSize)
     mean = round(sum(pixels) / len(pixels)) if pixels else unknown.pixels
     return CaptureSize(
         len(cameras) or unknown.cameras, len(frames) or unknown.frames, max(mean, 1), variants,
-        len(lights) or unknown.lights, kind,
+        len(lights) or unknown.lights, kind, material_said(settings),
     )  # fmt: skip
+
+
+def material_said(settings: SubjectSettings) -> Material:
+    """Material of a recorded subject: translucent if settings ask for light below the surface, else opaque."""
+    asked = settings.plan_effects.learned_transport == "on" or settings.train_avatar.shading == "subsurface"
+    return "translucent" if asked else "opaque"
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -20,6 +20,7 @@ from pipeline.base.errors import InputError
 from pipeline.budget.curve import Curve
 from pipeline.budget.subject_curve import SubjectCurve
 from pipeline.config.project import SECTIONS
+from pipeline.config.synthesize_capture import Material
 from pipeline.config.trained_model import Kind
 from pipeline.metrics.cost import IMPORTS_ONLY
 
@@ -46,6 +47,7 @@ class Measured:
     Attributes:
         subject: its name.
         kind: body or head.
+        material: opaque, or translucent where the plan of effects found light from below the surface.
         cameras, frames, pixels, texels: cameras, frames, pixels of an image, and texels of the atlas.
         psnr_db: of its partially lit test images, with its own settings.
         settings: of each dial's option in that run.
@@ -59,6 +61,7 @@ class Measured:
     texels: int
     psnr_db: float
     settings: Mapping[str, Any]
+    material: Material = "opaque"
 
 
 def read_curves(path: Path) -> list[Curve]:

@@ -1,8 +1,10 @@
 """Errors of dials' settings on a capture.
 
-They are expected as on those subjects of the curves that are of the same kind, heads or bodies: what coarse texels
-lose, for one, is far more on bodies. And what the size of texels loses is told by how many this capture would have of
-them, as it has no more than `most`: where a map is full at either size, neither loses anything against the other.
+They are expected as on those subjects of the curves that are of the same kind, heads or bodies, and of the same
+material: coarse texels lose far more on bodies, and few steps far more on wax. Settings are chosen by all of that kind:
+nobody knows what a capture is made of before it is planned. And what the size of texels loses is told by how many this
+capture would have of them, as it has no more than `most`: where a map is full at either size, neither loses anything
+against the other.
 """
 
 from __future__ import annotations
@@ -27,32 +29,38 @@ class DialErrors:
 
     Attributes:
         settings: of the capture's subject.
-        alike: the curves' subjects of its kind.
+        of_kind: the curves' subjects of its kind.
+        alike: those of them of its material; all, if there is none.
     """
 
     settings: SubjectSettings
     size: CaptureSize
+    of_kind: Sequence[str]
     alike: Sequence[str]
 
     @classmethod
     def of(cls, settings: SubjectSettings, size: CaptureSize, measured: Sequence[Measured]) -> DialErrors:
-        """Errors on a capture, as on those of the curves' subjects that are of its kind."""
-        return cls(settings, size, [one.subject for one in measured if one.kind == size.kind])
+        """Errors on a capture, as on those of the curves' subjects that are like it."""
+        of_kind = {one.subject: one.material for one in measured if one.kind == size.kind}
+        alike = [subject for subject, material in of_kind.items() if material == size.material]
+        return cls(settings, size, list(of_kind), alike or list(of_kind))
 
     def error(self, curve: Curve, value: Any) -> float:
         """Error to expect at a setting; NaN if nothing near was measured."""
-        judged = curve.among(self.alike)
-        if told_by_texels(curve):
-            found = judged.error_of_count(texel_ratio(self.settings, self.size, curve, value))
+        return self._error_on(curve.among(self.alike), value)
+
+    def _error_on(self, judged: Curve, value: Any) -> float:
+        if told_by_texels(judged):
+            found = judged.error_of_count(texel_ratio(self.settings, self.size, judged, value))
             if np.isfinite(found):
                 return found
         return judged.error(value)
 
     def allowed(self, curve: Curve) -> float:
         """Error up to which a setting is good enough."""
-        return curve.among(self.alike).allowed
+        return curve.among(self.of_kind).allowed
 
     def loss(self, curve: Curve, value: Any) -> float:
-        """Error over what is allowed; 0 if it is not known, as it cannot be chosen by."""
-        loss = self.error(curve, value) / max(self.allowed(curve), LEAST_ALLOWED)
+        """Error over what is allowed, on subjects of its kind; 0 if it is not known, as it cannot be chosen by."""
+        loss = self._error_on(curve.among(self.of_kind), value) / max(self.allowed(curve), LEAST_ALLOWED)
         return 0.0 if math.isnan(loss) else loss

@@ -8,12 +8,14 @@ from pydantic import Field
 
 from pipeline.config.settings import Settings
 
+Material = Literal["opaque", "translucent"]
+
 
 class SynthesizeCapture(Settings):
     """A procedural subject in a procedural light stage; the defaults make `subjectA`."""
 
     figure: Literal["body", "head"] = Field("body", description="what is captured: a skinned body or an unrigged head")
-    material: Literal["opaque", "translucent"] = Field(
+    material: Material = Field(
         "opaque", description="opaque: painted, under a coat; translucent: a medium that scatters light, under a coat"
     )
     mean_free_path_m: float = Field(

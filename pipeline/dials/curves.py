@@ -85,6 +85,7 @@ def subject_facts(results: Path, used: dict[str, Any]) -> Measured:
         texels=read_atlas(results / "atlas.safetensors").texel_count,
         psnr_db=round(float(psnr.iloc[0]), 3),
         settings=used,
+        material="translucent" if read_json(results / "effects.json")["learned_transport"]["on"] else "opaque",
     )
 
 

@@ -105,6 +105,56 @@ def test_errors_are_expected_as_on_subjects_of_its_kind(tmp_path) -> None:
         assert estimate.choices[0].error == pytest.approx(db)
 
 
+@pytest.mark.parametrize(
+    ("kind", "material", "db"),
+    [("body", "opaque", 0.1), ("body", "translucent", 0.9), ("head", "opaque", 0.4), ("head", "translucent", 0.4)],
+)
+def test_errors_are_expected_as_on_subjects_of_its_material(tmp_path, kind, material, db) -> None:
+    """Of heads there is but one, and that will do for any."""
+    key = ("supersampling", "train_avatar", "supersample", "PSNR lost, dB", 0.1)
+    lost = {"body opaque": 0.1, "body translucent": 0.9, "head opaque": 0.4}
+    path = write_subjects(tmp_path, {name: {key: {"1": (each, 3.0), "3": (0.0, 9.0)}} for name, each in lost.items()})
+    content = yaml.safe_load((tmp_path / "subjects.yaml").read_text())
+    alike = [{**one, **dict(zip(("kind", "material"), one["subject"].split(), strict=True))} for one in content]
+    (tmp_path / "subjects.yaml").write_text(yaml.safe_dump(alike))
+    said = {"train_avatar": {"supersample": 1}}
+    settings = SubjectSettings(budget_minutes=1000, **merge(SHADOWED, said))
+    size = CaptureSize(4, 10, 1000, 1, kind=kind, material=material)
+    read = read_curves(path), read_measured(tmp_path / "subjects.yaml")
+    assert within_budget("other", settings, said, size, *read)[1].choices[0].error == pytest.approx(db)
+
+
+def test_settings_are_chosen_by_all_materials_and_promised_by_its_own(tmp_path) -> None:
+    """A body of wax loses 0.9 dB to fewer samples, an opaque one gains a little: more of them are bought."""
+    key = ("supersampling", "train_avatar", "supersample", "PSNR lost, dB", 0.1)
+    curves = {"opaque": {key: {"1": (-0.02, 3.0), "3": (0.0, 9.0)}}, "wax": {key: {"1": (0.9, 3.0), "3": (0.0, 9.0)}}}
+    path = write_subjects(tmp_path, curves)
+    content = yaml.safe_load((tmp_path / "subjects.yaml").read_text())
+    content[1]["material"] = "translucent"
+    (tmp_path / "subjects.yaml").write_text(yaml.safe_dump(content))
+    read = read_curves(path), read_measured(tmp_path / "subjects.yaml")
+    promised = {}
+    for minutes in (3.5, 1000):
+        settings = SubjectSettings(budget_minutes=minutes, **SHADOWED)
+        choice = within_budget("other", settings, {}, CaptureSize(4, 10, 1000, 1), *read)[1].choices[0]
+        promised[choice.setting] = choice.error
+    assert promised == pytest.approx({"1": -0.02, "3": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("said", "material"),
+    [
+        ({}, "opaque"),
+        ({"source": "synthetic", "synthesize_capture": {"material": "translucent"}}, "translucent"),
+        ({"plan_effects": {"learned_transport": "on"}}, "translucent"),
+        ({"train_avatar": {"shading": "subsurface"}}, "translucent"),
+        ({"train_avatar": {"shading": "transfer"}}, "opaque"),
+    ],
+)
+def test_material_is_opaque_unless_settings_say_else(tmp_path, said, material) -> None:
+    assert capture_size(SubjectSettings(**said), tmp_path, SAME_SIZE).material == material
+
+
 def test_size_of_captures(tmp_path) -> None:
     made = SubjectSettings(
         source="synthetic", synthesize_capture={"cameras": 5, "frames": 7, "width": 20, "height": 30, "lights": 9}

@@ -44,6 +44,7 @@ def results(tmp_path):
     pd.DataFrame({"width": [10, 20], "height": [10, 10]}).to_parquet(folder / "index/cameras.parquet")
     pd.DataFrame({"frame": range(6)}).to_parquet(folder / "index/frames.parquet")
     (folder / "index/capture.json").write_text('{"kind": "head"}')
+    (folder / "effects.json").write_text('{"learned_transport": {"on": true}}')
     write_atlas(folder / "atlas.safetensors", ATLAS)
     return folder
 
@@ -57,7 +58,7 @@ def test_curves_of_what_is_chosen_with_seconds_of_a_processor(results, tmp_path)
     assert (curve.settings, curve.errors, curve.seconds) == (("100", "400"), (1.5, 0.0), (12.0, 42.0))
     assert (curve.imports, curve.allowed) == (2.0, 0.1)
     (measured,) = read_measured(tmp_path / "kept/subjects.yaml")
-    assert (measured.kind, measured.texels) == ("head", ATLAS.texel_count)
+    assert (measured.kind, measured.material, measured.texels) == ("head", "translucent", ATLAS.texel_count)
     assert (measured.subject, measured.cameras, measured.frames, measured.pixels) == ("someone", 2, 6, 150)
     assert measured.psnr_db == 27.123
     assert measured.settings == {"training_steps": 700}
