@@ -152,7 +152,10 @@ class Avatar(TexelStore):
         return self.views([frame], camera)[0]
 
     def views(self, frames: Sequence[PreparedFrame], camera: CameraView) -> list[Picture]:
-        """Show a frame that was prepared for several lights to one camera: a picture of each, blended together."""
+        """Show a frame to one camera in several lights, for each of which it was prepared.
+
+        All are blended together.
+        """
         layers = [self.layers(frame, camera.center) for frame in frames]
         stacks = [of_light.stacked() for of_light in layers]
         widths = [stack.shape[-1] for stack in stacks]

@@ -63,7 +63,10 @@ def capture_size(settings: SubjectSettings, capture: Path, unknown: CaptureSize)
 
 
 def material_said(settings: SubjectSettings) -> Material:
-    """Material of a recorded subject: translucent if settings ask for light below the surface, else opaque."""
+    """Material of a recorded subject.
+
+    It is translucent if settings ask for light below the surface, else opaque.
+    """
     asked = settings.plan_effects.learned_transport == "on" or settings.train_avatar.shading == "subsurface"
     return "translucent" if asked else "opaque"
 

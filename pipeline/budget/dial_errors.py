@@ -61,6 +61,9 @@ class DialErrors:
         return curve.among(self.of_kind).allowed
 
     def loss(self, curve: Curve, value: Any) -> float:
-        """Error over what is allowed, on subjects of its kind; 0 if it is not known, as it cannot be chosen by."""
+        """Error over what is allowed, on subjects of its kind.
+
+        It is 0 if it is not known, as it cannot be chosen by.
+        """
         loss = self._error_on(curve.among(self.of_kind), value) / max(self.allowed(curve), LEAST_ALLOWED)
         return 0.0 if math.isnan(loss) else loss

@@ -129,7 +129,7 @@ def look_at(avatar: Avatar, frame: FrameInputs, images: Sequence[ImageRecord], s
 def light_pictures(
     avatar: Avatar, frame: FrameInputs, cameras: Sequence[CameraView]
 ) -> list[list[Float32[np.ndarray, "h w 3"]]]:
-    """What each light of a frame shows to each camera by itself, by light and camera."""
+    """Draw what each light of a frame shows by itself to each camera, by light and camera."""
     traced, pictures, lights = avatar.trace(frame), [], range(len(frame.record.light_positions))
     for first in lights[::LIGHTS_TOGETHER]:
         prepared = [avatar.prepare(traced.with_light(light)) for light in lights[first:][:LIGHTS_TOGETHER]]
