@@ -23,6 +23,7 @@ import pandas as pd
 
 from benchmarks.scaling_projection import fit_terms, product
 from pipeline.base.files import read_json, read_table, write_table
+from pipeline.base.finished_jobs import finished_jobs
 from pipeline.budget.job_costs import TABLE
 from pipeline.budget.job_size import KEPT_BYTES, JobSize
 from pipeline.geometry.texels import read_atlas
@@ -105,7 +106,7 @@ def main() -> None:
     parser.add_argument("--stages", nargs="*", default=list(SECONDS), help="whose rows are written anew; all")
     parser.add_argument("--out", type=Path, default=TABLE, help="table to write")
     options = parser.parse_args()
-    jobs = [row for results in options.results for row in finished_jobs(results)]
+    jobs = [row for results in options.results for row in jobs_of(results)]
     jobs += [row for path in options.measured for row in pd.read_csv(path).to_dict("records")]
     table = cost_table(pd.DataFrame([row for row in jobs if row["stage"] in options.stages]))
     if set(options.stages) != set(SECONDS):
@@ -122,17 +123,15 @@ def with_others(table: pd.DataFrame, before: pd.DataFrame) -> pd.DataFrame:
     return rows.iloc[sorted(range(len(rows)), key=order.__getitem__)].reset_index(drop=True)
 
 
-def finished_jobs(results: Path) -> list[dict]:
+def jobs_of(results: Path) -> list[dict]:
     """Jobs of a run: stage, sizes, seconds and mb."""
     rows = []
-    for path in sorted((results / "benchmarks").glob("*.tsv")):
-        stage, *words = path.stem.split(".")
-        taken = pd.read_csv(path, sep="\t", na_values=["-", "NA"]).iloc[-1]
-        if stage in SECONDS and taken[["cpu_time", "max_rss"]].notna().all():
-            chunk = next((word for word in words if word.isdigit()), None)
-            size = measured_size(results, stage, chunk)
+    for job in finished_jobs(results / "benchmarks"):
+        if job.stage in SECONDS and not math.isnan(job.cpu_s + job.peak_mb):
+            chunk = next((word for word in job.words if word.isdigit()), None)
+            size = measured_size(results, job.stage, chunk)
             sizes = {**asdict(size), "kept_texels": size.kept_texels}
-            rows.append({"stage": stage, **sizes, "seconds": taken.cpu_time, "mb": taken.max_rss})
+            rows.append({"stage": job.stage, **sizes, "seconds": job.cpu_s, "mb": job.peak_mb})
     return rows
 
 

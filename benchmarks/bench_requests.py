@@ -11,6 +11,7 @@ was used is the stage's own, and the same added to it. Writes results/scaling/re
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ import yaml
 
 from benchmarks.bench_job_costs import SECONDS
 from pipeline.base.files import write_table
+from pipeline.base.finished_jobs import finished_jobs
 from pipeline.base.yaml_files import read_yaml
 from pipeline.budget.job_costs import CHUNKED
 from pipeline.budget.job_size import JobSize
@@ -31,15 +33,15 @@ from pipeline.workflow.job_size import job_size, unknown_size
 def run_jobs(results: Path, files: JobFiles, cores: int) -> list[dict]:
     """Jobs of a finished run, with what each asked for and took."""
     rows = []
-    for path in sorted((results / "benchmarks").glob("*.tsv")):
-        stage, *words = path.stem.split(".")
-        taken = pd.read_csv(path, sep="\t", na_values=["-", "NA"]).iloc[-1]
-        if stage in SECONDS and taken[["s", "max_rss"]].notna().all():
+    for job in finished_jobs(results / "benchmarks"):
+        stage = job.stage
+        if stage in SECONDS and not math.isnan(job.peak_mb):
             size = job_size(replace(files, chunk=files.chunks[0]) if stage in CHUNKED else files)
             threads = min(useful_threads(stage, size), cores)
             asked = {"asked_mb": memory_mb(stage, size, threads, 1), "asked_min": minutes(stage, size, threads, 1)}
-            name = " ".join([stage, *(word for word in words if word.isdigit())])
-            rows.append({"of": files.subject, "job": name, **asked, "used_mb": taken.max_rss, "used_min": taken.s / 60})
+            used = {"used_mb": job.peak_mb, "used_min": job.wall_s / 60}
+            name = " ".join([stage, *(word for word in job.words if word.isdigit())])
+            rows.append({"of": files.subject, "job": name, **asked, **used})
     return rows
 
 

@@ -25,6 +25,7 @@ import yaml
 
 from benchmarks.schedule import Cluster, Job, read_graph, simulate
 from pipeline.base.files import write_table
+from pipeline.base.finished_jobs import finished_jobs
 from pipeline.base.yaml_files import read_yaml
 from pipeline.budget.job_costs import CHUNKED, TABLE, read_costs
 from pipeline.config.loading import load_project
@@ -42,8 +43,8 @@ OVERHEAD_STEP_S = 0.1
 def measured_seconds(results: Path) -> dict[str, float]:
     """Wall seconds of a job's command, by stage, the mean of its jobs."""
     found: dict[str, list[float]] = {}
-    for path in (results / "benchmarks").glob("*.tsv"):
-        found.setdefault(path.name.partition(".")[0], []).append(float(pd.read_csv(path, sep="\t").s.iloc[-1]))
+    for job in finished_jobs(results / "benchmarks"):
+        found.setdefault(job.stage, []).append(job.wall_s)
     return {stage: sum(taken) / len(taken) for stage, taken in found.items()}
 
 

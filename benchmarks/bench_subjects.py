@@ -19,6 +19,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from pipeline.base.finished_jobs import finished_jobs
+
 CAPTURES = {"walker": "../shared/captures"}
 """Folders of the captures that are not synthetic."""
 
@@ -36,9 +38,8 @@ if util.find_spec(module):
 def seconds_by_rule(results: Path) -> dict[str, float]:
     """Wall seconds of each rule, summed over its jobs, from Snakemake's benchmarks."""
     seconds: dict[str, float] = {}
-    for path in sorted(results.glob("benchmarks/*.tsv")):
-        rule = path.name.split(".")[0]
-        seconds[rule] = round(seconds.get(rule, 0.0) + float(pd.read_csv(path, sep="\t").s.sum()), 1)
+    for job in finished_jobs(results / "benchmarks"):
+        seconds[job.stage] = round(seconds.get(job.stage, 0.0) + job.wall_s, 1)
     return seconds
 
 

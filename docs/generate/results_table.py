@@ -16,6 +16,7 @@ import tyro
 from docs.generate.markdown import parted, put_between, table
 from pipeline.base.code_digest import ROOT
 from pipeline.base.files import read_json, read_table
+from pipeline.base.finished_jobs import finished_jobs
 
 TABLE = "results"
 """Name of the marks around the table in the README; this module rewrites all between."""
@@ -55,9 +56,8 @@ def row(results: Path, variant: str) -> list[str]:
 def minutes(benchmarks: Path, variant: str) -> float:
     """Wall time of all jobs but the training of other variants, and what nothing of metrics.csv needs."""
     aside = ("measure_cost", "review_", "relight_", "export_", "write_report", "check_budget")
-    jobs = [path for path in benchmarks.glob("*.tsv") if not path.name.startswith(aside)]
-    others = {path for path in benchmarks.glob("train_avatar.*.tsv") if path.name != f"train_avatar.{variant}.tsv"}
-    return sum(float(pd.read_csv(path, sep="\t").s.iloc[-1]) for path in jobs if path not in others) / 60
+    jobs = [job for job in finished_jobs(benchmarks) if not job.stage.startswith(aside)]
+    return sum(job.wall_s for job in jobs if job.stage != "train_avatar" or job.words == (variant,)) / 60
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from docs.generate.markdown import milliseconds, percent, significant, table
 from pipeline.base.code_digest import ROOT
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_json
+from pipeline.base.finished_jobs import FinishedJob, finished_jobs
 from pipeline.config.project import SECTIONS
 
 PAGE = ROOT / "docs/where_time_goes.md"
@@ -37,7 +38,8 @@ machine can do. Numbers are of the machine they were measured on. How they grow 
 STAGES = """
 ## By stage
 
-Of all jobs of a subject, from Snakemake's benchmarks: seconds are sums over jobs, memory is that of the largest job.
+Of all jobs of a subject, from [Snakemake's benchmarks](results.md#benchmarkstsv): seconds are sums over jobs, memory is
+that of the largest job.
 Wall time counts what a job waited for, CPU time what it did on all its threads; both contain the start of Python and
 its imports.
 """
@@ -102,13 +104,11 @@ def section(subject: str, content: str) -> str:
 
 def stage_table(benchmarks: Path) -> str:
     """Jobs, seconds and memory by stage and variant, in the order of the stages."""
-    rows: dict[tuple[str, str], list[pd.Series]] = {}
-    for path in sorted(benchmarks.glob("*.tsv")):
-        stage, *more = path.name.removesuffix(".tsv").split(".")
-        variant = " ".join(word for word in more if not word.isdigit())
-        if stage not in LEFT_OUT:
-            last = pd.read_csv(path, sep="\t").iloc[-1]
-            rows.setdefault((stage, variant), []).append(pd.to_numeric(last, errors="coerce"))
+    rows: dict[tuple[str, str], list[FinishedJob]] = {}
+    for job in finished_jobs(benchmarks):
+        variant = " ".join(word for word in job.words if not word.isdigit())
+        if job.stage not in LEFT_OUT:
+            rows.setdefault((job.stage, variant), []).append(job)
     if not rows:
         raise InputError(f"{benchmarks}: expected *.tsv of a finished run, found none")
     order = {stage: number for number, stage in enumerate(SECTIONS)}
@@ -123,9 +123,9 @@ def stage_table(benchmarks: Path) -> str:
 
 def stage_row(name: str, jobs: pd.DataFrame, whole: pd.DataFrame) -> list[str]:
     """Cells of some jobs; jobs too short for Snakemake to look at have no memory."""
-    share = jobs.cpu_time.sum() / whole.cpu_time.sum()
-    return [name, f"{len(jobs)}", significant(jobs.s.sum()), significant(jobs.cpu_time.sum()), percent(share),
-            f"{jobs.max_rss.max():,.0f}" if jobs.max_rss.notna().any() else "–"]  # fmt: skip
+    share = jobs.cpu_s.sum() / whole.cpu_s.sum()
+    return [name, f"{len(jobs)}", significant(jobs.wall_s.sum()), significant(jobs.cpu_s.sum()), percent(share),
+            f"{jobs.peak_mb.max():,.0f}" if jobs.peak_mb.notna().any() else "–"]  # fmt: skip
 
 
 def step_words(step: dict) -> str:

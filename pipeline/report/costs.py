@@ -11,6 +11,7 @@ from html import escape
 import pandas as pd
 
 from pipeline.base.errors import InputError
+from pipeline.base.finished_jobs import finished_jobs
 from pipeline.config.project import SECTIONS
 from pipeline.metrics.cost import IMPORTS_ONLY
 from pipeline.report.part import Part
@@ -134,15 +135,8 @@ def _asked(request: Asked | None) -> list[str]:
 
 
 def benchmarks(results: Results) -> pd.DataFrame:
-    """Columns stage, jobs, seconds and cpu_seconds (sums), peak_mb (largest), in data order.
-
-    Of jobs too short to be sampled Snakemake leaves values empty, as NA or a dash.
-    """
-    rows = []
-    for path in sorted((results.folder / "benchmarks").glob("*.tsv")):
-        table = pd.read_csv(path, sep="\t", na_values=["-", "NA"])
-        row = pd.to_numeric(table[["s", "cpu_time", "max_rss"]].iloc[-1])
-        rows.append([path.name.partition(".")[0], row.s, row.cpu_time, row.max_rss])
+    """Columns stage, jobs, seconds and cpu_seconds (sums), peak_mb (largest), in data order."""
+    rows = [[job.stage, job.wall_s, job.cpu_s, job.peak_mb] for job in finished_jobs(results.folder / "benchmarks")]
     jobs = pd.DataFrame(rows, columns=["stage", "seconds", "cpu_seconds", "peak_mb"])
     table = jobs.groupby("stage", as_index=False).agg({"seconds": "sum", "cpu_seconds": "sum", "peak_mb": "max"})
     table["jobs"] = table.stage.map(jobs.stage.value_counts())

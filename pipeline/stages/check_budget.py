@@ -1,9 +1,9 @@
 """Compare the estimate of a budget with what the run achieved: time of stages, and errors.
 
-Time is a processor's (Snakemake's benchmarks), as the budget counts it; wall time stands beside it. `machine_pace` is
-the setting with which the total would have been right, machine_pace.STAGE that of a stage. Errors are those that the
-run shows: the standard error of drawn irradiance, and the PSNR of partially lit test images, which is only estimated
-for the curves' own subjects. Writes a table, see `COLUMNS`.
+Time is a processor's (`pipeline.base.finished_jobs`), as the budget counts it; wall time stands beside it.
+`machine_pace` is the setting with which the total would have been right, machine_pace.STAGE that of a stage. Errors are
+those that the run shows: the standard error of drawn irradiance, and the PSNR of partially lit test images, which is
+only estimated for the curves' own subjects. Writes a table, see `COLUMNS`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import pandas as pd
 from pipeline.base.command import run_as_command
 from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
+from pipeline.base.finished_jobs import finished_jobs
 from pipeline.config.check_budget import CheckBudget
 
 log = logging.getLogger("check_budget")
@@ -85,10 +86,9 @@ def stage_times(folder: Path, stages: list[str]) -> pd.DataFrame:
     """Columns cpu and wall, seconds, of all jobs of each stage; NaN for stages that did not run."""
     rows = {stage: [math.nan, math.nan] for stage in stages}
     for stage in stages:
-        paths = [path for path in folder.glob("*.tsv") if path.name.partition(".")[0] == stage]
-        tables = [pd.read_csv(path, sep="\t", na_values=["-", "NA"]).iloc[-1] for path in sorted(paths)]
-        if tables:
-            rows[stage] = [sum(float(one[name]) for one in tables) for name in ("cpu_time", "s")]
+        jobs = [job for job in finished_jobs(folder) if job.stage == stage]
+        if jobs:
+            rows[stage] = [sum(job.cpu_s for job in jobs), sum(job.wall_s for job in jobs)]
     return pd.DataFrame.from_dict(rows, orient="index", columns=["cpu", "wall"])
 
 

@@ -9,7 +9,7 @@ expected to take. The subject's jobs that are done tell by how much this machine
 from __future__ import annotations
 
 import argparse
-import csv
+import math
 import re
 import subprocess
 import sys
@@ -20,6 +20,7 @@ from pathlib import Path
 import yaml
 
 from pipeline.base.errors import InputError
+from pipeline.base.finished_jobs import finished_jobs
 from pipeline.base.yaml_files import read_yaml
 from pipeline.budget.job_costs import CHUNKED
 from pipeline.config.loading import load_project
@@ -75,13 +76,10 @@ def stages_left(jobs: Mapping[str, int], files: JobFiles, pace: float = 1.0) -> 
 def pace_of(results: Path, files: JobFiles) -> float | None:
     """Seconds that finished jobs took over those that were expected; None if none is finished."""
     took = expected = 0.0
-    for path in sorted((results / "benchmarks").glob("*.tsv")):
-        stage = path.name.partition(".")[0]
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file, delimiter="\t"))
-        if rows and stage in SECTIONS:
-            took += float(rows[-1]["cpu_time"])
-            expected += _seconds(stage, False, files)
+    for job in finished_jobs(results / "benchmarks"):
+        if job.stage in SECTIONS and not math.isnan(job.cpu_s):
+            took += job.cpu_s
+            expected += _seconds(job.stage, False, files)
     return took / expected if took and expected else None
 
 

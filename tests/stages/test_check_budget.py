@@ -18,7 +18,10 @@ METRIC = "irradiance, RMS (reference full)"
 
 @pytest.fixture
 def results(tmp_path):
-    """Two chunks of one stage that took 3 and 5 seconds of processor, a stage of 20, and maps with known errors."""
+    """Two chunks of one stage that took 3 and 5 seconds of processor, a stage of 20, and maps with known errors.
+
+    The stage of 30 s was looked at after 15 s, and had taken half of that.
+    """
     folder = tmp_path / "someone"
     for name in ("benchmarks", "irradiance"):
         (folder / name).mkdir(parents=True)
@@ -26,7 +29,7 @@ def results(tmp_path):
     for name, (cpu, wall) in jobs.items():
         (folder / f"benchmarks/{name}.tsv").write_text(f"s\tcpu_time\n{wall}\t{cpu}\n")
     # The second run of a benchmark is the one that counts.
-    (folder / "benchmarks/train_avatar.full.tsv").write_text("s\tcpu_time\n1\t1\n30\t20\n")
+    (folder / "benchmarks/train_avatar.full.tsv").write_text("s\tcpu_time\n1\t1\n30\t10\n")
     for chunk, errors in (("0000", [0.3, 0.1]), ("0001", [0.1])):
         pd.DataFrame({"error_rms": errors}).to_parquet(folder / f"irradiance/{chunk}.parquet")
     rows = {"split": ["test", "test", "frames"], "lit": ["partial", "full", "partial"], "psnr_db": [27.0, 40.0, 50.0]}
