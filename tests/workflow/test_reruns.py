@@ -196,6 +196,26 @@ def test_edit_that_leaves_the_index_as_it_was_ends_there(workflow):
     assert workflow.planned(TARGET) == {}
 
 
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("evaluate_avatar: {lpips_net: vgg}", {"evaluate_avatar"}),
+        ("train_avatar: {steps: 7}", {"train_avatar", "evaluate_avatar"}),
+        ("pack_shards: {margin_px: 4}", {*AFTER_PACKING}),
+        ("trace_irradiance: {samples: '4'}", {"trace_irradiance", *AFTER_PACKING}),
+        ("track_mesh: {inlier_px: 4}", {*AFTER_TRACKING, "trace_irradiance"}),
+    ],
+)
+@pytest.mark.parametrize("edited", ["index_capture", "synthesize_capture"])
+def test_changed_setting_is_heeded_where_an_edit_leaves_the_index_as_it_was(workflow, edited, setting, expected):
+    """What stages after the index are to do anew is not told by the index alone."""
+    workflow.append(f"pipeline/stages/{edited}.py", "EDITED = 1\n")
+    workflow.append("config/subjects/subjectA.yaml", setting + "\n")
+    ran = set(workflow.ran(TARGET))
+    assert ran - {"synthesize_capture", "index_capture"} == expected
+    assert workflow.planned(TARGET) == {}
+
+
 def test_edit_that_leaves_the_shards_as_they_were_trains_nothing(workflow):
     workflow.append("pipeline/stages/calibrate_lights.py", "EDITED = 1\n")
     workflow.append("pipeline/stages/pack_shards.py", "EDITED = 1\n")

@@ -293,19 +293,37 @@ def tracking_of_layout(pattern):
     return lambda wildcards: job(wildcards).each_chunk(pattern) if wildcards.layout == "goliath" else []
 
 
+def imported(wildcards):
+    """Wait for the import of a capture that is imported first."""
+    if wildcards.subject in project.imported_subjects:
+        checkpoints.import_capture.get(subject=wildcards.subject)
+
+
+def indexed(wildcards):
+    """Output of index_capture.
+
+    Checkpoints are asked in their order, the earliest first. If it leaves all as it was, Snakemake runs none of the later
+    ones, and asks again what a job has to wait for; of a job that has named a later one from the start it would never
+    look at settings and code again.
+    """
+    imported(wildcards)
+    return checkpoints.index_capture.get(subject=wildcards.subject).output
+
+
 def planned_effects(wildcards):
     """The effects that plan_effects turned on."""
+    indexed(wildcards)
     return read_planned(fetched(checkpoints.plan_effects.get(subject=wildcards.subject).output.effects))
 
 
 def capture_kind(wildcards):
     """What a capture is of, body or head."""
-    return read_kind(fetched(checkpoints.index_capture.get(subject=wildcards.subject).output.capture))
+    return read_kind(fetched(indexed(wildcards).capture))
 
 
 def indexed_boards(wildcards):
     """What the index says about photographs of boards, which decides how many jobs look at them."""
-    return fetched(checkpoints.index_capture.get(subject=wildcards.subject).output.calibration_cameras)
+    return fetched(indexed(wildcards).calibration_cameras)
 
 
 def board_tables(wildcards):
@@ -315,8 +333,7 @@ def board_tables(wildcards):
 
 def estimated_gaze(wildcards):
     """The table of gaze from images, where the capture declares none."""
-    indexed = checkpoints.index_capture.get(subject=wildcards.subject).output.capture
-    return job(wildcards).estimated_gaze(fetched(indexed))
+    return job(wildcards).estimated_gaze(fetched(indexed(wildcards).capture))
 
 
 def stored_maps(wildcards):
@@ -331,8 +348,7 @@ def traced_irradiance(wildcards):
 
 def inspected_images(wildcards):
     """Tables of inspected images; of a capture that is imported first, its size is not known before."""
-    if wildcards.subject in project.imported_subjects:
-        checkpoints.import_capture.get(subject=wildcards.subject)
+    imported(wildcards)
     return inspected_tables(job(wildcards))
 
 
