@@ -2,7 +2,8 @@
 
 Wall time is exact. Processor time is what a job and its children had used when Snakemake last looked at them, which it
 does every half second for a quarter of a minute, then every half minute: of a job of 44 s it says what the first 15
-took. What follows the last look is taken to go on as before.
+took. What follows the last look is taken to go on as before. Looks come late by the time that they take
+themselves, some tenths of a second in thirty: a job that ends within these is counted too low.
 """
 
 from __future__ import annotations

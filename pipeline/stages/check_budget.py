@@ -85,8 +85,9 @@ def read_estimate(text: str) -> dict[str, Any]:
 def stage_times(folder: Path, stages: list[str]) -> pd.DataFrame:
     """Columns cpu and wall, seconds, of all jobs of each stage; NaN for stages that did not run."""
     rows = {stage: [math.nan, math.nan] for stage in stages}
+    finished = finished_jobs(folder)
     for stage in stages:
-        jobs = [job for job in finished_jobs(folder) if job.stage == stage]
+        jobs = [job for job in finished if job.stage == stage]
         if jobs:
             rows[stage] = [sum(job.cpu_s for job in jobs), sum(job.wall_s for job in jobs)]
     return pd.DataFrame.from_dict(rows, orient="index", columns=["cpu", "wall"])
