@@ -103,8 +103,10 @@ scaling: $(READY)
 # As it was called before.
 growth: scaling
 
+# An hour and a half of two processors; what was interrupted goes on.
 effects: $(READY)
-	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --out results/effects_comparison.csv
+	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --draws report report_2 report_3 --turned \
+	    --jobs $(CORES) --out results/effects_comparison.csv
 
 # Subjects whose runs and training are looked at: finished ones.
 TIMED ?= results/subjectA

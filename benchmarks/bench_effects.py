@@ -1,6 +1,7 @@
 """What a plan saves, and what it costs in quality: a table of scenes and avatars.
 
     python -m benchmarks.bench_effects [--out results/effects_comparison.csv] [--steps 300] [--scenes diffuse ...]
+        [--draws report ...] [--turned [specular ...]] [--jobs 2]
 
 Each scene of `benchmarks.effect_scenes` is photographed and planned. Avatars are trained on it alike:
 `everything` (RFGCA's model with every effect on, whatever the plan says), `full` (that model with the effects of the
@@ -13,6 +14,8 @@ and parameters. CPU seconds hardly depend on what else the machine does.
 
 Scenes are drawn several times: cameras, lights, patterns and noise. Settings are chosen on `--draws validation`; the
 table is of `report` and more of its kind, which no setting was chosen by.
+
+Rows are added to the table as they come. A run that was ended goes on; what other code has measured is measured anew.
 """
 
 from __future__ import annotations
@@ -20,9 +23,11 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import multiprocessing
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import product
 from pathlib import Path
 
@@ -30,8 +35,10 @@ import pandas as pd
 import torch
 
 from benchmarks.effect_jobs import count_jobs
+from benchmarks.effect_rows import EffectRows
 from benchmarks.effect_scenes import SCENES, SMALL, make_scene
-from pipeline.base.files import read_json, write_table
+from pipeline.base.files import read_json
+from pipeline.base.parent_death import end_with_parent
 from pipeline.config.effects import EFFECTS
 from pipeline.config.evaluate_avatar import EvaluateAvatar
 from pipeline.config.plan_effects import PlanEffects
@@ -72,36 +79,53 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
     parser.add_argument("--draws", nargs="+", choices=DRAWS, default=["report"])
     parser.add_argument("--turned", nargs="*", choices=TURNED, help="decisions turned round, too; without names all")
+    parser.add_argument("--jobs", type=int, default=1, help="scenes at a time, each on one thread")
     options = parser.parse_args()
+    turned = [] if options.turned is None else options.turned or list(TURNED)
+    avatars = [*AVATARS, *turned_names(turned)]
+    rows = EffectRows(options.out, options.steps)
+    waiting = {
+        (draw, scene): missing
+        for draw, scene in product(options.draws, options.scenes)
+        if (missing := rows.missing(draw, scene, avatars))
+    }
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.jobs, mp_context=spawn, initializer=end_with_parent) as pool:
+        running = [pool.submit(bench_draw, *asked, options.steps, missing) for asked, missing in waiting.items()]
+        for done in as_completed(running):
+            for row in rows.add(done.result()):
+                print(json.dumps({"bench": "effects", **row}), flush=True)
+
+
+def bench_draw(draw: str, scene: str, steps: int, avatars: Sequence[str]) -> list[dict]:
+    """Photograph a scene, plan it, and train and score some avatars."""
     logging.basicConfig(level=logging.WARNING)
     torch.set_num_threads(1)
-    turned = [] if options.turned is None else options.turned or list(TURNED)
-    rows: list[dict] = []
-    for draw, scene in product(options.draws, options.scenes):
-        with tempfile.TemporaryDirectory() as name:
-            for row in bench_draw(Path(name), scene, draw, options.steps, turned):
-                rows.append(row)
-                print(json.dumps({"bench": "effects", **row}), flush=True)
-        write_table(options.out, pd.DataFrame(rows))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = make_scene(folder, scene, LARGE_ATLAS, DRAWS[draw], **LARGE)
+        plan(files, folder / "planned.json", PlanEffects())
+        plan(files, folder / "everything.json", ALL_ON)
+        plans = {avatar: read_json(plan_for(folder, avatar)) for avatar in AVATARS}
+        jobs = count_jobs(folder / "project", plans, AVATARS, SMALL["frames"])
+        choices = AVATARS | turned_avatars(plans["auto"], list(TURNED))
+        rows = []
+        for row in bench_scene(folder, scene, files, {avatar: choices[avatar] for avatar in avatars}, steps):
+            left = jobs.get(row["avatar"], {})
+            counted = {"jobs": sum(left.values()), "tracing_jobs": left.get("trace_irradiance", 0)} if left else {}
+            rows.append({**row, **counted, "steps": steps, "draw": draw})
+        return rows
 
 
-def bench_draw(folder: Path, scene: str, draw: str, steps: int, turned: Sequence[str]) -> Iterator[dict]:
-    """Photograph a scene, plan it, and train and score its avatars."""
-    files = make_scene(folder, scene, LARGE_ATLAS, DRAWS[draw], **LARGE)
-    plan(files, folder / "planned.json", PlanEffects())
-    plan(files, folder / "everything.json", ALL_ON)
-    plans = {avatar: read_json(plan_for(folder, avatar)) for avatar in AVATARS}
-    jobs = count_jobs(folder / "project", plans, AVATARS, SMALL["frames"])
-    avatars = AVATARS | turned_avatars(plans["auto"], turned)
-    for row in bench_scene(folder, scene, files, avatars, steps):
-        left = jobs.get(row["avatar"], {})
-        counted = {"jobs": sum(left.values()), "tracing_jobs": left.get("trace_irradiance", 0)} if left else {}
-        yield {**row, **counted, "steps": steps, "draw": draw}
+def turned_names(turned: Sequence[str]) -> list[str]:
+    """Names of default avatars with one of these decisions turned round."""
+    return [f"not_{name}" for name in turned]
 
 
 def turned_avatars(planned: Mapping[str, Mapping], turned: Sequence[str]) -> dict[str, dict]:
     """Settings of default avatars with one decision turned round, by `not_` and its name."""
-    return {f"not_{name}": TURNED[name][bool(planned[name]["on"])] for name in turned}
+    choices = [TURNED[name][bool(planned[name]["on"])] for name in turned]
+    return dict(zip(turned_names(turned), choices, strict=True))
 
 
 def plan_for(folder: Path, avatar: str) -> Path:
@@ -113,13 +137,9 @@ def bench_scene(
     folder: Path, name: str, files: dict[str, Path], avatars: Mapping[str, dict], steps: int
 ) -> Iterator[dict]:
     """Train and score a scene's avatars."""
-    reference = None
     for avatar, choices in avatars.items():
         settings = TrainAvatar(steps=round(STEPS_SHARE.get(avatar, 1.0) * steps), **choices)
         row = bench_avatar(files, plan_for(folder, avatar), folder / avatar, name, settings)
-        reference = row if reference is None else reference
-        row["psnr_lost_db"] = round(reference["psnr_db"] - row["psnr_db"], 3)
-        row["cpu_ratio"] = round(row["cpu_seconds"] / reference["cpu_seconds"], 3)
         yield {"scene": name, "avatar": avatar, **row}
 
 

@@ -33,7 +33,7 @@ def dry_run(repo_root):
         ("scaling", "python -m benchmarks.bench_scaling --out results/scaling"),
         ("growth", "python -m benchmarks.bench_scaling --out results/scaling"),
         ("docs", "python -m mkdocs build --strict"),
-        ("effects", "python -m benchmarks.bench_effects --out results/effects_comparison.csv"),
+        ("effects", "--jobs 2 --out results/effects_comparison.csv"),
     ],
 )
 def test_target_ends_in_one_command(dry_run, target, command):
