@@ -89,13 +89,13 @@ def gain(values: np.ndarray) -> str:
     return f"{values.mean():+.2f}{error} dB"
 
 
-def turned_gains(rows: pd.DataFrame) -> pd.Series:
-    """What each decision turned round gains on the default, dB: a scene's mean over the draws in which it was."""
+def turned_gains(rows: pd.DataFrame) -> dict[str, np.ndarray]:
+    """What each decision turned round gains on the default, dB: one number per draw in which it was turned."""
     turned = rows[rows.avatar.str.startswith(TURNED)]
-    if turned.empty:
-        return pd.Series(dtype=np.float64)
     default = rows[rows.avatar == "auto"].set_index("draw").psnr_db
-    return (turned.psnr_db - turned.draw.map(default)).groupby(turned.avatar).mean()
+    return {
+        str(avatar): (of_one.psnr_db - of_one.draw.map(default)).to_numpy() for avatar, of_one in turned.groupby("avatar")
+    }
 
 
 def turned_table(rows: pd.DataFrame) -> str:
@@ -106,7 +106,7 @@ def turned_table(rows: pd.DataFrame) -> str:
         effects, gains = of_scene.effects[of_scene.avatar == "auto"].iloc[0], turned_gains(of_scene)
         planned = effects.split() if isinstance(effects, str) else []
         cells = [
-            f"{'on' if name.removeprefix(TURNED) in planned else 'off'}, turned {gains[name]:+.2f} dB"
+            f"{'on' if name.removeprefix(TURNED) in planned else 'off'}, turned {gain(gains[name])}"
             if name in gains
             else UNTRAINED
             for name in names

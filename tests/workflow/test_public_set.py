@@ -52,6 +52,17 @@ def test_images_stay_where_the_set_has_them(made):
     assert described["imported"]["dataset"] == "goliath"
 
 
+def test_changed_setting_is_heeded_where_an_import_leaves_all_as_it_was(made):
+    workflow, shipped, _ = made
+    path = shipped / "camera_calibration.json"
+    path.write_text(json.dumps(json.loads(path.read_text()), indent=3))
+    options = ("--config", "training_processes=1", "train_avatar={steps: 5}", *PRESET)
+    ran = set(workflow.ran(TARGET, *options))
+    assert "import_capture" in ran
+    assert ran - {"import_capture", "index_capture"} == {"train_avatar", "evaluate_avatar_without_pictures"}
+    assert workflow.planned(TARGET, *options) == {}
+
+
 def test_changed_calibration_of_the_set_is_imported_anew_and_smaller_chunks_are_counted(made):
     workflow, shipped, _ = made
     path = shipped / "camera_calibration.json"
