@@ -92,10 +92,11 @@ def gain(values: np.ndarray) -> str:
 def turned_gains(rows: pd.DataFrame) -> dict[str, np.ndarray]:
     """What each decision turned round gains on the default, dB: one number per draw in which it was turned."""
     turned = rows[rows.avatar.str.startswith(TURNED)]
+    if turned.empty:
+        return {}
     default = rows[rows.avatar == "auto"].set_index("draw").psnr_db
-    return {
-        str(avatar): (of_one.psnr_db - of_one.draw.map(default)).to_numpy() for avatar, of_one in turned.groupby("avatar")
-    }
+    gains = turned.psnr_db - turned.draw.map(default)
+    return {str(avatar): of_one.to_numpy() for avatar, of_one in gains.groupby(turned.avatar)}
 
 
 def turned_table(rows: pd.DataFrame) -> str:

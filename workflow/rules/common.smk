@@ -107,7 +107,12 @@ def capture_files(subject):
 
 
 def stored_capture(wildcards):
-    """The capture, for stages that read of it more than they declare; nothing where all is in one file system."""
+    """The capture, for stages that read of it more than they declare; nothing where all is in one file system.
+
+    Asks for an import in any case: if that leaves all as it was, Snakemake looks again at those jobs alone that waited
+    for it, and would run all others.
+    """
+    imported(wildcards)
     return [job(wildcards).capture] if copies else []
 
 
