@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from benchmarks.effect_scenes import SCENES
-from pipeline.base.code_digest import ROOT, code_digest
+from pipeline.base.code_digest import code_digest
 from pipeline.base.files import write_table
 
-MEASURED = (
-    "benchmarks.effect_scenes",
-    "pipeline.stages.plan_effects",
-    "pipeline.stages.trace_irradiance",
-    "pipeline.stages.pack_shards",
-    "pipeline.stages.train_avatar",
-    "pipeline.stages.evaluate_avatar",
-)
-"""Modules whose code the numbers are of."""
+MEASURED = "benchmarks.bench_effects"
+"""Module whose code the numbers are of, with all that it imports."""
 
 REFERENCE = "everything"
 """Avatar that the others are held against."""
@@ -32,9 +24,9 @@ class EffectRows:
     Rows of other steps or of other code than `MEASURED` is now are left out.
     """
 
-    def __init__(self, path: Path, steps: int, root: Path = ROOT) -> None:
+    def __init__(self, path: Path, steps: int) -> None:
         self._path = path
-        self._code = measured_code(root)
+        self._code = code_digest(MEASURED)
         self._table = pd.DataFrame()
         if path.is_file() and "code" in (table := pd.read_csv(path, dtype={"code": str})):
             self._table = table[(table.code == self._code) & (table.steps == steps)]
@@ -65,9 +57,3 @@ class EffectRows:
 def _places(names: pd.Series) -> pd.Series:
     """Where scenes stand in `SCENES`; draws as they are called."""
     return names.map({scene: number for number, scene in enumerate(SCENES)}) if names.name == "scene" else names
-
-
-def measured_code(root: Path = ROOT) -> str:
-    """Digest of what the numbers are of: 16 hexadecimal digits."""
-    digests = "".join(code_digest(module, root) for module in MEASURED)
-    return hashlib.blake2b(digests.encode(), digest_size=8).hexdigest()
