@@ -1,4 +1,4 @@
-"""Twelve small scenes that call for different effects, path-traced by Mitsuba, as the files that plan_effects reads.
+"""Fifteen small scenes that call for different effects, path-traced by Mitsuba, as the files that plan_effects reads.
 
 Cameras, lights, tracking and atlas are the truth: what differs between two avatars is what was simulated, and nothing
 else.
@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.effect_files import write_stage_files
-from benchmarks.effect_shapes import Shape, ball, body, bust, capped, dressed, halves, pair
+from benchmarks.effect_shapes import Shape, ball, body, bust, capped, cup, dressed, halves, links, pair, ring
 from pipeline.base.exr import save_exr
 from pipeline.base.seeds import generator_for, seed_for
 from pipeline.config.synthesize_capture import SynthesizeCapture
@@ -27,6 +27,9 @@ from pipeline.synthesis.translucency import Medium, translucent_mesh
 
 FAR_M = 40.0
 """Lights so far away that they shine within 1 % alike on a subject of 0.2 m."""
+
+ROOM_M = 8.0
+"""Lights as far off as in a hall: they change by about as much as plan_effects starts to simulate."""
 
 BRIGHTNESS = 6.0
 """Sum of radiant intensity over squared distance: a white subject then is about half of full scale."""
@@ -106,8 +109,11 @@ SCENES = {
     "wax_pair": Scene(pair, MATTE, stage(FAR_M, **WAX_STAGE), {"left": WAXEN}),
     "capped": Scene(capped, SHINY, stage(1.5), {"cap": MATTE}),
     "dressed": Scene(dressed, Material(0.25), stage(2.2, **TALL), {"clothes": MATTE}),
+    "ring": Scene(ring, WAXEN, stage(FAR_M, **WAX_STAGE)),
+    "links": Scene(links, SHINY, stage(ROOM_M), {"upright": MATTE}),
+    "cup": Scene(cup, Material(0.5), stage(1.5)),
 }
-"""By name."""
+"""By name. No threshold of plan_effects was set on shapes like the last three's."""
 
 
 def make_scene(

@@ -1,7 +1,7 @@
 """What the scenes of `benchmarks.effect_scenes` show: meshes that move, their textures, and their parts.
 
-Balls, a head without eyes, and a walking figure. A part is what may be of another material than the rest; the template
-names it.
+Balls, a head without eyes, and a walking figure, which thresholds of plan_effects were set on; and a ring, two linked
+rings and a cup, which none was set on. A part is what may be of another material than the rest; the template names it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,16 @@ BALL_RADIUS_M = 0.15
 SMALL_RADIUS_M, APART_M = 0.07, 0.074
 """Of two balls side by side: radius, and how far each middle is from that of the stage. They nearly touch."""
 
-BROWN, GREY = (0.55, 0.4, 0.3), (0.45, 0.45, 0.45)
+RING_RADIUS_M, TUBE_RADIUS_M = 0.1, 0.045
+"""Of a ring: from its middle to that of its tube, and of the tube."""
+LINK_RADIUS_M, LINK_TUBE_M = 0.085, 0.03
+"""The same of two linked ones, which leave 2.5 cm of air between them."""
+CUP_M = ((0.0, -0.12), (0.07, -0.12), (0.11, 0.12), (0.095, 0.12), (0.06, -0.1), (0.0, -0.1))
+"""Half a cut through a cup: distances from its axis and heights, from the outside below to the inside."""
+SPACING_M = 0.02
+"""Between a cup's rings of vertices, that shading varies along its wall."""
+
+BROWN, GREY, WHITE = (0.55, 0.4, 0.3), (0.45, 0.45, 0.45), (0.75, 0.72, 0.68)
 """Linear albedo, which a mottle makes darker and brighter."""
 
 
@@ -80,6 +89,34 @@ def pair() -> Shape:
     faces = np.array(sphere.faces, np.int64)
     shape = turning("pair", np.concatenate(moved), np.concatenate([faces, faces + len(sphere.vertices)]), GREY)
     return replace(shape, parts={"left": np.arange(len(faces))})
+
+
+def ring() -> Shape:
+    """A torus."""
+    torus = trimesh.creation.torus(RING_RADIUS_M, TUBE_RADIUS_M, 48, 24)
+    return turning("ring", np.array(torus.vertices), np.array(torus.faces, np.int64))
+
+
+def links() -> Shape:
+    """Two tori through one another, as in a chain; the one that stands upright is a part."""
+    torus = trimesh.creation.torus(LINK_RADIUS_M, LINK_TUBE_M, 40, 16)
+    lying = Rotation.from_euler("x", 90, True).apply(torus.vertices)
+    apart = np.array([LINK_RADIUS_M / 2, 0.0, 0.0])
+    faces = np.array(torus.faces, np.int64)
+    vertices = np.concatenate([torus.vertices + apart, lying - apart])
+    shape = turning("links", vertices, np.concatenate([faces, faces + len(torus.vertices)]), GREY)
+    return replace(shape, parts={"upright": np.arange(len(faces))})
+
+
+def cup() -> Shape:
+    """An empty cup, bright, so that much of the light inside has come from its wall."""
+    corners = np.array(CUP_M)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    fine = np.union1d(along, np.arange(0.0, along[-1], SPACING_M))
+    cut = np.stack([np.interp(fine, along, corner) for corner in corners.T], axis=1)
+    turned = trimesh.creation.revolve(cut, sections=96)
+    upright = Rotation.from_euler("x", -90, True).apply(turned.vertices)
+    return turning("cup", upright, np.array(turned.faces, np.int64), WHITE)
 
 
 def bust() -> Shape:
