@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pytest
+import trimesh
 
 from benchmarks.bench_effects import ALL_ON, AVATARS, DRAWS
 from benchmarks.effect_jobs import count_jobs
 from benchmarks.effect_scenes import make_scene
+from benchmarks.effect_shapes import cup, links, ring
 from pipeline.avatar.model import Avatar
 from pipeline.avatar.spec.planned import read_gloss_width, read_plan, read_regions_on, resolve_spec
 from pipeline.avatar.texels.posed_texels import texel_spacing
@@ -54,6 +56,13 @@ def scene(request, tmp_path_factory):
     given = {key: path for key, path in files.items() if key not in ("tracking", "frames")}
     run(**given, tracking=(files["tracking"],), booked=files["frames"], out=folder / "effects.json", settings=SETTINGS)
     return request.param, folder, read_json(folder / "effects.json")
+
+
+@pytest.mark.parametrize("shape", [ring, links, cup], ids=lambda shape: shape.__name__)
+def test_shapes_are_closed_and_their_outside_is_out(shape):
+    made = shape()
+    solid = trimesh.Trimesh(made.at(0.0, "a")[0], made.faces, process=False)
+    assert solid.is_watertight and solid.is_winding_consistent and solid.volume > 0
 
 
 def test_what_is_called_for_is_on(scene):
