@@ -103,7 +103,7 @@ scaling: $(READY)
 # As it was called before.
 growth: scaling
 
-# Two hours of two processors; what was interrupted goes on.
+# Two hours and a half of two processors; what was interrupted goes on.
 effects: $(READY)
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --draws report report_2 report_3 --turned \
 	    --jobs $(CORES) --out results/effects_comparison.csv
