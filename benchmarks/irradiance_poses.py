@@ -13,10 +13,11 @@ from pipeline.geometry.texel_surface import texel_surface
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.irradiance import IrradianceMap, Samples, draw_lights
 from pipeline.lighting.irradiance import trace_irradiance as trace
-from pipeline.lighting.light_sampling import pattern_uniforms
+from pipeline.lighting.light_sampling import pattern_numbers
 from pipeline.lighting.light_scene import Lights, light_scene
+from pipeline.lighting.shadow_rays import light_blocks
 from pipeline.lighting.standard_error import TexelBlocks
-from pipeline.lighting.visibility import Occluders, light_blocks
+from pipeline.lighting.visibility import Occluders
 
 SUBDIVISIONS = 5
 """Of the icosahedron: 20,480 faces, a body's template."""
@@ -95,7 +96,7 @@ def rays_of(pose: Pose, lights: Lights, samples: int | None) -> tuple[Occluders,
         return scene.occluders, [aim(scene.receivers, scene.lights, block=block) for block in blocks]
     rng, rays = np.random.default_rng(0), []
     for n in range(samples):
-        uniform = (n + pattern_uniforms("low_discrepancy", pose.atlas.texel, rng)) / samples
+        uniform = (n + pattern_numbers("low_discrepancy", pose.atlas.texel, rng)) / samples
         chosen, _ = draw_lights(scene, "power", uniform)
         rays.append(aim(scene.receivers, scene.lights, chosen=chosen))
     return scene.occluders, rays

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pipeline.config.synthesize_capture import SynthesizeCapture
-from pipeline.lighting.visibility import Rays
+from pipeline.lighting.shadow_rays import Rays
 from pipeline.synthesis.renderer_choice import choose_renderer
 
 

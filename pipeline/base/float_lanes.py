@@ -154,6 +154,21 @@ def square_root(typing_context, value):
 
 @intrinsic
 @no_type_check
+def inverse_root(typing_context, value):
+    """1 over the square root of each lane, to a relative 2^-21.
+
+    By the machine's own estimate and a step of Newton's, if it has one.
+    """
+
+    def generate(context, builder, signature, arguments):
+        ones = ir.Constant(_VECTOR, [1.0] * LANES)
+        return builder.fdiv(ones, _call(builder, "sqrt", arguments), flags=("arcp",))
+
+    return float_lanes(float_lanes), generate
+
+
+@intrinsic
+@no_type_check
 def larger(typing_context, left, right):
     """The larger of two in each lane; `right` where `left` is not a number."""
 

@@ -35,14 +35,17 @@ def sources_digest(folder: Path = Path(__file__).parents[1]) -> str:
     return digest.hexdigest()
 
 
-def kernel(*, parallel: bool = False, fastmath: bool | set[str] = False) -> Callable:
+def kernel(*, parallel: bool = False, fastmath: bool | set[str] = False, **more: object) -> Callable:
     """Compile a kernel on first use and keep the binary until any kernel source changes.
 
     Where no folder for binaries can be written to, each process compiles anew.
+
+    Args:
+        more: options of numba.njit.
     """
 
     def compiled(function: Callable) -> Callable:
-        options = {"parallel": parallel, "fastmath": FAST_MATH if fastmath is True else fastmath}
+        options = {"parallel": parallel, "fastmath": FAST_MATH if fastmath is True else fastmath, **more}
         try:
             dispatcher = njit(cache=True, **options)(_plain(function))
         except RuntimeError:  # So numba says that no folder can be written to.

@@ -22,7 +22,7 @@ from jaxtyping import Float64, Int32
 
 from pipeline.geometry.texels import Atlas
 from pipeline.lighting.irradiance import IrradianceMap, Samples, draw_lights
-from pipeline.lighting.light_sampling import pattern_uniforms
+from pipeline.lighting.light_sampling import pattern_numbers
 from pipeline.lighting.light_scene import Scene
 from pipeline.lighting.ray_kernels import kernel
 
@@ -82,7 +82,7 @@ def share_rays(scene: Scene, samples: Samples, neighbours: Neighbours) -> Irradi
     per_arriving = scene.per_arriving()[0] if samples.sampling == "arriving" else None
     rays = 0
     for n in range(count):
-        uniform = (n + pattern_uniforms(samples.pattern, samples.blocks.texel, samples.random)) / count
+        uniform = (n + pattern_numbers(samples.pattern, samples.blocks.texel, samples.random)) / count
         chosen[n], _ = draw_lights(scene, samples.sampling, uniform, per_arriving)
         aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, chosen=chosen[n])
         state[n, aimed.rows[:, 0]] = np.where(scene.occluders.occluded(aimed) == -1, CLEAR, BLOCKED)

@@ -23,11 +23,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
-from pipeline.lighting.light_sampling import SamplePattern, pattern_uniforms
+from pipeline.lighting.draw_kernels import draw_by_arrival, draw_by_chance
+from pipeline.lighting.light_sampling import SamplePattern, pattern_numbers, pattern_uniforms
 from pipeline.lighting.light_scene import Lights, Scene, light_scene
-from pipeline.lighting.ray_kernels import add_clear_rays, draw_by_arrival, draw_by_weight
+from pipeline.lighting.ray_kernels import add_clear_rays
+from pipeline.lighting.shadow_rays import Rays, light_blocks
+from pipeline.lighting.single_ray_kernels import shares_of_single_rays
 from pipeline.lighting.standard_error import BlockVariance, TexelBlocks
-from pipeline.lighting.visibility import Occluders, Rays, light_blocks
+from pipeline.lighting.visibility import Occluders
 
 NOT_DRAWN = np.empty(0)
 """Probabilities of lights that were not drawn but all summed."""
@@ -66,9 +69,9 @@ class IrradianceMap:
         unlit: no light was on, so both are 1 by definition.
     """
 
-    values: Float64[np.ndarray, " t"]
-    cosine_visibility: Float64[np.ndarray, " t"]
-    error: Float64[np.ndarray, " t"]
+    values: Float[np.ndarray, " t"]
+    cosine_visibility: Float[np.ndarray, " t"]
+    error: Float[np.ndarray, " t"]
     rays: int
     below_horizon: int
     unlit: bool
@@ -122,31 +125,41 @@ def exact_map(scene: Scene, arrived: np.ndarray, cosine_arrived: np.ndarray, ray
 
 def _trace_drawn(scene: Scene, samples: Samples) -> IrradianceMap:
     """A single draw often brings nothing, and then no sum over all lights is needed; several mostly bring something."""
+    if samples.count == 1 and samples.sampling != "arriving":
+        return _trace_single(scene, samples)
     values, cosine_arrived, rays = *np.zeros((2, len(scene.receivers))), 0
     variance, count = BlockVariance(samples.blocks), samples.count
-    single = count == 1 and samples.sampling != "arriving"
-    per_arriving, per_cosine_arriving = (None, None) if single else scene.per_arriving()
+    per_arriving, per_cosine_arriving = scene.per_arriving()
     for n in range(count):
-        uniform = pattern_uniforms(samples.pattern, samples.blocks.texel, samples.random)
-        if count > 1:
-            uniform = (n + uniform) / count
+        uniform = (n + pattern_numbers(samples.pattern, samples.blocks.texel, samples.random)) / count
         chosen, probability = draw_lights(scene, samples.sampling, uniform, per_arriving)
         aimed = scene.occluders.aim(scene.receivers, scene.lights, scene.distant, chosen=chosen)
         one = np.zeros_like(values)
         rays += _add(scene, aimed, one, cosine_arrived, probability)
-        if single:
-            # The draw's own error hides that of float32.
-            one, cosine_arrived = scene.shares(one, cosine_arrived, np.float32)
-        else:
-            one *= per_arriving
+        one *= per_arriving
         values += one
         variance.add(one)
-    if not single:
-        values /= count
-        cosine_arrived *= per_cosine_arriving / count
-    error = np.sqrt(variance.total, out=variance.total)
-    error /= count
-    return IrradianceMap(values, cosine_arrived, error, rays, values.size * count - rays, False)
+    values /= count
+    cosine_arrived *= per_cosine_arriving / count
+    return IrradianceMap(values, cosine_arrived, variance.error_of_mean(count), rays, values.size * count - rays, False)
+
+
+def _trace_single(scene: Scene, samples: Samples) -> IrradianceMap:
+    """One ray per point; the draw's own error hides that of float32."""
+    blocks, chances = samples.blocks, scene.chances(samples.sampling == "power")
+    uniforms = pattern_uniforms(samples.pattern, blocks.texel, samples.random)
+    aimed = scene.occluders.aim_at_drawn(scene.receivers, scene.lights, scene.distant, chances, blocks.texel, uniforms)
+    arrays = scene.lights, scene.luminances, scene.luminances / chances
+    floats = [array.astype(np.float32) for array in arrays]
+    values, cosine_visibility = np.empty((2, len(scene.receivers)), np.float32)
+    sums, squares = np.zeros((2, len(blocks.count)))
+    shares_of_single_rays(
+        scene.receivers.points, scene.normals, *floats, scene.distant, scene.least2, aimed.rows,
+        scene.occluders.occluded(aimed), blocks.block, values, cosine_visibility, sums, squares,
+    )  # fmt: skip
+    variance, rays = BlockVariance(blocks), len(aimed.rows)
+    variance.add_sums(sums, squares)
+    return IrradianceMap(values, cosine_visibility, variance.error_of_mean(1), rays, values.size - rays, False)
 
 
 def _add(
@@ -174,13 +187,14 @@ def draw_lights(
         uniform: numbers in [0, 1), one per point.
         per_arriving: one over the sum of what would arrive at each point; needed for `arriving`.
     """
-    chosen, probability = np.empty(len(uniform), np.int32), np.empty(len(uniform))
-    if sampling == "arriving":
-        draw_by_arrival(
-            scene.receivers.points, scene.lights, scene.luminances, scene.distant, scene.least2, per_arriving,
-            uniform, chosen, probability,
-        )  # fmt: skip
-    else:
-        weights = scene.luminances if sampling == "power" else np.ones_like(scene.luminances)
-        draw_by_weight(weights, uniform, chosen, probability)
+    chosen = np.empty(len(uniform), np.int32)
+    if sampling != "arriving":
+        chances = scene.chances(sampling == "power")
+        draw_by_chance(chances, uniform, chosen)
+        return chosen, chances[chosen]
+    probability = np.empty(len(uniform))
+    draw_by_arrival(
+        scene.receivers.points, scene.lights, scene.luminances, scene.distant, scene.least2, per_arriving,
+        uniform, chosen, probability,
+    )  # fmt: skip
     return chosen, probability

@@ -8,25 +8,37 @@ the errors of neighbours hang together differs, which is what a blur, or a netwo
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Int
 
-from pipeline.lighting.ray_kernels import lattice_numbers
+from pipeline.lighting.draw_kernels import lattice_numbers
 
 SamplePattern = Literal["random", "stratified", "low_discrepancy"]
 
 BLOCK = 4
 """Side of the blocks of texels that share one stratified draw: 16 strata, as many as a glance at the map averages."""
 
-PLASTIC = 1.324717957244746
-"""Real root of x^3 = x + 1: its powers give the two-dimensional sequence of lowest known discrepancy (Roberts 2018)."""
+IN_THE_LATTICE = np.empty(0)
+"""Stands for numbers that are not made beforehand, since a texel's place and the shift tell them."""
 
 
-def pattern_uniforms(
-    pattern: SamplePattern, texel: Int[np.ndarray, "t 2"], random: np.random.Generator
-) -> Float64[np.ndarray, " t"]:
+@dataclass(frozen=True)
+class Uniforms:
+    """Numbers in [0, 1), one per texel.
+
+    Attributes:
+        numbers: the numbers; or, if they are those of the lattice, empty.
+        shift: of the lattice.
+    """
+
+    numbers: Float64[np.ndarray, " t"]
+    shift: float = 0.0
+
+
+def pattern_uniforms(pattern: SamplePattern, texel: Int[np.ndarray, "t 2"], random: np.random.Generator) -> Uniforms:
     """Draw one number in [0, 1) per texel.
 
     Args:
@@ -35,13 +47,23 @@ def pattern_uniforms(
         texel: row and column of each texel.
     """
     if pattern == "random":
-        return random.random(len(texel))
+        return Uniforms(random.random(len(texel)))
     if pattern == "low_discrepancy":
-        uniform = np.empty(len(texel))
-        lattice_numbers(texel, 1 / PLASTIC**2, 1 / PLASTIC, random.random(), uniform)
-        return uniform
+        return Uniforms(IN_THE_LATTICE, random.random())
     rows, columns = texel.max(0, initial=0) // BLOCK + 1
     order = random.permuted(np.tile(np.arange(BLOCK**2), (rows * columns, 1)), axis=1)
     block, place = texel // BLOCK @ [columns, 1], texel % BLOCK @ [BLOCK, 1]
     # Below 1 also where the sum rounds up.
-    return np.minimum((order[block, place] + random.random(len(texel))) / BLOCK**2, np.nextafter(1, 0))
+    return Uniforms(np.minimum((order[block, place] + random.random(len(texel))) / BLOCK**2, np.nextafter(1, 0)))
+
+
+def pattern_numbers(
+    pattern: SamplePattern, texel: Int[np.ndarray, "t 2"], random: np.random.Generator
+) -> Float64[np.ndarray, " t"]:
+    """The numbers of `pattern_uniforms`, those of the lattice made, too."""
+    drawn = pattern_uniforms(pattern, texel, random)
+    if drawn.numbers is not IN_THE_LATTICE:
+        return drawn.numbers
+    uniform = np.empty(len(texel))
+    lattice_numbers(texel, drawn.shift, uniform)
+    return uniform

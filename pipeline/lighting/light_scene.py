@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from pipeline.lighting.ray_kernels import share_of_arriving
-from pipeline.lighting.visibility import Occluders, Receivers
+from pipeline.lighting.shadow_rays import Receivers
+from pipeline.lighting.visibility import Occluders
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of linear RGB with Rec. 709 primaries (ITU-R BT.709, item 3.2)."""
@@ -56,15 +57,20 @@ class Scene:
     least2: float
 
     def shares(
-        self, arrived: Float64[np.ndarray, " t"], cosine_arrived: Float64[np.ndarray, " t"], number: type = np.float64
+        self, arrived: Float64[np.ndarray, " t"], cosine_arrived: Float64[np.ndarray, " t"]
     ) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
-        """Sums over what is seen, divided by those over all lights, summed in the type `number`."""
-        axes, luminances = np.ascontiguousarray(self.lights.T, number), self.luminances.astype(number)
-        arrived, cosine_arrived = arrived.copy(), cosine_arrived.copy()
+        """Sums over what is seen, divided by those over all lights."""
+        axes, arrived, cosine_arrived = np.ascontiguousarray(self.lights.T), arrived.copy(), cosine_arrived.copy()
         share_of_arriving(
-            self.receivers.points, self.normals, axes, luminances, self.distant, self.least2, arrived, cosine_arrived
-        )
+            self.receivers.points, self.normals, axes, self.luminances, self.distant, self.least2, arrived,
+            cosine_arrived,
+        )  # fmt: skip
         return arrived, cosine_arrived
+
+    def chances(self, by_power: bool) -> Float64[np.ndarray, " m"]:
+        """Probability of each light to be drawn: by luminance, or the same for all."""
+        weights = self.luminances if by_power else np.ones_like(self.luminances)
+        return weights / weights.sum()
 
     def per_arriving(self) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:
         """One over the sums of L_j, and of L_j max(0, n . w_j), over all lights."""

@@ -9,9 +9,9 @@ the true value from texel to texel count as noise, so the error stated is rather
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float64, Int
+from jaxtyping import Float32, Float64, Int
 
-from pipeline.lighting.ray_kernels import block_variances
+from pipeline.lighting.draw_kernels import add_block_variances, spread_over_blocks
 
 BLOCK_BITS = 2
 BLOCK = 1 << BLOCK_BITS
@@ -36,8 +36,22 @@ class BlockVariance:
 
     def __init__(self, blocks: TexelBlocks) -> None:
         self._blocks = blocks
-        self.total = np.zeros(len(blocks.texel))
+        self._total = np.zeros(len(blocks.count))
 
     def add(self, draws: Float64[np.ndarray, " t"]) -> None:
-        """Add one draw of every texel to `total`."""
-        block_variances(draws, self._blocks.block, self._blocks.count, self.total)
+        """Add one draw of every texel."""
+        add_block_variances(draws, self._blocks.block, self._blocks.count, self._total)
+
+    def add_sums(self, sums: Float64[np.ndarray, " b"], squares: Float64[np.ndarray, " b"]) -> None:
+        """Add one draw of every texel, of which the sum and the sum of squares are known per block.
+
+        Rounding can leave a few 1e-8 of the largest draw where all are the same.
+        """
+        count = self._blocks.count
+        self._total += np.maximum(squares - sums**2 / np.maximum(count, 1), 0) / np.maximum(count - 1, 1)
+
+    def error_of_mean(self, draws: int) -> Float32[np.ndarray, " t"]:
+        """Standard error of the mean of that many draws, per texel."""
+        error = np.empty(len(self._blocks.block), np.float32)
+        spread_over_blocks(np.sqrt(self._total) / draws, self._blocks.block, error)
+        return error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -10,7 +9,10 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float64, Int
 
+from pipeline.lighting.light_sampling import Uniforms
 from pipeline.lighting.ray_kernels import aim
+from pipeline.lighting.shadow_rays import Rays, Receivers
+from pipeline.lighting.single_ray_kernels import aim_at_drawn
 
 ORIGIN_OFFSET = 64 * 2.0**-23
 """How far above its face a ray starts, relative to the scene's half extent: 7.6e-6, or 7 micrometres on a body.
@@ -29,40 +31,6 @@ distances are good to a few 2^-23."""
 
 FARTHEST = 8.0
 """Length of a ray to a distant light in half extents: the whole scene lies within 2 sqrt(3) of any of its points."""
-
-
-RAYS_AT_ONCE = 16384
-"""Rays aimed at in one go where points are few: a thousand times the cost of a call."""
-
-
-@dataclass(frozen=True)
-class Receivers:
-    """Points of a mesh that light falls on, and the outward unit normals of their faces.
-
-    The normals are geometric, not smoothed (see `ORIGIN_OFFSET`).
-    """
-
-    points: Float64[np.ndarray, "n 3"]
-    normals: Float64[np.ndarray, "n 3"]
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-
-@dataclass(frozen=True)
-class Rays:
-    """Rays in Embree's scaled scene, float32; `rows` has the receiver and the light of each."""
-
-    rows: Int[np.ndarray, "r 2"]
-    origins: Float[np.ndarray, "r 3"]
-    directions: Float[np.ndarray, "r 3"]
-    lengths: Float[np.ndarray, " r"]
-
-
-def light_blocks(points: int, lights: int) -> list[range]:
-    """Lights in groups that make enough rays to be worth a call, and fit into memory."""
-    size = max(1, RAYS_AT_ONCE // max(points, 1))
-    return [range(start, min(start + size, lights)) for start in range(0, lights, size)]
 
 
 def face_rows(faces: Int[np.ndarray, "f 3"]) -> np.ndarray:
@@ -129,15 +97,42 @@ class Occluders:
             chosen: index of each receiver's light; or, if not given,
             block: lights that all receivers are joined with.
         """
-        count = len(receivers) * (len(block) if chosen is None else 1)
+        rays = Rays.room_for(len(receivers) * (len(block) if chosen is None else 1))
         chosen = np.empty(0, np.int32) if chosen is None else chosen
-        rows, lengths = np.empty((count, 2), np.int32), np.empty(count, np.float32)
-        origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
-        n = aim(
-            receivers.points, receivers.normals, lights, chosen, block.start, distant, self.center, self.half_extent,
-            ORIGIN_OFFSET, LIGHT_CLEARANCE, FARTHEST, rows, origins, directions, lengths,
+        return rays.first(
+            aim(
+                receivers.points, receivers.normals, lights, distant, chosen, block.start, *self._frame, *rays.arrays()
+            )
         )  # fmt: skip
-        return Rays(rows[:n], origins[:n], directions[:n], lengths[:n])
+
+    def aim_at_drawn(
+        self,
+        receivers: Receivers,
+        lights: Float64[np.ndarray, "m 3"],
+        distant: bool,
+        chances: Float64[np.ndarray, " m"],
+        texel: Int[np.ndarray, "n 2"],
+        uniforms: Uniforms,
+    ) -> Rays:
+        """Rays from receivers to the light that each draws, if that is above its horizon.
+
+        Args:
+            lights, distant: as of `aim`.
+            chances: probability of each light.
+            texel: row and column of each receiver on its map.
+        """
+        rays = Rays.room_for(len(receivers))
+        return rays.first(
+            aim_at_drawn(
+                receivers.points, receivers.normals, lights, distant, chances, uniforms.numbers, texel, uniforms.shift,
+                *self._frame, *rays.arrays(),
+            )
+        )  # fmt: skip
+
+    @property
+    def _frame(self) -> tuple[np.ndarray, float, float, float, float]:
+        """What the kernels need to write rays in Embree's scene."""
+        return self.center, self.half_extent, ORIGIN_OFFSET, LIGHT_CLEARANCE, FARTHEST
 
     def occluded(self, rays: Rays) -> Int[np.ndarray, " r"]:
         """Embree's answer per ray: -1 where it meets nothing."""

@@ -20,7 +20,8 @@ from pipeline.base.files import digest_bytes, read_arrays, write_arrays
 from pipeline.lighting.irradiance import IrradianceMap, exact_map, unlit_map
 from pipeline.lighting.light_scene import Lights, light_scene
 from pipeline.lighting.ray_kernels import add_seen_bits
-from pipeline.lighting.visibility import LIGHT_CLEARANCE, ORIGIN_OFFSET, Occluders, Receivers, light_blocks
+from pipeline.lighting.shadow_rays import Receivers, light_blocks
+from pipeline.lighting.visibility import LIGHT_CLEARANCE, ORIGIN_OFFSET, Occluders
 
 RAY_NS, PAIR_NS, BIT_NS = 130.0, 2.0, 1.5
 """Cost of a shadow ray with its set-up, of adding a light at a point, and of adding it by its bit. Measured on two

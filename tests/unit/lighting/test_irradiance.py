@@ -8,6 +8,7 @@ import trimesh
 
 from pipeline.geometry.mesh import area_vectors, unit_or
 from pipeline.lighting.irradiance import IrradianceMap, Samples, draw_lights, trace_irradiance
+from pipeline.lighting.light_sampling import pattern_numbers
 from pipeline.lighting.light_scene import LUMINANCE, Lights, light_scene
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
@@ -178,3 +179,38 @@ def test_luminance_weighs_each_primary_as_rec_709_does() -> None:
     """ITU-R BT.709, item 3.2: E'Y = 0.2126 R + 0.7152 G + 0.0722 B; red is nearly three times as bright as blue."""
     red, green, blue = np.eye(3) @ LUMINANCE
     assert (red, green, blue) == (0.2126, 0.7152, 0.0722)
+
+
+@pytest.mark.parametrize("distant", [False, True])
+@pytest.mark.parametrize("sampling", ["power", "uniform"])
+@pytest.mark.parametrize("pattern", ["random", "stratified", "low_discrepancy"])
+def test_single_rays_are_estimates_in_float32(pattern: str, sampling: str, distant: bool) -> None:
+    """L V / p over the sum of L, by NumPy in float64 from the same draws.
+
+    The plain share to (m + 16) 2^-23; that of cosines, of which the sum may be small beside its terms, absolutely.
+    """
+    occluders, points, floor = floor_under_a_ball()
+    rng = np.random.default_rng(3)
+    normals = unit_or(floor + 0.2 * rng.normal(size=floor.shape), UP)
+    places = rng.normal(size=(700, 3)) + np.array([0, 1.0, 0])
+    places = places / np.linalg.norm(places, axis=1, keepdims=True) if distant else 3 * places
+    lights = Lights(places, rng.uniform(0.1, 1, 700), distant)
+    texel = np.stack(np.divmod(np.arange(len(points)), 40), 1)
+    samples = Samples(1, sampling, pattern, TexelBlocks(texel), np.random.default_rng(0))
+    traced = trace_irradiance(occluders, points, floor, lights, normals=normals, samples=samples)
+
+    scene = light_scene(occluders, points, floor, lights, normals)
+    chosen, probability = draw_lights(scene, sampling, pattern_numbers(pattern, texel, np.random.default_rng(0)))
+    rays = occluders.aim(scene.receivers, scene.lights, distant, chosen=chosen)
+    clear = np.zeros(len(points))
+    clear[rays.rows[:, 0]] = occluders.occluded(rays) == -1
+    assert traced.rays == len(rays.rows)
+    assert 0.2 < clear.mean() < 0.9
+    way = np.broadcast_to(places, (len(points), 700, 3)) - (0 if distant else points[:, None])
+    length = np.linalg.norm(way, axis=2)
+    light = scene.luminances / (1 if distant else length**2)
+    fall = light * np.maximum(np.einsum("tmd,td->tm", way, normals) / length, 0)
+    own = np.arange(len(points)), chosen
+    rtol = (700 + 16) * 2.0**-23
+    np.testing.assert_allclose(traced.values, clear * light[own] / probability / light.sum(1), rtol)
+    np.testing.assert_allclose(traced.cosine_visibility, clear * fall[own] / probability / fall.sum(1), 1e-4, 1e-4)

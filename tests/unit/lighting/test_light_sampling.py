@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from pipeline.lighting.light_sampling import BLOCK, pattern_uniforms
+from pipeline.lighting.light_sampling import BLOCK, pattern_numbers
 
 TEXEL = np.stack(np.divmod(np.arange(24 * 32), 32), 1)
 
@@ -16,7 +16,7 @@ def test_each_texel_is_uniform(spread: str) -> None:
     """Over 2,000 draws a texel's numbers pass Kolmogorov and Smirnov's test; the least p of 8 texels exceeds 1e-4 in
     all but 1 of 1,000 such tests (the seed is fixed: this one is among them or not, for good)."""
     rng = np.random.default_rng(3)
-    draws = np.stack([pattern_uniforms(spread, TEXEL, rng) for _ in range(2000)])
+    draws = np.stack([pattern_numbers(spread, TEXEL, rng) for _ in range(2000)])
     assert draws.min() >= 0
     assert draws.max() < 1
     least = min(scipy.stats.kstest(draws[:, t], "uniform").pvalue for t in range(0, len(TEXEL), 100))
@@ -24,7 +24,7 @@ def test_each_texel_is_uniform(spread: str) -> None:
 
 
 def test_blocks_hold_one_draw_per_stratum() -> None:
-    draws = pattern_uniforms("stratified", TEXEL, np.random.default_rng(0))
+    draws = pattern_numbers("stratified", TEXEL, np.random.default_rng(0))
     block = TEXEL // BLOCK @ [8, 1]
     for b in np.unique(block):
         np.testing.assert_array_equal(np.sort((draws[block == b] * BLOCK**2).astype(int)), np.arange(BLOCK**2))
@@ -34,10 +34,10 @@ def test_blocks_hold_one_draw_per_stratum() -> None:
 def test_neighbours_fill_the_unit_interval_better_than_chance(spread: str) -> None:
     """The mean of a 4 x 4 block of independent draws is off by 1 / sqrt(12 x 16) = 0.072; spread ones by far less."""
     rng = np.random.default_rng(1)
-    means = pattern_uniforms(spread, TEXEL, rng).reshape(6, 4, 8, 4).mean((1, 3))
+    means = pattern_numbers(spread, TEXEL, rng).reshape(6, 4, 8, 4).mean((1, 3))
     assert np.sqrt(np.mean((means - 0.5) ** 2)) < 0.072 / 2
 
 
 @pytest.mark.parametrize("spread", ["random", "stratified", "low_discrepancy"])
 def test_no_texel_at_all(spread: str) -> None:
-    assert len(pattern_uniforms(spread, np.zeros((0, 2), np.int64), np.random.default_rng(0))) == 0
+    assert len(pattern_numbers(spread, np.zeros((0, 2), np.int64), np.random.default_rng(0))) == 0
