@@ -30,6 +30,7 @@ from benchmarks.irradiance_poses import Pose, answer, dome, make_pose, rays_of, 
 from benchmarks.marked_page import write_between
 from benchmarks.packet_rays import packet_tracer
 from pipeline.config.trace_irradiance import TraceIrradiance
+from pipeline.geometry.texel_surface import texel_surface
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.irradiance import Samples
 from pipeline.lighting.irradiance import trace_irradiance as trace
@@ -134,6 +135,15 @@ def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None
     ratio = statistics.median(t / o for t, o in zip(seconds["trimesh"], seconds["ours"], strict=True))
     medians = {f"{k}_s": statistics.median(s) for k, s in seconds.items()}
     tell("trimesh intersects_any loop / ours, 1 sample", value=ratio, frames=frames, map="512 x 512", **medians)
+    pose = poses[0]
+    parts = {
+        "tree": pose.occluders,
+        "texels": functools.partial(texel_surface, pose.atlas, pose.vertices),
+        "map": functools.partial(trace_map, pose, pose.occluders(), lights, 1),
+        "rays alone": functools.partial(answer, rays_of(pose, lights, 1)),
+    }
+    milliseconds = {f"{k}_ms": 1e3 * statistics.median(s) for k, s in interleaved(parts, repeats).items()}
+    tell("parts of a frame, one thread", **milliseconds)
 
 
 def shared_against_all(repeats: int) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def throughput_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Table of the ratios of speeds."""
+    """Table of the ratios of speeds, and what a frame is made of."""
     lines = ["| speed of | over that of | for | ratio | millions of rays a second |", "|---|---|---|---|---|"]
     names = {
         "end to end / raw embreex": ("whole maps", "embreex alone, rays made beforehand"),
@@ -20,6 +20,10 @@ def throughput_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
             speeds = [f"{value:.2f}" for key, value in reversed(row.items()) if str(key).endswith("_Mray_s")]
             cells = [*names[name], job, f"{row['value']:.2f}", " against ".join(speeds)]
             lines.append("| " + " | ".join(cells) + " |")
+    parts = next(row for row in rows if row["result"] == "parts of a frame, one thread")
+    tree, texels, whole, rays = (f"{parts[f'{part}_ms']:.0f} ms" for part in ("tree", "texels", "map", "rays alone"))
+    lines += ["", f"A frame on one thread: Embree's tree {tree}, points and normals of the texels {texels}, the map"]
+    lines[-1] += f" {whole}, of which rays {rays}."
     return lines
 
 
