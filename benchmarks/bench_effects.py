@@ -30,6 +30,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import torch
@@ -152,17 +153,17 @@ def plan(files: dict[str, Path], out: Path, settings: PlanEffects) -> None:
 def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str, settings: TrainAvatar) -> dict:
     """Trace if an avatar needs it, pack, train, score."""
     planned = {name for name, effect in read_json(effects).items() if effect["on"]}
-    traced = settings.reads_irradiance(planned)
-    given = {key: files[key] for key in ("atlas", "tracking", "lights", "patterns", "frames")}
-    begun = time.process_time()
-    if traced:
-        trace_irradiance.run(**given, out=out / "irradiance/0000", subject=subject)
+    begun, irradiance = time.process_time(), None
+    if settings.reads_irradiance(planned):
+        irradiance = out / "irradiance/0000"
+        given = {key: files[key] for key in ("atlas", "tracking", "lights", "patterns", "frames")}
+        trace_irradiance.run(**given, out=irradiance, subject=subject)
     light_seconds = time.process_time() - begun
-    pack_shards.run(
-        **files, effects=effects, out=out / "shards", irradiance=out / "irradiance/0000" if traced else None
-    )  # fmt: skip
-    inputs = {"atlas": files["atlas"], "shards": out / "shards", "effects": effects, "subject": subject}
-    train_avatar.run(**inputs, out=out / "warm", settings=settings.model_copy(update={"steps": 2}))  # compiles kernels
+    shards = out.parent / f"shards_{effects.stem}{'_traced' if irradiance else ''}"
+    if not shards.exists():
+        pack_shards.run(**files, effects=effects, out=shards, irradiance=irradiance)
+    inputs = {"atlas": files["atlas"], "shards": shards, "effects": effects, "subject": subject}
+    warm_up(inputs, out / "warm", settings.model_copy(update={"steps": 2}), planned)
     begun = time.process_time()
     train_avatar.run(**inputs, out=out / "avatar", settings=settings)
     seconds = light_seconds + time.process_time() - begun
@@ -174,6 +175,17 @@ def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str,
         **built, "psnr_db": round(float(scored.psnr_db), 3), "cpu_seconds": round(seconds, 2),
         "parameters": trained["parameters"],
     }  # fmt: skip
+
+
+WARM: set[str] = set()
+"""What this process has trained: settings, and the effects that were planned."""
+
+
+def warm_up(inputs: Mapping[str, Any], out: Path, settings: TrainAvatar, planned: set[str]) -> None:
+    """Have the kernels compiled, or loaded, that training takes, if that was not done before."""
+    if (kind := f"{settings.model_dump_json()} {sorted(planned)}") not in WARM:
+        train_avatar.run(**inputs, out=out, settings=settings)
+        WARM.add(kind)
 
 
 if __name__ == "__main__":
