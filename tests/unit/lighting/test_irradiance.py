@@ -208,7 +208,7 @@ def test_single_rays_are_estimates_in_float32(pattern: str, sampling: str, dista
     assert 0.2 < clear.mean() < 0.9
     way = np.broadcast_to(places, (len(points), 700, 3)) - (0 if distant else points[:, None])
     length = np.linalg.norm(way, axis=2)
-    light = scene.luminances / (1 if distant else length**2)
+    light = scene.luminances / (np.ones_like(length) if distant else length**2)
     fall = light * np.maximum(np.einsum("tmd,td->tm", way, normals) / length, 0)
     own = np.arange(len(points)), chosen
     rtol = (700 + 16) * 2.0**-23
