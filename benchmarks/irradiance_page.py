@@ -22,9 +22,8 @@ def throughput_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
             lines.append("| " + " | ".join(cells) + " |")
     parts = next(row for row in rows if row["result"] == "parts of a frame, one thread")
     tree, texels, whole, rays = (f"{parts[f'{part}_ms']:.0f} ms" for part in ("tree", "texels", "map", "rays alone"))
-    lines += ["", f"A frame on one thread: Embree's tree {tree}, points and normals of the texels {texels}, the map"]
-    lines[-1] += f" {whole}, of which rays {rays}."
-    return lines
+    made_of = f"Embree's tree {tree}, points and normals of the texels {texels}, the map {whole}, of which rays {rays}"
+    return [*lines, "", f"A frame on one thread: {made_of}."]
 
 
 def bits_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -20,11 +20,10 @@ from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
 from pipeline.geometry.texels import Atlas
+from pipeline.lighting.draw_kernels import PLASTIC
 from pipeline.lighting.visibility import Occluders
 
 GOLDEN = (1 + 5**0.5) / 2
-PLASTIC = 1.32471795724474602596
-"""The real root of x^3 = x + 1: multiples of (1 / PLASTIC, 1 / PLASTIC^2) fill a square evenly (Roberts 2018)."""
 
 
 def cosine_directions(count: int, points: int) -> Float64[np.ndarray, "points count 3"]:

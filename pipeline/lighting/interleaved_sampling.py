@@ -62,8 +62,7 @@ class Neighbours:
 
 def lights_that_count(scene: Scene, samples: Samples) -> tuple[Float64[np.ndarray, " m"], float]:
     """Probability of each light, and the number of equal lights that vary as much. Both are the same for all texels."""
-    weights = np.ones_like(scene.luminances) if samples.sampling == "uniform" else scene.luminances
-    probability = weights / weights.sum()
+    probability = scene.chances(samples.sampling)
     return probability, 1 / float((probability**2).sum())
 
 

@@ -18,13 +18,12 @@ and L_j = I_j.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
 from pipeline.lighting.draw_kernels import draw_by_arrival, draw_by_chance
-from pipeline.lighting.light_sampling import SamplePattern, pattern_numbers, pattern_uniforms
+from pipeline.lighting.light_sampling import SamplePattern, Sampling, pattern_numbers, pattern_uniforms
 from pipeline.lighting.light_scene import Lights, Scene, light_scene
 from pipeline.lighting.ray_kernels import add_clear_rays
 from pipeline.lighting.shadow_rays import Rays, light_blocks
@@ -35,8 +34,6 @@ from pipeline.lighting.visibility import Occluders
 NOT_DRAWN = np.empty(0)
 """Probabilities of lights that were not drawn but all summed."""
 
-Sampling = Literal["uniform", "power", "arriving"]
-
 
 @dataclass(frozen=True)
 class Samples:
@@ -44,7 +41,7 @@ class Samples:
 
     Attributes:
         count: per texel.
-        sampling: probability of a light: the same for all; by luminance; by what would arrive at the point unoccluded.
+        sampling: probability of a light.
         pattern: how the draws of neighbouring texels hang together, see `pipeline.lighting.light_sampling`.
         blocks: where the points lie on the map.
     """
@@ -146,7 +143,7 @@ def _trace_drawn(scene: Scene, samples: Samples) -> IrradianceMap:
 
 def _trace_single(scene: Scene, samples: Samples) -> IrradianceMap:
     """One ray per point; the draw's own error hides that of float32."""
-    blocks, chances = samples.blocks, scene.chances(samples.sampling == "power")
+    blocks, chances = samples.blocks, scene.chances(samples.sampling)
     uniforms = pattern_uniforms(samples.pattern, blocks.texel, samples.random)
     aimed = scene.occluders.aim_at_drawn(scene.receivers, scene.lights, scene.distant, chances, blocks.texel, uniforms)
     arrays = scene.lights, scene.luminances, scene.luminances / chances
@@ -189,7 +186,7 @@ def draw_lights(
     """
     chosen = np.empty(len(uniform), np.int32)
     if sampling != "arriving":
-        chances = scene.chances(sampling == "power")
+        chances = scene.chances(sampling)
         draw_by_chance(chances, uniform, chosen)
         return chosen, chances[chosen]
     probability = np.empty(len(uniform))

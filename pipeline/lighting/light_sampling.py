@@ -18,11 +18,11 @@ from pipeline.lighting.draw_kernels import lattice_numbers
 
 SamplePattern = Literal["random", "stratified", "low_discrepancy"]
 
+Sampling = Literal["uniform", "power", "arriving"]
+"""Probability of a light: the same for all; by luminance; by what would arrive at the point unoccluded."""
+
 BLOCK = 4
 """Side of the blocks of texels that share one stratified draw: 16 strata, as many as a glance at the map averages."""
-
-IN_THE_LATTICE = np.empty(0)
-"""Stands for numbers that are not made beforehand, since a texel's place and the shift tell them."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Uniforms:
     """Numbers in [0, 1), one per texel.
 
     Attributes:
-        numbers: the numbers; or, if they are those of the lattice, empty.
+        numbers: the numbers; or empty: a texel's place in the lattice tells its own.
         shift: of the lattice.
     """
 
@@ -49,7 +49,7 @@ def pattern_uniforms(pattern: SamplePattern, texel: Int[np.ndarray, "t 2"], rand
     if pattern == "random":
         return Uniforms(random.random(len(texel)))
     if pattern == "low_discrepancy":
-        return Uniforms(IN_THE_LATTICE, random.random())
+        return Uniforms(np.empty(0), random.random())
     rows, columns = texel.max(0, initial=0) // BLOCK + 1
     order = random.permuted(np.tile(np.arange(BLOCK**2), (rows * columns, 1)), axis=1)
     block, place = texel // BLOCK @ [columns, 1], texel % BLOCK @ [BLOCK, 1]
@@ -62,7 +62,7 @@ def pattern_numbers(
 ) -> Float64[np.ndarray, " t"]:
     """The numbers of `pattern_uniforms`, those of the lattice made, too."""
     drawn = pattern_uniforms(pattern, texel, random)
-    if drawn.numbers is not IN_THE_LATTICE:
+    if len(drawn.numbers) == len(texel):
         return drawn.numbers
     uniform = np.empty(len(texel))
     lattice_numbers(texel, drawn.shift, uniform)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from pipeline.lighting.light_sampling import Sampling
 from pipeline.lighting.ray_kernels import share_of_arriving
 from pipeline.lighting.shadow_rays import Receivers
 from pipeline.lighting.visibility import Occluders
@@ -67,9 +68,9 @@ class Scene:
         )  # fmt: skip
         return arrived, cosine_arrived
 
-    def chances(self, by_power: bool) -> Float64[np.ndarray, " m"]:
-        """Probability of each light to be drawn: by luminance, or the same for all."""
-        weights = self.luminances if by_power else np.ones_like(self.luminances)
+    def chances(self, sampling: Sampling) -> Float64[np.ndarray, " m"]:
+        """Probability of each light to be drawn, as far as it is the same for all points."""
+        weights = np.ones_like(self.luminances) if sampling == "uniform" else self.luminances
         return weights / weights.sum()
 
     def per_arriving(self) -> tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, " t"]]:

@@ -15,7 +15,7 @@ RAYS_AT_ONCE = 16384
 class Receivers:
     """Points of a mesh that light falls on, and the outward unit normals of their faces.
 
-    The normals are geometric, not smoothed (see `ORIGIN_OFFSET`).
+    The normals are geometric, not smoothed (see `pipeline.lighting.visibility.ORIGIN_OFFSET`).
     """
 
     points: Float64[np.ndarray, "n 3"]

@@ -32,15 +32,19 @@ class TexelBlocks:
 
 
 class BlockVariance:
-    """Sum over draws of the variance among the texels of each block."""
+    """Sum over draws of the variance among the texels of each block.
+
+    Attributes:
+        total: the sum, per block.
+    """
 
     def __init__(self, blocks: TexelBlocks) -> None:
         self._blocks = blocks
-        self._total = np.zeros(len(blocks.count))
+        self.total = np.zeros(len(blocks.count))
 
     def add(self, draws: Float64[np.ndarray, " t"]) -> None:
         """Add one draw of every texel."""
-        add_block_variances(draws, self._blocks.block, self._blocks.count, self._total)
+        add_block_variances(draws, self._blocks.block, self._blocks.count, self.total)
 
     def add_sums(self, sums: Float64[np.ndarray, " b"], squares: Float64[np.ndarray, " b"]) -> None:
         """Add one draw of every texel, of which the sum and the sum of squares are known per block.
@@ -48,10 +52,10 @@ class BlockVariance:
         Rounding can leave a few 1e-8 of the largest draw where all are the same.
         """
         count = self._blocks.count
-        self._total += np.maximum(squares - sums**2 / np.maximum(count, 1), 0) / np.maximum(count - 1, 1)
+        self.total += np.maximum(squares - sums**2 / np.maximum(count, 1), 0) / np.maximum(count - 1, 1)
 
     def error_of_mean(self, draws: int) -> Float32[np.ndarray, " t"]:
         """Standard error of the mean of that many draws, per texel."""
         error = np.empty(len(self._blocks.block), np.float32)
-        spread_over_blocks(np.sqrt(self._total) / draws, self._blocks.block, error)
+        spread_over_blocks(np.sqrt(self.total) / draws, self._blocks.block, error)
         return error

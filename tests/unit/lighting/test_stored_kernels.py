@@ -14,9 +14,25 @@ import hashlib
 import os
 import numpy as np
 import torch
+from pipeline.lighting.irradiance import Samples, trace_irradiance
+from pipeline.lighting.light_scene import Lights
 from pipeline.lighting.matte import arriving_vectors
 from pipeline.lighting.point_lights import PointLights
+from pipeline.lighting.standard_error import TexelBlocks
+from pipeline.lighting.visibility import Occluders
 from pipeline.lighting.zonal import gather_light
+
+def single_rays(points, lights):
+    faces = np.arange(len(points)).reshape(-1, 3)
+    a, b, c = points[faces].swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    blocks = TexelBlocks(np.stack(np.divmod(np.arange(len(faces)), 10), 1))
+    drawn = Samples(1, "power", "low_discrepancy", blocks, np.random.default_rng(0))
+    lit = Lights(lights, np.ones(len(lights)))
+    found = trace_irradiance(Occluders(points, faces), (a + b + c) / 3, normals, lit, samples=drawn)
+    assert 0 < found.values.mean() < 1
+    return np.stack([found.values, found.cosine_visibility, found.error])
 
 def run():
     generator = torch.Generator().manual_seed(0)
@@ -31,7 +47,8 @@ def run():
     gradients = torch.autograd.grad(light.square().sum(), inputs)
     points = points.detach()
     arriving = arriving_vectors(points, normals, PointLights(lights, power, seen))
-    for found in (light, *gradients, arriving):
+    single = single_rays(points.double().numpy(), lights.double().numpy())
+    for found in (light, *gradients, arriving, torch.from_numpy(single)):
         print(hashlib.sha256(found.detach().numpy().tobytes()).hexdigest())
 
 for _ in range(2):
@@ -48,5 +65,5 @@ def test_the_first_run_has_the_bits_of_the_next(tmp_path):
     command = [sys.executable, "-c", SCRIPT]
     printed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
     assert list(tmp_path.rglob("*.nbc"))
-    assert len(printed) == 8
-    assert printed[:4] == printed[4:]
+    assert len(printed) == 10
+    assert printed[:5] == printed[5:]
