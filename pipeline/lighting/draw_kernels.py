@@ -35,15 +35,16 @@ def lattice_numbers(texel, shift, uniform):
 @kernel
 @no_type_check
 def cumulative_chances(chances):
-    """Cumulative distribution of lights, and a table into it.
+    """Cumulative distribution of lights, which ends at 1, and a table into it.
 
     The table tells where to start looking (Chen and Asau 1974).
     """
     cumulative = np.cumsum(chances)
+    cumulative /= cumulative[-1]
     last, cells = len(chances) - 1, 4 * len(chances)
     start, light = np.empty(cells + 1, np.int32), 0
     for c in range(cells + 1):
-        while light < last and cumulative[light] <= c / cells * cumulative[last]:
+        while light < last and cumulative[light] <= c / cells:
             light += 1
         start[c] = light
     return cumulative, start
@@ -53,12 +54,12 @@ def cumulative_chances(chances):
 @no_type_check
 def light_at(cumulative, start, uniform):
     """The light that a number in [0, 1) draws: a step or two from where the table says."""
-    last, target = len(cumulative) - 1, uniform * cumulative[-1]
+    last = len(cumulative) - 1
     j = start[np.uint32(uniform * (len(start) - 1))]
-    # Rounding may put the start one light too far, and carry the target up to the very end.
-    while j > 0 and cumulative[np.uint32(j - 1)] > target:
+    # Rounding may put the start one light too far.
+    while j > 0 and cumulative[np.uint32(j - 1)] > uniform:
         j -= 1
-    while j < last and cumulative[np.uint32(j)] <= target:
+    while j < last and cumulative[np.uint32(j)] <= uniform:
         j += 1
     return np.uint32(j)
 

@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.base.float_lanes import LANES, every, fused, inverse_root, larger, load, store
 from pipeline.base.kernel_cache import kernel, kernel_part
 from pipeline.lighting.draw_kernels import cumulative_chances, lattice_number, light_at
-from pipeline.lighting.ray_kernels import PAIRS_AT_ONCE, height, write_rays
+from pipeline.lighting.ray_kernels import FAST_MATH, PAIRS_AT_ONCE, height, write_rays
 
 PLACES = 10
 """Numbers of a ray: its point, the normal, the light's place or direction, and its luminance over its chance."""
@@ -23,10 +23,10 @@ SMALLEST = np.float32(1e-37)
 """Stands for a sum of cosines that is 0: then the ray's own is 0, too, and so is its share."""
 
 OPTIONS = {"nogil": True, "error_model": "numpy"}
-"""Without the interpreter's lock; a division by 0 gives infinity. Nothing is reordered, as `zonal_kernels` explains."""
+"""Without the interpreter's lock; a division by 0 gives infinity."""
 
 
-@kernel(**OPTIONS, fastmath={"contract", "nsz", "arcp"})
+@kernel(**OPTIONS, fastmath=FAST_MATH)
 @no_type_check
 def aim_at_drawn(
     points, normals, lights, distant, chances, uniform, texel, shift, center, half_extent, offset, clearance, farthest,
