@@ -17,7 +17,7 @@ FAST_MATH = {"contract", "nsz", "arcp", "reassoc"}
 """Without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
 
 kernel = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=FAST_MATH)
-"""NumPy's division gives infinity where Python's raises: a loop that may raise is not vectorised (eight times slower)."""
+"""NumPy's division gives infinity where Python's raises: a loop that may raise is not vectorised (8 times slower)."""
 
 PAIRS_AT_ONCE = 4096
 """Pairs that are found before their rays are made: their points still lie in the nearest cache."""
