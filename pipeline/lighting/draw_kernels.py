@@ -15,6 +15,9 @@ PLASTIC = 1.324717957244746
 DOWN, ACROSS = 1 / PLASTIC, 1 / PLASTIC**2
 """What a row and a column of the map add to a lattice number."""
 
+BELOW_ONE = 1 - 2.0**-51
+"""Four roundings below 1: a number that rounding moves into a cell is not below the cell's start times this."""
+
 
 @kernel_part(inline=True)
 @no_type_check
@@ -37,14 +40,14 @@ def lattice_numbers(texel, shift, uniform):
 def cumulative_chances(chances):
     """Cumulative distribution of lights, which ends at 1, and a table into it.
 
-    The table tells where to start looking (Chen and Asau 1974).
+    The table tells where to start looking (Chen and Asau 1974): never too far, whichever way the numbers are rounded.
     """
     cumulative = np.cumsum(chances)
     cumulative /= cumulative[-1]
     last, cells = len(chances) - 1, 4 * len(chances)
     start, light = np.empty(cells + 1, np.int32), 0
     for c in range(cells + 1):
-        while light < last and cumulative[light] <= c / cells:
+        while light < last and cumulative[light] <= c / cells * BELOW_ONE:
             light += 1
         start[c] = light
     return cumulative, start
@@ -56,9 +59,6 @@ def light_at(cumulative, start, uniform):
     """The light that a number in [0, 1) draws: a step or two from where the table says."""
     last = len(cumulative) - 1
     j = start[np.uint32(uniform * (len(start) - 1))]
-    # Rounding may put the start one light too far.
-    while j > 0 and cumulative[np.uint32(j - 1)] > uniform:
-        j -= 1
     while j < last and cumulative[np.uint32(j)] <= uniform:
         j += 1
     return np.uint32(j)

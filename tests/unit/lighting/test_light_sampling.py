@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from pipeline.lighting.draw_kernels import cumulative_chances, draw_by_chance
 from pipeline.lighting.light_sampling import BLOCK, pattern_numbers
 
 TEXEL = np.stack(np.divmod(np.arange(24 * 32), 32), 1)
@@ -41,3 +42,22 @@ def test_neighbours_fill_the_unit_interval_better_than_chance(spread: str) -> No
 @pytest.mark.parametrize("spread", ["random", "stratified", "low_discrepancy"])
 def test_no_texel_at_all(spread: str) -> None:
     assert len(pattern_numbers(spread, np.zeros((0, 2), np.int64), np.random.default_rng(0))) == 0
+
+
+@pytest.mark.parametrize(
+    "chances",
+    [
+        np.ones(24), np.ones(7), 0.5 ** np.arange(40), np.array([0.0, 1, 0, 0, 3, 0]),
+        np.array([np.nextafter(0.25, 1), 0.25, 0.25, 0.25]),
+    ],
+)  # fmt: skip
+def test_draws_on_the_bounds_between_lights(chances: np.ndarray) -> None:
+    """The drawn light is the first whose cumulative distribution is above the number, wherever its table starts."""
+    cumulative, _ = cumulative_chances(chances)
+    np.testing.assert_allclose(cumulative, np.cumsum(chances) / chances.sum(), rtol=1e-15)
+    bounds = np.concatenate([cumulative, np.arange(4 * len(chances)) / (4 * len(chances))])
+    uniform = np.concatenate([bounds, np.nextafter(bounds, 0), np.nextafter(bounds, 1), np.linspace(0, 1, 999)])
+    uniform = uniform[(uniform >= 0) & (uniform < 1)]
+    chosen = np.empty(len(uniform), np.int32)
+    draw_by_chance(chances, uniform, chosen)
+    np.testing.assert_array_equal(chosen, np.searchsorted(cumulative, uniform, side="right"))
