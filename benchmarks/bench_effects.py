@@ -163,7 +163,7 @@ def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str,
     if not shards.exists():
         pack_shards.run(**files, effects=effects, out=shards, irradiance=irradiance)
     inputs = {"atlas": files["atlas"], "shards": shards, "effects": effects, "subject": subject}
-    warm_up(inputs, out / "warm", settings.model_copy(update={"steps": 2}), planned)
+    warm_up(inputs, out / "warm", settings.model_copy(update=WARMING), planned)
     begun = time.process_time()
     train_avatar.run(**inputs, out=out / "avatar", settings=settings)
     seconds = light_seconds + time.process_time() - begun
@@ -176,6 +176,9 @@ def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str,
         "parameters": trained["parameters"],
     }  # fmt: skip
 
+
+WARMING = {"steps": 2, "refine_lights": False, "refine_cameras": False}
+"""What a training changes that is to have kernels ready only. Refinement takes as long as 80 steps, and has none."""
 
 WARM: set[str] = set()
 """What this process has trained: settings, and the effects that were planned."""
