@@ -178,7 +178,7 @@ def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str,
 
 
 WARMING = {"steps": 2, "refine_lights": False, "refine_cameras": False}
-"""What a training changes that is to have kernels ready only. Refinement takes as long as 80 steps, and has none."""
+"""Changes to a training that only compiles kernels. Refinement takes as long as 35 to 75 steps, and compiles none."""
 
 WARM: set[str] = set()
 """What this process has trained: settings, and the effects that were planned."""

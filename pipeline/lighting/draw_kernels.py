@@ -38,7 +38,7 @@ def lattice_numbers(texel, shift, uniform):
 @kernel
 @no_type_check
 def cumulative_chances(chances):
-    """Cumulative distribution of lights, which ends at 1, and a table into it.
+    """Cumulative distribution of lights, up to 1 but for a rounding, and a table into it.
 
     The table tells where to start looking (Chen and Asau 1974): never too far, whichever way the numbers are rounded.
     """
@@ -56,7 +56,10 @@ def cumulative_chances(chances):
 @kernel_part(inline=True)
 @no_type_check
 def light_at(cumulative, start, uniform):
-    """The light that a number in [0, 1) draws: a step or two from where the table says."""
+    """The light that a number in [0, 1) draws: a step or two from where the table says.
+
+    The last light has what rounding leaves below 1.
+    """
     last = len(cumulative) - 1
     j = start[np.uint32(uniform * (len(start) - 1))]
     while j < last and cumulative[np.uint32(j)] <= uniform:

@@ -63,7 +63,7 @@ def share_of_arriving(points, normals, axes, luminances, distant, least2, arrive
 def height(x, y, z, px, py, pz, nx, ny, nz, distant):
     """Height of a light over the face at a point; of a distant light, its cosine.
 
-    Of numbers: a call with the arrays that they stand in is not inlined, and makes aiming four times as slow.
+    Of numbers: called with the arrays that they stand in, it makes maps of single rays a fifth slower.
     """
     if distant:
         return x * nx + y * ny + z * nz
