@@ -163,7 +163,7 @@ def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str,
     if not shards.exists():
         pack_shards.run(**files, effects=effects, out=shards, irradiance=irradiance)
     inputs = {"atlas": files["atlas"], "shards": shards, "effects": effects, "subject": subject}
-    warm_up(inputs, out / "warm", settings.model_copy(update=WARMING), planned)
+    warm_up(inputs, out / "warm", settings, planned)
     begun = time.process_time()
     train_avatar.run(**inputs, out=out / "avatar", settings=settings)
     seconds = light_seconds + time.process_time() - begun
@@ -177,17 +177,17 @@ def bench_avatar(files: dict[str, Path], effects: Path, out: Path, subject: str,
     }  # fmt: skip
 
 
-WARMING = {"steps": 2, "refine_lights": False, "refine_cameras": False}
-"""Changes to a training that only compiles kernels. Refinement takes as long as 35 to 75 steps, and compiles none."""
-
 WARM: set[str] = set()
 """What this process has trained: settings, and the effects that were planned."""
 
 
 def warm_up(inputs: Mapping[str, Any], out: Path, settings: TrainAvatar, planned: set[str]) -> None:
-    """Have the kernels compiled, or loaded, that training takes, if that was not done before."""
+    """Have the kernels compiled, or loaded, that training takes, if that was not done before.
+
+    Without refinement: it takes as long as 35 to 75 steps, and compiles none.
+    """
     if (kind := f"{settings.model_dump_json()} {sorted(planned)}") not in WARM:
-        train_avatar.run(**inputs, out=out, settings=settings)
+        train_avatar.run(**inputs, out=out, settings=settings.model_copy(update={"steps": 2, "refine_lights": False}))
         WARM.add(kind)
 
 

@@ -20,9 +20,12 @@ log = logging.getLogger(__name__)
 FAST_MATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
 """fastmath without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
 
+EXACT_FUNCTIONS = FAST_MATH - {"afn"}
+"""Fast, but no function may be approximated: roots stay those of IEEE 754."""
+
 SOURCES = (
-    "*_kernels.py", "kernel_cache.py", "float_lanes.py", "splat_conventions.py", "vector_intrinsics.py",
-    "volume_conventions.py",
+    "*_kernels.py", "kernel_cache.py", "conventions.py", "float_lanes.py", "splat_conventions.py",
+    "vector_intrinsics.py", "volume_conventions.py",
 )  # fmt: skip
 
 
@@ -56,6 +59,12 @@ def kernel(*, parallel: bool = False, fastmath: bool | set[str] = False, **more:
         return dispatcher
 
     return compiled
+
+
+unlocked_kernel = kernel(nogil=True, error_model="numpy")
+"""Decorates a kernel of one thread that runs without the interpreter's lock, so that frames are computed side by side.
+
+A division by 0 gives infinity, as NumPy's does: a loop that may raise is not vectorised (8 times slower)."""
 
 
 def kernel_part(*, inline: bool = False, fastmath: bool | set[str] = False) -> Callable:

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from typing import no_type_check
 
-import numba
 import numpy as np
 
-kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
+from pipeline.base.kernel_cache import unlocked_kernel
 
 
-@kernel
+@unlocked_kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def add_point_derivatives(points, parts, carried, transforms, inverse, turning, root, pivot, scale, derivatives):
     """Set derivatives [points, 3, unknowns] of one frame's points, which are zeros before.
@@ -62,7 +61,7 @@ def add_point_derivatives(points, parts, carried, transforms, inverse, turning, 
             _turned(derivatives[n, :, 6 + 3 * j : 9 + 3 * j], turning[j], below)
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def _turned(result, matrix, arm):
     """Set matrix @ [arm]x."""
@@ -73,7 +72,7 @@ def _turned(result, matrix, arm):
         result[a, 2] = m[0] * arm[1] - m[1] * arm[0]
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def carry_quadratic(points, derivatives, normal, carried):
     """Set normal @ derivatives, point by point, of one frame; `normal` is of all points."""
@@ -85,7 +84,7 @@ def carry_quadratic(points, derivatives, normal, carried):
                 carried[n, a, u] = x * d[0, u] + y * d[1, u] + z * d[2, u]
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def carry_shared(points, derivatives, shared, rows, factor):
     """Set rows of `factor` [all own, unknowns] to shared^T @ derivatives, point by point.

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from typing import no_type_check
 
-import numba
 import numpy as np
 
-kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
+from pipeline.base.kernel_cache import unlocked_kernel
 
 
-@kernel
+@unlocked_kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def mark_edge(mask, off_edge):
     """Set pixels that the outline passes to 0 and others to 1; returns how many it passes.
@@ -31,7 +30,7 @@ def mark_edge(mask, off_edge):
     return count
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def give_sign(mask, off_edge, nearest, half_covered, farthest_px, distance):
     """Make distances from the edge positive inside, exact by coverage, and clip them.

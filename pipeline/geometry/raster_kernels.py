@@ -13,13 +13,10 @@ from __future__ import annotations
 
 from typing import no_type_check
 
-import numba
 import numpy as np
 
 from pipeline.base.conventions import PIXEL_CENTER
-
-kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
-"""NumPy's division: a loop that may raise is not vectorised."""
+from pipeline.base.kernel_cache import unlocked_kernel
 
 DEPTH_BLOCK = 4
 """Pixels of a row tested together when depth is drawn, a third as many as samples: one vector."""
@@ -32,7 +29,7 @@ BLOCK = 8
 by the same test; a row of samples has room for them at its end."""
 
 
-@kernel
+@unlocked_kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _corners(pixels, depth, face, scale):
     """x and y of a triangle's corners, and twice its signed area; 0 for one that is not drawn."""
@@ -44,7 +41,7 @@ def _corners(pixels, depth, face, scale):
     return x, y, area if drawn else 0.0
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def _samples(corners, start, end):
     """First and last number of the samples between a triangle's corners, from `start` and before `end`."""
@@ -53,7 +50,7 @@ def _samples(corners, start, end):
     return int(lowest), int(max(min(np.floor(last - PIXEL_CENTER), end - 1.0), start - 1.0))
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def drawn_window(pixels, depth, faces, height, width, margin):
     """Window of the pixels that the triangles cover, and of those up to `margin` beside them."""
@@ -70,7 +67,7 @@ def drawn_window(pixels, depth, faces, height, width, margin):
     return first_row, first_column, end_row, end_column
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def _fill(filled, pixels, depth, faces, above, before):
     """Set samples to 1 that a triangle covers.
@@ -103,7 +100,7 @@ def _fill(filled, pixels, depth, faces, above, before):
                 )
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def fill_coverage(pixels, depth, faces, window):
     """Share of each pixel of a window that is covered, 0..255."""
@@ -128,7 +125,7 @@ def fill_coverage(pixels, depth, faces, window):
     return coverage
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def fill_depth(pixels, depth, faces, height, width):
     """Least depth over the triangles that contain each pixel's centre.

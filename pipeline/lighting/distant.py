@@ -10,14 +10,13 @@ A frame's light is 81 numbers for all texels.
 from __future__ import annotations
 
 import math
-from typing import no_type_check
 
-import numba
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.lighting.distant_kernels import distant_backward, distant_forward
 from pipeline.lighting.environment_sh import COEFFICIENTS, gather_environment, spherical_harmonics
 from pipeline.lighting.lobes import unit
 from pipeline.lighting.point_lights import PointLights
@@ -100,7 +99,7 @@ class _GatherDistant(torch.autograd.Function):
         axes, light = axes.detach().contiguous(), light.detach().contiguous()
         ctx.save_for_backward(axes, light)
         out = torch.empty(len(axes), 3, math.isqrt(len(light)), light.shape[1])
-        _distant_forward(axes.numpy(), light.numpy(), STEP, BACK, DIAGONAL, out.numpy())
+        distant_forward(axes.numpy(), light.numpy(), STEP, BACK, DIAGONAL, out.numpy())
         return out
 
     @staticmethod
@@ -108,7 +107,7 @@ class _GatherDistant(torch.autograd.Function):
         axes, light = ctx.saved_tensors
         grad = torch.empty_like(axes)
         arrays = [tensor.numpy() for tensor in (axes, light, grad_out.contiguous())]
-        _distant_backward(*arrays, STEP, BACK, DIAGONAL, grad.numpy())
+        distant_backward(*arrays, STEP, BACK, DIAGONAL, grad.numpy())
         return grad, None
 
 
@@ -130,61 +129,3 @@ def _recursion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 STEP, BACK, DIAGONAL = _recursion()
 if len(STEP) ** 2 != COEFFICIENTS:
     raise AssertionError("degrees of the recursion and of the harmonics differ")
-
-
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-@no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _distant_forward(axes, light, step, back, diagonal, out):
-    channels, degrees = light.shape[1], out.shape[2]
-    for p in numba.prange(axes.shape[0]):
-        out[p] = 0
-        for a in range(3):
-            x, y, z = axes[p, 0, a], axes[p, 1, a], axes[p, 2, a]
-            cosine, sine = np.float32(1.0), np.float32(0.0)  # of m times the azimuth, times sin(polar angle)^m
-            for m in range(degrees):
-                before, here = np.float32(0.0), diagonal[m]
-                for degree in range(m, degrees):
-                    center = degree * degree + degree
-                    for c in range(channels):
-                        along = cosine * light[center + m, c]
-                        if m > 0:
-                            along += sine * light[center - m, c]
-                        out[p, a, degree, c] += here * along
-                    before, here = here, step[m, degree] * (z * here - back[m, degree] * before)
-                cosine, sine = x * cosine - y * sine, x * sine + y * cosine
-
-
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-@no_type_check  # keeps the tests' run-time shape checks out of compiled code
-def _distant_backward(axes, light, grad_out, step, back, diagonal, grad):
-    channels, degrees = light.shape[1], grad_out.shape[2]
-    for p in numba.prange(axes.shape[0]):
-        for a in range(3):
-            x, y, z = axes[p, 0, a], axes[p, 1, a], axes[p, 2, a]
-            gx = gy = gz = np.float32(0.0)
-            cosine, sine = np.float32(1.0), np.float32(0.0)
-            cosine_less, sine_less = np.float32(0.0), np.float32(0.0)  # those of m - 1, times m
-            for m in range(degrees):
-                before, here = np.float32(0.0), diagonal[m]
-                slope_before, slope_here = np.float32(0.0), np.float32(0.0)  # with respect to z
-                to_cosine = to_sine = np.float32(0.0)
-                for degree in range(m, degrees):
-                    center = degree * degree + degree
-                    by_cosine = by_sine = np.float32(0.0)
-                    for c in range(channels):
-                        by_cosine += grad_out[p, a, degree, c] * light[center + m, c]
-                        if m > 0:
-                            by_sine += grad_out[p, a, degree, c] * light[center - m, c]
-                    to_cosine += here * by_cosine
-                    to_sine += here * by_sine
-                    gz += slope_here * (cosine * by_cosine + sine * by_sine)
-                    forth, rear = step[m, degree], back[m, degree]
-                    after, slope_after = forth * (z * here - rear * before), here + z * slope_here
-                    slope_after = forth * (slope_after - rear * slope_before)
-                    before, here = here, after
-                    slope_before, slope_here = slope_here, slope_after
-                gx += cosine_less * to_cosine + sine_less * to_sine
-                gy += cosine_less * to_sine - sine_less * to_cosine
-                cosine_less, sine_less = np.float32(m + 1) * cosine, np.float32(m + 1) * sine
-                cosine, sine = x * cosine - y * sine, x * sine + y * cosine
-            grad[p, 0, a], grad[p, 1, a], grad[p, 2, a] = gx, gy, gz

@@ -7,7 +7,7 @@ from typing import no_type_check
 import numpy as np
 
 from pipeline.base.kernel_cache import kernel_part
-from pipeline.lighting.ray_kernels import kernel
+from pipeline.lighting.ray_kernels import ray_kernel
 
 PLASTIC = 1.324717957244746
 """Real root of x^3 = x + 1: its powers give the two-dimensional sequence of lowest known discrepancy (Roberts 2018)."""
@@ -27,7 +27,7 @@ def lattice_number(row, column, shift):
     return number - np.floor(number)
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def lattice_numbers(texel, shift, uniform):
     """Write the lattice number of each texel."""
@@ -35,7 +35,7 @@ def lattice_numbers(texel, shift, uniform):
         uniform[i] = lattice_number(texel[i, 0], texel[i, 1], shift)
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def cumulative_chances(chances):
     """Cumulative distribution of lights, up to 1 but for a rounding, and a table into it.
@@ -67,7 +67,7 @@ def light_at(cumulative, start, uniform):
     return np.uint32(j)
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def draw_by_chance(chances, uniform, chosen):
     """Draw one light per point by inversion of the cumulative distribution.
@@ -80,7 +80,7 @@ def draw_by_chance(chances, uniform, chosen):
         chosen[i] = light_at(cumulative, start, uniform[i])
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def draw_by_arrival(points, lights, luminances, distant, least2, per_arriving, uniform, chosen, probability):
     """Draw one light per point with probability proportional to what would arrive.
@@ -102,7 +102,7 @@ def draw_by_arrival(points, lights, luminances, distant, least2, per_arriving, u
         probability[i] = light * per_arriving[i]
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def add_block_variances(values, block, count, variance):
     """Add to every block the unbiased variance of its values; 0 to one that has a single one.
@@ -122,7 +122,7 @@ def add_block_variances(values, block, count, variance):
         variance[b] += squares[b] / max(count[b] - 1.0, 1.0)
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def spread_over_blocks(per_block, block, values):
     """Give every value that of its block."""

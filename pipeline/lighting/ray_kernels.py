@@ -10,20 +10,18 @@ from __future__ import annotations
 
 from typing import no_type_check
 
-import numba
 import numpy as np
 
-FAST_MATH = {"contract", "nsz", "arcp", "reassoc"}
-"""Without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
+from pipeline.base.kernel_cache import EXACT_FUNCTIONS, kernel
 
-kernel = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=FAST_MATH)
-"""NumPy's division gives infinity where Python's raises: a loop that may raise is not vectorised (8 times slower)."""
+ray_kernel = kernel(nogil=True, error_model="numpy", fastmath=EXACT_FUNCTIONS)
+"""Decorates a kernel as `unlocked_kernel` does, and lets sums be reordered."""
 
 PAIRS_AT_ONCE = 4096
 """Pairs that are found before their rays are made: their points still lie in the nearest cache."""
 
 
-@kernel
+@ray_kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def share_of_arriving(points, normals, axes, luminances, distant, least2, arrived, cosine_arrived):
     """Divide, in place, sums over lights that are seen by sums over all lights.
@@ -58,7 +56,7 @@ def share_of_arriving(points, normals, axes, luminances, distant, least2, arrive
         cosine_arrived[i] = cosine_arrived[i] / cosine_total if cosine_total > 0 else 0.0
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def height(x, y, z, px, py, pz, nx, ny, nz, distant):
     """Height of a light over the face at a point; of a distant light, its cosine.
@@ -70,7 +68,7 @@ def height(x, y, z, px, py, pz, nx, ny, nz, distant):
     return (x - px) * nx + (y - py) * ny + (z - pz) * nz
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def write_rays(
     points, normals, lights, distant, center, half_extent, offset, clearance, farthest, rows, sources, ways, lengths,
@@ -98,7 +96,7 @@ def write_rays(
         lengths[r] = length
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def aim(
     points, normals, lights, distant, chosen, first, center, half_extent, offset, clearance, farthest, rows, sources,
@@ -137,7 +135,7 @@ def aim(
     return rays
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def add_clear_rays(
     points, normals, lights, luminances, distant, least2, probability, rows, hits, arrived, cosine_arrived
@@ -163,7 +161,7 @@ def add_clear_rays(
         cosine_arrived[i] += light * max(cosine, 0.0)
 
 
-@kernel
+@ray_kernel
 @no_type_check
 def add_seen_bits(points, normals, light, luminance, distant, least2, bits, arrived, cosine_arrived):
     """Add one light at the points whose bit is set.

@@ -12,9 +12,9 @@ from typing import no_type_check
 import numpy as np
 
 from pipeline.base.float_lanes import LANES, every, fused, inverse_root, larger, load, store
-from pipeline.base.kernel_cache import kernel, kernel_part
+from pipeline.base.kernel_cache import kernel_part, unlocked_kernel
 from pipeline.lighting.draw_kernels import cumulative_chances, lattice_number, light_at
-from pipeline.lighting.ray_kernels import FAST_MATH, PAIRS_AT_ONCE, height, write_rays
+from pipeline.lighting.ray_kernels import PAIRS_AT_ONCE, height, ray_kernel, write_rays
 
 PLACES = 10
 """Numbers of a ray: its point, the normal, the light's place or direction, and its luminance over its chance."""
@@ -22,11 +22,8 @@ PLACES = 10
 SMALLEST = np.float32(1e-37)
 """Stands for a sum of cosines that is 0: then the ray's own is 0, too, and so is its share."""
 
-OPTIONS = {"nogil": True, "error_model": "numpy"}
-"""Without the interpreter's lock; a division by 0 gives infinity."""
 
-
-@kernel(**OPTIONS, fastmath=FAST_MATH)
+@ray_kernel
 @no_type_check
 def aim_at_drawn(
     points, normals, lights, distant, chances, uniform, texel, shift, center, half_extent, offset, clearance, farthest,
@@ -95,7 +92,7 @@ def shares_of_lanes(packed, lights, luminances, distant, least2, found):
     store(found, LANES, cosine_light / larger(cosine_total, every(SMALLEST)))
 
 
-@kernel(**OPTIONS)
+@unlocked_kernel
 @no_type_check
 def shares_of_single_rays(
     points, normals, lights, luminances, worth, distant, least2, rows, hits, block, shares, cosine_shares, sums,

@@ -22,10 +22,6 @@ DEGREES = 9
 SMALLEST_DISTANCE2_M2 = np.float32(1e-8)
 """Lights closer than 0.1 mm are taken at 0.1 mm: no LED is nearer, and I / d^2 stays finite in float32."""
 
-FAST_MATH = {"contract", "nsz", "arcp"}
-"""Not "reassoc": numba optimises what it stores once more than what it has just compiled, and sums in another order
-then give other bits. A training that is stopped before its kernels are stored could not go on to the same result."""
-
 STEP = np.array([(2 * degree + 3) / (degree + 2) for degree in range(DEGREES)], np.float32)
 BACK = np.array([(degree + 1) / (degree + 2) for degree in range(DEGREES)], np.float32)
 """Bonnet's recurrence: P_(l+2) = STEP_l x P_(l+1) - BACK_l P_l."""

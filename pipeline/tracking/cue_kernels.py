@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from typing import no_type_check
 
-import numba
 import numpy as np
 
 from pipeline.base.conventions import PIXEL_CENTER
+from pipeline.base.kernel_cache import unlocked_kernel
 
-kernel = numba.njit(nogil=True, cache=True, error_model="numpy")
 
-
-@kernel
+@unlocked_kernel
 @no_type_check  # keeps the tests' run-time shape checks out of compiled code
 def _cell(x, y, height, width, edge_px):
     """Row and column of the upper left of a pixel's four neighbours, and its way to the others."""
@@ -28,7 +26,7 @@ def _cell(x, y, height, width, edge_px):
     return row, column, x - column, y - row
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def near_outline(distance, corner, pixels, depth, chosen, height, width, most_px, edge_px, number, target):
     """Find points whose distance from a drawn outline is less than `most_px`; returns how many.
@@ -53,7 +51,7 @@ def near_outline(distance, corner, pixels, depth, chosen, height, width, most_px
     return count
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def pinhole_derivatives(points, rotation, translation, focal, least_depth, derivative):
     """Set the derivatives of an undistorted camera's pixels by positions [points, 3]."""
@@ -67,7 +65,7 @@ def pinhole_derivatives(points, rotation, translation, focal, least_depth, deriv
                 derivative[n, i, a] = focal[i] / depth * (r[a] - slope * rotation[2, a])
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def add_distances(
     distance, frame, point, pixels, derivative, target, sigma_px, cauchy_scale, edge_px, gradient, normal
@@ -97,7 +95,7 @@ def add_distances(
     return cost
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def look_up_colors(images, frame, pixels, edge_px, color, across, down):
     """Set colours [points, 3] between pixels, and their slopes along rows and columns.
@@ -116,7 +114,7 @@ def look_up_colors(images, frame, pixels, edge_px, color, across, down):
             down[n, i] = (1 - u) * (c - a) + u * (d - b)
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def add_albedo_sums(point, lit, weight, color, sums):
     """Add weight lit^T color [all, 3]: the right-hand sides of the least-squares fit of albedo."""
@@ -126,7 +124,7 @@ def add_albedo_sums(point, lit, weight, color, sums):
                 sums[point[n], i] += weight[n] * lit[n, c, i] * color[n, c]
 
 
-@kernel
+@unlocked_kernel
 @no_type_check
 def add_color_differences(
     frame, point, derivative, lit, weight, albedo, color, across, down, gradient, normal, cross

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import shutil
+import subprocess
+import sys
 
 import numba.core.caching
 import pytest
@@ -26,6 +28,25 @@ def test_kernel_runs_where_no_folder_can_be_written_to(monkeypatch, caplog) -> N
         compiled = kernel_cache.kernel()(twice)
     assert compiled(3.0) == 6.0
     assert "NUMBA_CACHE_DIR" in caplog.text
+
+
+IMPORT_STAGES = """
+import importlib, pkgutil
+import numba.core.caching as caching
+caching.CacheImpl._locator_classes = caching.CompileResultCacheImpl._locator_classes = []
+import pipeline.stages
+for module in pkgutil.iter_modules(pipeline.stages.__path__, "pipeline.stages."):
+    importlib.import_module(module.name)
+"""
+
+
+def test_stages_start_where_no_folder_can_be_written_to(repo_root) -> None:
+    """One kernel that is defined in another way than by `kernel_cache` would end all stages that import it."""
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORT_STAGES], cwd=repo_root, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("NUMBA_CACHE_DIR") == 1
 
 
 def test_change_of_any_module_that_kernels_import_voids_what_is_kept(repo_root, tmp_path) -> None:
