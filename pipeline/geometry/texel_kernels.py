@@ -51,7 +51,10 @@ def face_and_vertex_normals(vertices, faces, weld, flat, sums):
 @unlocked_kernel
 @no_type_check
 def interpolate(face, faces, barycentric, weld, vertices, smooth, flat, points, normals, face_normals):
-    """Write barycentric means per texel; where the normals' mean vanishes, the face's normal, or else +z."""
+    """Write barycentric means per texel.
+
+    Where the normals' mean vanishes, the face's normal stands for it, or else +z.
+    """
     for i in range(face.shape[0]):
         f = face[i]
         x, y, z, nx, ny, nz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
