@@ -71,7 +71,8 @@ left: $(READY)
 	$(QUIET) $(BIN)/python -m pipeline.workflow.time_left '$(TARGET)' $(FLAGS)
 
 hard-cases: $(READY)
-	$(QUIET) $(BIN)/python -m pytest -q tests/hard_cases --hard-cases results/hard_cases.csv
+	$(QUIET) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(CORES) --dist loadfile --no-loadscope-reorder \
+	    tests/hard_cases --hard-cases results/hard_cases.csv
 
 # Kills, bad captures, settings and surroundings: PARTS alone, or all. What was interrupted goes on; a table of what an
 # older code did is to be deleted first.

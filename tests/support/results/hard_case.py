@@ -116,7 +116,9 @@ class HardCaseTable:
             row["verdict"] = "SKIP"
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        rows = [{**_names(nodeid), **row} for nodeid, row in self.rows.items()]
+        rows = sorted(
+            ({**_names(nodeid), **row} for nodeid, row in self.rows.items()), key=lambda row: str(row["group"])
+        )  # as they stand in files, whichever process was done first
         terminalreporter.section("hard cases")
         for line in table_lines(rows):
             terminalreporter.write_line(line)
