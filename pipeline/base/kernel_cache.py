@@ -21,7 +21,7 @@ FAST_MATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
 """fastmath without nnan and ninf: those would let the compiler drop what keeps unusual values harmless."""
 
 EXACT_FUNCTIONS = FAST_MATH - {"afn"}
-"""Fast, but no function may be approximated: roots stay those of IEEE 754."""
+"""The same without afn, which lets functions such as roots be approximated."""
 
 SOURCES = (
     "*_kernels.py", "kernel_cache.py", "conventions.py", "float_lanes.py", "splat_conventions.py",
