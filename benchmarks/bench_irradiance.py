@@ -6,8 +6,9 @@ Sides are timed alternately in one process, wall clock, frames spread over `--th
 the very rays of the job, made beforehand, in trees built beforehand; `whole` makes them, traces them and adds up. The
 jobs of the next lines begin with posed vertices, texels and trees included; `trimesh` is the plain loop of
 `intersects_any` over frames. `bits` lines give the cost of tracing and of visibility bits, and what the cost model of
-pipeline.lighting.visibility_bits chose. `packets` asks the same rays of Mitsuba's vectorised Embree, on one thread. The
-last lines are the memory of the largest map, and a projection to 5,000 frames of 1024 x 1024 texels.
+pipeline.lighting.visibility_bits chose. `packets` asks the same rays of Embree eight at a time, `not robust` of a tree
+that may let rays slip between two faces, on one thread. The last lines are the memory of the largest map, and a
+projection to 5,000 frames of 1024 x 1024 texels.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ import numpy as np
 import trimesh
 
 from benchmarks.irradiance_page import bits_lines, throughput_lines
-from benchmarks.irradiance_poses import Pose, answer, dome, make_pose, rays_of, trace_map
+from benchmarks.irradiance_poses import Pose, ReadyRays, dome, make_pose, ready_rays, trace_map
 from benchmarks.marked_page import write_between
-from benchmarks.packet_rays import packet_tracer
+from benchmarks.packet_rays import packet_answers
 from pipeline.config.trace_irradiance import TraceIrradiance
 from pipeline.geometry.texel_surface import texel_surface
+from pipeline.lighting.embree import EmbreeMesh
 from pipeline.lighting.frame_irradiance import FrameTracer, StageLights
 from pipeline.lighting.irradiance import Samples
 from pipeline.lighting.irradiance import trace_irradiance as trace
@@ -87,13 +89,13 @@ def against_raw_rays(pool: ThreadPoolExecutor, threads: int, repeats: int) -> di
     lights, cost = dome(24), {}
     for name, samples, side in (("1 sample", 1, 512), ("all lights", None, 256)):
         poses = [make_pose(side, phase) for phase in range(2 * threads)]
-        ready = [rays_of(pose, lights, samples) for pose in poses]
-        count = sum(len(rays.rows) for _, frame in ready for rays in frame)
+        ready = [ready_rays(pose, lights, samples) for pose in poses]
+        count = sum(one.count for one in ready)
 
         one = functools.partial(trace_map, lights=lights, samples=samples)
         sides = {
-            "raw": functools.partial(spread_over, pool, answer, ready),
-            "whole": functools.partial(spread_over, pool, one, poses, [occluders for occluders, _ in ready]),
+            "raw": functools.partial(spread_over, pool, ReadyRays.answers, ready),
+            "whole": functools.partial(spread_over, pool, one, poses, [each.occluders for each in ready]),
         }
         seconds = interleaved(sides, repeats)
         ratio = statistics.median(r / w for r, w in zip(seconds["raw"], seconds["whole"], strict=True))
@@ -104,22 +106,24 @@ def against_raw_rays(pool: ThreadPoolExecutor, threads: int, repeats: int) -> di
 
 
 def against_packets(repeats: int) -> None:
-    """Embree's answers through embreex over those through Mitsuba's packets: the same rays, one thread."""
+    """Ways to ask the same rays that could be faster than embreex's, ray after ray, robustly; on one thread."""
     lights = dome(24)
     for name, samples, side in (("1 sample", 1, 512), ("all lights", None, 256)):
         pose = make_pose(side)
-        occluders, rays = rays_of(pose, lights, samples)
-        packets = packet_tracer(occluders.scaled(pose.vertices), pose.faces, rays)
-        if packets is None:
-            print("no LLVM library that is fit for Mitsuba: no packets", flush=True)
-            return
-        embreex = functools.partial(answer, (occluders, rays))
-        differ = sum(int(((a == -1) == b).sum()) for a, b in zip(embreex(), packets(), strict=True))
-        seconds = interleaved({"embreex": embreex, "packets": packets}, repeats)
-        ratio = statistics.median(e / p for e, p in zip(seconds["embreex"], seconds["packets"], strict=True))
-        count = sum(len(each.rows) for each in rays)
-        millions = {f"{k}_Mray_s": count / statistics.median(s) / 1e6 for k, s in seconds.items()}
-        tell(f"packets / embreex, {name}", value=ratio, rays=count, differ=differ, **millions)
+        ready, careless = (ready_rays(pose, lights, samples, robust) for robust in (True, False))
+        mesh = EmbreeMesh(ready.occluders.scaled(pose.vertices).astype(np.float32), pose.faces)
+        ways = {
+            "packets": functools.partial(packet_answers, mesh, ready.rays, False),
+            "coherent packets": functools.partial(packet_answers, mesh, ready.rays, True),
+            "not robust": careless.answers,
+        }
+        seconds = interleaved({"embreex": ready.answers, **ways}, repeats)
+        answers = ready.answers()
+        for way, run in ways.items():
+            differ = sum(int((a != b).sum()) for a, b in zip(answers, run(), strict=True))
+            ratio = statistics.median(e / w for e, w in zip(seconds["embreex"], seconds[way], strict=True))
+            millions = {f"{k}_Mray_s": ready.count / statistics.median(seconds[k]) / 1e6 for k in ("embreex", way)}
+            tell(f"{way} / embreex, {name}", value=ratio, rays=ready.count, differ=differ, **millions)
 
 
 def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None:
@@ -128,8 +132,11 @@ def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None
 
     def ours() -> None:
         tracer = FrameTracer(poses[0].atlas, stage, TraceIrradiance(samples="1", visibility="traced", share_rays=False))
-        seeds = [np.random.default_rng(frame) for frame in range(frames)]
-        spread_over(pool, tracer.trace, range(frames), [pose.vertices for pose in poses], seeds)
+
+        def trace_and_drop(frame: int) -> None:
+            tracer.trace(frame, poses[frame].vertices, np.random.default_rng(frame))
+
+        spread_over(pool, trace_and_drop, range(frames))
 
     seconds = interleaved({"ours": ours, "trimesh": lambda: trimesh_loop(poses, lights)}, repeats)
     ratio = statistics.median(t / o for t, o in zip(seconds["trimesh"], seconds["ours"], strict=True))
@@ -140,7 +147,7 @@ def against_trimesh(pool: ThreadPoolExecutor, frames: int, repeats: int) -> None
         "tree": pose.occluders,
         "texels": functools.partial(texel_surface, pose.atlas, pose.vertices),
         "map": functools.partial(trace_map, pose, pose.occluders(), lights, 1),
-        "rays alone": functools.partial(answer, rays_of(pose, lights, 1)),
+        "rays alone": ready_rays(pose, lights, 1).answers,
     }
     milliseconds = {f"{k}_ms": 1e3 * statistics.median(s) for k, s in interleaved(parts, repeats).items()}
     tell("parts of a frame, one thread", **milliseconds)

@@ -11,7 +11,9 @@ def throughput_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     lines = ["| speed of | over that of | for | ratio | millions of rays a second |", "|---|---|---|---|---|"]
     names = {
         "end to end / raw embreex": ("whole maps", "embreex alone, rays made beforehand"),
-        "packets / embreex": ("Mitsuba's packets of rays", "embreex, both alone"),
+        "packets / embreex": ("packets of eight rays", "embreex, ray after ray"),
+        "coherent packets / embreex": ("packets, their rays followed together", "embreex, ray after ray"),
+        "not robust / embreex": ("trees that may leak between faces", "embreex, ray after ray"),
         "trimesh intersects_any loop / ours": ("our maps", "a loop over trimesh's `intersects_any`"),
     }
     for row in rows:

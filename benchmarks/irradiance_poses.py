@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 from scipy.spatial import KDTree
 
 from pipeline.geometry.texel_surface import texel_surface
@@ -15,7 +17,7 @@ from pipeline.lighting.irradiance import IrradianceMap, Samples, draw_lights
 from pipeline.lighting.irradiance import trace_irradiance as trace
 from pipeline.lighting.light_sampling import pattern_numbers
 from pipeline.lighting.light_scene import Lights, light_scene
-from pipeline.lighting.shadow_rays import light_blocks
+from pipeline.lighting.shadow_rays import Rays, light_blocks
 from pipeline.lighting.standard_error import TexelBlocks
 from pipeline.lighting.visibility import Occluders
 
@@ -81,22 +83,47 @@ def trace_map(pose: Pose, occluders: Occluders, lights: Lights, samples: int | N
     return trace(occluders, pose.points, pose.face_normals, lights, samples=drawn)
 
 
-def answer(frame: tuple[Occluders, list]) -> list:
-    """Embree's answers to rays made beforehand."""
-    occluders, rays = frame
-    return [occluders.occluded(some) for some in rays]
+@dataclass(frozen=True)
+class ReadyRays:
+    """A pose's rays made beforehand, and the scene of embreex that answers them.
+
+    Attributes:
+        occluders: of the same pose, ours.
+    """
+
+    occluders: Occluders
+    scene: EmbreeScene
+    rays: list[Rays]
+
+    @property
+    def count(self) -> int:
+        """Number of rays."""
+        return sum(len(some.rows) for some in self.rays)
+
+    def answers(self) -> list[np.ndarray]:
+        """embreex's answer per ray: -1 where it meets nothing."""
+        return [
+            self.scene.run(some.origins, some.directions, dists=some.lengths, query="OCCLUDED") for some in self.rays
+        ]
 
 
-def rays_of(pose: Pose, lights: Lights, samples: int | None) -> tuple[Occluders, list]:
-    """The rays that `trace_map` traces, made beforehand."""
-    scene = light_scene(pose.occluders(), pose.points, pose.face_normals, lights, None)
-    aim = scene.occluders.aim
+def ready_rays(pose: Pose, lights: Lights, samples: int | None, robust: bool = True) -> ReadyRays:
+    """The rays that `trace_map` traces; embreex's scene without `robust` may let rays slip between two faces."""
+    occluders, scene = pose.occluders(), EmbreeScene(robust=robust)
+    TriangleMesh(scene, occluders.scaled(pose.vertices).astype(np.float32), pose.faces)
+    return ReadyRays(occluders, scene, rays_of(pose, occluders, lights, samples))
+
+
+def rays_of(pose: Pose, occluders: Occluders, lights: Lights, samples: int | None) -> list[Rays]:
+    """The rays that `trace_map` traces."""
+    scene = light_scene(occluders, pose.points, pose.face_normals, lights, None)
+    aim = occluders.aim
     if samples is None:
         blocks = light_blocks(len(pose.points), len(scene.lights))
-        return scene.occluders, [aim(scene.receivers, scene.lights, block=block) for block in blocks]
+        return [aim(scene.receivers, scene.lights, block=block) for block in blocks]
     rng, rays = np.random.default_rng(0), []
     for n in range(samples):
         uniform = (n + pattern_numbers("low_discrepancy", pose.atlas.texel, rng)) / samples
         chosen, _ = draw_lights(scene, "power", uniform)
         rays.append(aim(scene.receivers, scene.lights, chosen=chosen))
-    return scene.occluders, rays
+    return rays

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.irradiance_poses import answer, dome, make_pose, rays_of, trace_map
+from benchmarks.irradiance_poses import dome, make_pose, ready_rays, trace_map
 from pipeline.capture.crops import cut_crop
 from pipeline.capture.images import read_image
 from pipeline.capture.index.image_checks import ExpectedImage, inspect_image
@@ -44,13 +44,12 @@ def tracing() -> list[Twin]:
     lights, twins = dome(24), []
     for name, samples, side in (("all lamps", None, 128), ("one lamp per texel", 1, 256)):
         pose = make_pose(side)
-        frame = rays_of(pose, lights, samples)
-        rays = sum(len(some.rows) for some in frame[1])
+        ready = ready_rays(pose, lights, samples)
         size = f"{side} x {side} texels, {len(lights.places)} lamps, {len(pose.faces):,} faces"
         twins.append(Twin(
             f"tracing irradiance, {name}", "Embree alone, same rays", size, "rays",
-            lambda pose=pose, frame=frame, samples=samples: trace_map(pose, frame[0], lights, samples),
-            lambda frame=frame: answer(frame), rays,
+            lambda pose=pose, ready=ready, samples=samples: trace_map(pose, ready.occluders, lights, samples),
+            ready.answers, ready.count,
         ))  # fmt: skip
     return twins
 

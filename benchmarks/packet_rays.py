@@ -1,52 +1,58 @@
-"""The rays of a map by Mitsuba's vectorised path: Embree by packets, compiled by LLVM. What a binding could win."""
+"""The rays of a map asked of Embree eight at a time: what packets could win."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from typing import no_type_check
 
 import numpy as np
+from numba import njit, types
 
-from pipeline.config.synthesize_capture import SynthesizeCapture
+from pipeline.lighting.embree import EmbreeMesh
 from pipeline.lighting.shadow_rays import Rays
-from pipeline.synthesis.renderer_choice import choose_renderer
+
+WIDTH, ALIGNED = 8, 8
+"""Rays of a packet, and words of four bytes that it has to lie on a multiple of."""
+
+START, WAY, LENGTH, MASK, WORDS = 0, 4, 8, 9, 12
+"""Places in RTCRay8 of org, dir, tfar and mask, and how many there are; each has eight values."""
+
+COHERENT = 1 << 16
+"""RTC_RAY_QUERY_FLAG_COHERENT: the rays of a packet go about the same way, and are followed together."""
+
+_occluded = types.ExternalFunction("rtcOccluded8", types.void(*[types.uintp] * 4))
 
 
-def packet_tracer(
-    vertices: np.ndarray, faces: np.ndarray, rays: Sequence[Rays]
-) -> Callable[[], list[np.ndarray]] | None:
-    """Function that asks, on one thread, which of the rays meet the mesh; None where no fit LLVM library is.
+@njit(nogil=True)
+@no_type_check
+def _aligned(count):
+    room = np.zeros(count + ALIGNED, np.float32)
+    skipped = (-(np.int64(room.ctypes.data) // 4)) % ALIGNED
+    return room[skipped : skipped + count]
 
-    Args:
-        vertices: in Embree's scaled scene, as `Occluders.scaled` gives them.
-        faces: of the mesh.
-        rays: already in Mitsuba's memory when the function is called.
-    """
-    if choose_renderer(SynthesizeCapture(renderer="auto", spp=4096))[0] != "llvm":
-        return None
-    import drjit
-    import mitsuba
 
-    mitsuba.set_variant("llvm_ad_rgb")
-    drjit.set_thread_count(1)
-    mesh = mitsuba.Mesh("mesh", len(vertices), len(faces))
-    parameters = mitsuba.traverse(mesh)
-    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
-    parameters.update()
-    scene = mitsuba.load_dict({"type": "scene", "mesh": mesh})
-    ready = []
-    for some in rays:
-        origins, directions = (np.ascontiguousarray(array.T) for array in (some.origins, some.directions))
-        ray = mitsuba.Ray3f(
-            mitsuba.Point3f(origins), mitsuba.Vector3f(directions), mitsuba.Float(some.lengths.copy()), 0.0, []
-        )
-        drjit.eval(ray)
-        ready.append(ray)
+@njit(nogil=True)
+@no_type_check
+def _ask(scene, origins, directions, lengths, flags, hits):
+    """Write 0 for each ray that meets something, and -1 for the others, as `find_occluded` does."""
+    packet, taken, options = _aligned(WORDS * WIDTH), _aligned(WIDTH).view(np.int32), np.zeros(8, np.uint64)
+    options.view(np.uint32)[:2] = flags, 0xFFFFFFFF
+    packet.view(np.uint32)[MASK * WIDTH : (MASK + 1) * WIDTH] = 0xFFFFFFFF
+    for first in range(0, len(hits), WIDTH):
+        count = min(WIDTH, len(hits) - first)
+        for lane in range(WIDTH):
+            r = first + min(lane, count - 1)
+            for k in range(3):
+                packet[(START + k) * WIDTH + lane] = origins[r, k]
+                packet[(WAY + k) * WIDTH + lane] = directions[r, k]
+            packet[LENGTH * WIDTH + lane], taken[lane] = lengths[r], -1 if lane < count else 0
+        _occluded(taken.ctypes.data, scene, packet.ctypes.data, options.ctypes.data)
+        for lane in range(count):
+            hits[first + lane] = 0 if packet[LENGTH * WIDTH + lane] < 0 else -1
 
-    def trace() -> list[np.ndarray]:
-        hits = [scene.ray_test(ray) for ray in ready]
-        drjit.eval(hits)
-        drjit.sync_thread()
-        return [np.array(hit) for hit in hits]
 
-    return trace
+def packet_answers(mesh: EmbreeMesh, rays: list[Rays], coherent: bool) -> list[np.ndarray]:
+    """Whether each ray meets something, 0, or nothing, -1."""
+    answers = [np.empty(len(some.rows), np.int32) for some in rays]
+    for some, hits in zip(rays, answers, strict=True):
+        _ask(mesh.handle, some.origins, some.directions, some.lengths, COHERENT * coherent, hits)
+    return answers

@@ -53,14 +53,15 @@ def face_and_vertex_normals(vertices, faces, weld, flat, sums):
 def interpolate(face, faces, barycentric, weld, vertices, smooth, flat, points, normals, face_normals):
     """Write barycentric means per texel.
 
-    Where the normals' mean vanishes, the face's normal stands for it, or else +z.
+    Where the normals' mean vanishes, the face's normal stands for it, or else +z. Indices are unsigned, since numba
+    checks others for being negative.
     """
     for i in range(face.shape[0]):
-        f = face[i]
+        f = np.uint32(face[i])
         x, y, z, nx, ny, nz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(3):
-            v, weight = faces[f, k], np.float64(barycentric[i, k])
-            w = weld[v]
+            v, weight = np.uint32(faces[f, k]), np.float64(barycentric[i, k])
+            w = np.uint32(weld[v])
             x, y, z = x + weight * vertices[v, 0], y + weight * vertices[v, 1], z + weight * vertices[v, 2]
             nx, ny, nz = nx + weight * smooth[w, 0], ny + weight * smooth[w, 1], nz + weight * smooth[w, 2]
         nx, ny, nz = _unit(nx, ny, nz)
