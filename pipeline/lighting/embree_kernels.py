@@ -37,12 +37,11 @@ def room_for_ray():
 
 @kernel_part(inline=True)
 @no_type_check
-def write_ray(ray, words, r, origins, directions, length):
-    """Write a ray as Embree takes it, its hit empty; `words`: the same memory as integers."""
-    for k in range(3):
-        ray[START + k], ray[WAY + k] = origins[r, k], directions[r, k]
-    ray[LENGTH], words[MASK] = length, EVERYTHING
-    words[FACE : FACE + 4] = EVERYTHING
+def write_ray(ray, r, origins, directions, length):
+    """Write where a ray starts and goes."""
+    ray[START], ray[START + 1], ray[START + 2] = origins[r, 0], origins[r, 1], origins[r, 2]
+    ray[WAY], ray[WAY + 1], ray[WAY + 2] = directions[r, 0], directions[r, 1], directions[r, 2]
+    ray[LENGTH] = length
 
 
 @unlocked_kernel
@@ -50,9 +49,9 @@ def write_ray(ray, words, r, origins, directions, length):
 def find_occluded(scene, origins, directions, lengths, hits):
     """Write -1 for each ray that meets nothing on its length, else 0."""
     ray = room_for_ray()
-    words = ray.view(np.uint32)
+    ray.view(np.uint32)[MASK] = EVERYTHING
     for r in range(hits.shape[0]):
-        write_ray(ray, words, r, origins, directions, lengths[r])
+        write_ray(ray, r, origins, directions, lengths[r])
         _occluded(scene, ray.ctypes.data, 0)
         # Embree sets the length of a ray that meets something to minus infinity.
         hits[r] = 0 if ray[LENGTH] < 0 else -1
@@ -69,8 +68,10 @@ def find_nearest(scene, origins, directions, lengths, faces, distances, barycent
     """
     ray = room_for_ray()
     words = ray.view(np.uint32)
+    words[MASK] = EVERYTHING
     for r in range(faces.shape[0]):
-        write_ray(ray, words, r, origins, directions, lengths[r])
+        write_ray(ray, r, origins, directions, lengths[r])
+        words[FACE : FACE + 4] = EVERYTHING
         _intersect(scene, ray.ctypes.data, 0)
         distances[r], faces[r] = ray[LENGTH], -1
         if words[FACE] != EVERYTHING:
