@@ -33,6 +33,12 @@ def sphere(radius: float, center: tuple[float, float, float], subdivisions: int 
     return np.array(mesh.vertices) * radius + center, np.array(mesh.faces)
 
 
+def crumpled_sphere(subdivisions: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """A closed surface with folds: many concave corners; twice subdivided, 320 faces."""
+    vertices, faces = sphere(1.0, (0, 0, 0), subdivisions)
+    return vertices * np.random.default_rng(4).uniform(0.5, 1.5, (len(vertices), 1)), faces
+
+
 def ball_in_shell() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A ball in a closed shell, 2 % of its radius above it; vertices, faces, middles and normals of the faces."""
     mesh = trimesh.creation.icosphere(3)

@@ -11,13 +11,12 @@ from embreex.rtcore_scene import EmbreeScene
 
 from pipeline.lighting import embree
 from pipeline.lighting.embree import EmbreeMesh, library_path
-from tests.support.meshes.lit_meshes import sphere
+from tests.support.meshes.lit_meshes import crumpled_sphere
 
 
-def crumpled_sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices, float32, and faces of a closed surface with folds."""
-    vertices, faces = sphere(1.0, (0, 0, 0), subdivisions)
-    return (vertices * np.random.default_rng(4).uniform(0.5, 1.5, (len(vertices), 1))).astype(np.float32), faces
+def single(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """A mesh with vertices in single precision."""
+    return mesh[0].astype(np.float32), mesh[1]
 
 
 def random_rays(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -30,7 +29,7 @@ def random_rays(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_rays_find_what_embreex_finds() -> None:
-    vertices, faces = crumpled_sphere(4)
+    vertices, faces = single(crumpled_sphere(4))
     origins, ways, lengths = random_rays(20_000)
     scene = EmbreeScene(robust=True)
     TriangleMesh(scene, vertices, faces)
@@ -51,7 +50,7 @@ def test_rays_find_what_embreex_finds() -> None:
 
 def test_a_mesh_keeps_the_arrays_that_embree_reads() -> None:
     """Also where its caller writes over them afterwards."""
-    vertices, faces = crumpled_sphere(3)
+    vertices, faces = single(crumpled_sphere(3))
     rays, given = random_rays(2000), (vertices.copy(), faces.astype(np.int32))
     mesh = EmbreeMesh(*given)
     given[0][:], given[1][:] = 9, 0
@@ -59,7 +58,7 @@ def test_a_mesh_keeps_the_arrays_that_embree_reads() -> None:
 
 
 def test_meshes_that_are_dropped_give_their_memory_back() -> None:
-    vertices, faces = crumpled_sphere(5)
+    vertices, faces = single(crumpled_sphere(5))
     EmbreeMesh(vertices, faces)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for _ in range(100):
@@ -71,7 +70,7 @@ def test_meshes_that_are_dropped_give_their_memory_back() -> None:
 def test_what_embree_refuses_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(embree, "THREE_FLOATS", 1)
     with pytest.raises(RuntimeError, match="Embree could not build a tree: its error 3"):
-        EmbreeMesh(*crumpled_sphere(0))
+        EmbreeMesh(*single(crumpled_sphere(0)))
 
 
 def test_without_embree_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,15 +7,9 @@ import pytest
 
 from pipeline.geometry.mesh import unit_or
 from pipeline.lighting.visibility import ORIGIN_OFFSET, Occluders
-from tests.support.meshes.lit_meshes import plate, random_points, sphere, together
+from tests.support.meshes.lit_meshes import crumpled_sphere, plate, random_points, sphere, together
 
 UP = np.array([0, 1.0, 0])
-
-
-def crumpled_sphere() -> tuple[np.ndarray, np.ndarray]:
-    """A closed surface with folds: many concave corners, 320 faces."""
-    vertices, faces = sphere(1.0, (0, 0, 0), 2)
-    return vertices * np.random.default_rng(4).uniform(0.5, 1.5, (len(vertices), 1)), faces
 
 
 def first_hit_by_hand(origins: np.ndarray, ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
