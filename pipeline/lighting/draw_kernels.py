@@ -12,59 +12,68 @@ from pipeline.lighting.ray_kernels import ray_kernel
 PLASTIC = 1.324717957244746
 """Real root of x^3 = x + 1: its powers give the two-dimensional sequence of lowest known discrepancy (Roberts 2018)."""
 
-DOWN, ACROSS = 1 / PLASTIC, 1 / PLASTIC**2
-"""What a row and a column of the map add to a lattice number."""
+STEPS = 2**32
+"""Numbers that decide a draw are whole: k stands for k / STEPS. A light's chance is met to one in four billion."""
 
-BELOW_ONE = 1 - 2.0**-51
-"""Four roundings below 1: a number that rounding moves into a cell is not below the cell's start times this."""
+DOWN, ACROSS = np.uint32(round(STEPS / PLASTIC)), np.uint32(round(STEPS / PLASTIC**2))
+"""What a row and a column of the map add to a lattice number."""
 
 
 @kernel_part(inline=True)
 @no_type_check
 def lattice_number(row, column, shift):
-    """Fractional part of DOWN * row + ACROSS * column + shift."""
-    number = row * DOWN + column * ACROSS + shift
-    return number - np.floor(number)
+    """DOWN * row + ACROSS * column + shift; whole rounds drop out by themselves."""
+    return np.uint32(np.uint32(row) * DOWN + np.uint32(column) * ACROSS + shift)
+
+
+@kernel_part(inline=True)
+@no_type_check
+def whole_number(uniform):
+    """A number in [0, 1), counted in steps."""
+    return np.uint32(uniform * STEPS)
 
 
 @ray_kernel
 @no_type_check
 def lattice_numbers(texel, shift, uniform):
-    """Write the lattice number of each texel."""
+    """Write the lattice number of each texel, as one in [0, 1)."""
     for i in range(texel.shape[0]):
-        uniform[i] = lattice_number(texel[i, 0], texel[i, 1], shift)
+        uniform[i] = lattice_number(texel[i, 0], texel[i, 1], shift) / STEPS
 
 
 @ray_kernel
 @no_type_check
-def cumulative_chances(chances):
-    """Cumulative distribution of lights, up to 1 but for a rounding, and a table into it.
+def drawing_table(chances):
+    """Least number that lies beyond each light, and a table of where to start looking.
 
-    The table tells where to start looking (Chen and Asau 1974): never too far, whichever way the numbers are rounded.
+    The table has the light of the least number in each cell, an equal part of all (Chen and Asau 1974).
     """
-    cumulative = np.cumsum(chances)
-    cumulative /= cumulative[-1]
-    last, cells = len(chances) - 1, 4 * len(chances)
-    start, light = np.empty(cells + 1, np.int32), 0
-    for c in range(cells + 1):
-        while light < last and cumulative[light] <= c / cells * BELOW_ONE:
+    cumulative, beyond = np.cumsum(chances), np.empty(len(chances), np.uint64)
+    for j in range(len(chances)):
+        beyond[j] = np.uint64(np.rint(cumulative[j] / cumulative[-1] * STEPS))
+    cells = 4 * len(chances)
+    start, light = np.empty(cells, np.uint32), 0
+    for c in range(cells):
+        least = (c * STEPS + cells - 1) // cells
+        while beyond[light] <= np.uint64(least):
             light += 1
         start[c] = light
-    return cumulative, start
+    return beyond, start
 
 
 @kernel_part(inline=True)
 @no_type_check
-def light_at(cumulative, start, uniform):
-    """The light that a number in [0, 1) draws: a step or two from where the table says.
+def light_at(beyond, start, number):
+    """The light that a number draws.
 
-    The last light has what rounding leaves below 1.
+    Most often it is where the table says, or one on: that is told without a branch.
     """
-    last = len(cumulative) - 1
-    j = start[np.uint32(uniform * (len(start) - 1))]
-    while j < last and cumulative[np.uint32(j)] <= uniform:
-        j += 1
-    return np.uint32(j)
+    number = np.uint64(number)
+    j = np.uint64(start[(number * np.uint64(len(start))) >> np.uint64(32)])
+    j += np.uint64(beyond[j] <= number)
+    while beyond[j] <= number:
+        j += np.uint64(1)
+    return j
 
 
 @ray_kernel
@@ -75,9 +84,9 @@ def draw_by_chance(chances, uniform, chosen):
     Args:
         chances: probability of each light.
     """
-    cumulative, start = cumulative_chances(chances)
+    beyond, start = drawing_table(chances)
     for i in range(uniform.shape[0]):
-        chosen[i] = light_at(cumulative, start, uniform[i])
+        chosen[i] = light_at(beyond, start, whole_number(uniform[i]))
 
 
 @ray_kernel
@@ -120,6 +129,15 @@ def add_block_variances(values, block, count, variance):
         squares[block[i]] += (values[i] - mean[block[i]]) ** 2
     for b in range(count.shape[0]):
         variance[b] += squares[b] / max(count[b] - 1.0, 1.0)
+
+
+@ray_kernel
+@no_type_check
+def add_variances_of_sums(sums, squares, count, variance):
+    """Add to every block the unbiased variance of values, from their sum and sum of squares."""
+    for b in range(count.shape[0]):
+        left = squares[b] - sums[b] * sums[b] / max(count[b], 1.0)
+        variance[b] += max(left, 0.0) / max(count[b] - 1.0, 1.0)
 
 
 @ray_kernel

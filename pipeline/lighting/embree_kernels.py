@@ -29,10 +29,12 @@ _intersect = types.ExternalFunction("rtcIntersect1", _ASK)
 @kernel_part(inline=True)
 @no_type_check
 def room_for_ray():
-    """A ray with its hit, to be written over and over."""
+    """A ray with its hit, to be written over and over; it meets all geometry."""
     room = np.zeros(WORDS + ALIGNED, np.float32)
     skipped = (-(np.int64(room.ctypes.data) // 4)) % ALIGNED
-    return room[skipped : skipped + WORDS]
+    ray = room[skipped : skipped + WORDS]
+    ray.view(np.uint32)[MASK] = EVERYTHING
+    return ray
 
 
 @kernel_part(inline=True)
@@ -44,17 +46,22 @@ def write_ray(ray, r, origins, directions, length):
     ray[LENGTH] = length
 
 
+@kernel_part(inline=True)
+@no_type_check
+def meets_something(scene, ray, r, origins, directions, length):
+    """True if anything is in the way of a ray, which is written to `ray`."""
+    write_ray(ray, r, origins, directions, length)
+    _occluded(scene, ray.ctypes.data, 0)
+    return ray[LENGTH] < 0  # Embree sets the length of a ray that meets something to minus infinity.
+
+
 @unlocked_kernel
 @no_type_check
 def find_occluded(scene, origins, directions, lengths, hits):
     """Write -1 for each ray that meets nothing on its length, else 0."""
     ray = room_for_ray()
-    ray.view(np.uint32)[MASK] = EVERYTHING
     for r in range(hits.shape[0]):
-        write_ray(ray, r, origins, directions, lengths[r])
-        _occluded(scene, ray.ctypes.data, 0)
-        # Embree sets the length of a ray that meets something to minus infinity.
-        hits[r] = 0 if ray[LENGTH] < 0 else -1
+        hits[r] = 0 if meets_something(scene, ray, r, origins, directions, lengths[r]) else -1
 
 
 @unlocked_kernel
@@ -68,7 +75,6 @@ def find_nearest(scene, origins, directions, lengths, faces, distances, barycent
     """
     ray = room_for_ray()
     words = ray.view(np.uint32)
-    words[MASK] = EVERYTHING
     for r in range(faces.shape[0]):
         write_ray(ray, r, origins, directions, lengths[r])
         words[FACE : FACE + 4] = EVERYTHING

@@ -27,7 +27,7 @@ from pipeline.lighting.light_sampling import SamplePattern, Sampling, pattern_nu
 from pipeline.lighting.light_scene import Lights, Scene, light_scene
 from pipeline.lighting.ray_kernels import add_clear_rays
 from pipeline.lighting.shadow_rays import Rays, light_blocks
-from pipeline.lighting.single_ray_kernels import shares_of_single_rays
+from pipeline.lighting.single_ray_kernels import trace_single_rays
 from pipeline.lighting.standard_error import BlockVariance, TexelBlocks
 from pipeline.lighting.visibility import Occluders
 
@@ -145,16 +145,16 @@ def _trace_single(scene: Scene, samples: Samples) -> IrradianceMap:
     """One ray per point; the draw's own error hides that of float32."""
     blocks, chances = samples.blocks, scene.chances(samples.sampling)
     uniforms = pattern_uniforms(samples.pattern, blocks.texel, samples.random)
-    aimed = scene.occluders.aim_at_drawn(scene.receivers, scene.lights, scene.distant, chances, blocks.texel, uniforms)
     arrays = scene.lights, scene.luminances, scene.luminances / chances
     floats = [array.astype(np.float32) for array in arrays]
     values, cosine_visibility = np.empty((2, len(scene.receivers)), np.float32)
     sums, squares = np.zeros((2, len(blocks.count)))
-    shares_of_single_rays(
-        scene.receivers.points, scene.normals, *floats, scene.distant, scene.least2, aimed.rows,
-        scene.occluders.occluded(aimed), blocks.block, values, cosine_visibility, sums, squares,
+    rays = trace_single_rays(
+        scene.occluders.mesh.handle, scene.receivers.points, scene.receivers.normals, scene.normals, scene.lights,
+        scene.distant, scene.least2, chances, uniforms.numbers, blocks.texel, uniforms.shift, scene.occluders.frame,
+        *floats, blocks.block, values, cosine_visibility, sums, squares,
     )  # fmt: skip
-    variance, rays = BlockVariance(blocks), len(aimed.rows)
+    variance = BlockVariance(blocks)
     variance.add_sums(sums, squares)
     return IrradianceMap(values, cosine_visibility, variance.error_of_mean(1), rays, values.size - rays, False)
 

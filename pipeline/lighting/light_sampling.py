@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Int
 
-from pipeline.lighting.draw_kernels import lattice_numbers
+from pipeline.lighting.draw_kernels import STEPS, lattice_numbers
 
 SamplePattern = Literal["random", "stratified", "low_discrepancy"]
 
@@ -24,6 +24,8 @@ Sampling = Literal["uniform", "power", "arriving"]
 BLOCK = 4
 """Side of the blocks of texels that share one stratified draw: 16 strata, as many as a glance at the map averages."""
 
+NO_SHIFT = np.uint32(0)
+
 
 @dataclass(frozen=True)
 class Uniforms:
@@ -31,11 +33,11 @@ class Uniforms:
 
     Attributes:
         numbers: the numbers; or empty: a texel's place in the lattice tells its own.
-        shift: of the lattice.
+        shift: of the lattice, in steps of 2^-32.
     """
 
     numbers: Float64[np.ndarray, " t"]
-    shift: float = 0.0
+    shift: np.uint32 = NO_SHIFT
 
 
 def pattern_uniforms(pattern: SamplePattern, texel: Int[np.ndarray, "t 2"], random: np.random.Generator) -> Uniforms:
@@ -49,7 +51,7 @@ def pattern_uniforms(pattern: SamplePattern, texel: Int[np.ndarray, "t 2"], rand
     if pattern == "random":
         return Uniforms(random.random(len(texel)))
     if pattern == "low_discrepancy":
-        return Uniforms(np.empty(0), random.random())
+        return Uniforms(np.empty(0), np.uint32(random.random() * STEPS))
     rows, columns = texel.max(0, initial=0) // BLOCK + 1
     order = random.permuted(np.tile(np.arange(BLOCK**2), (rows * columns, 1)), axis=1)
     block, place = texel // BLOCK @ [columns, 1], texel % BLOCK @ [BLOCK, 1]

@@ -2,8 +2,9 @@
 
 Embree answers a ray in one or two hundred nanoseconds, as long as a few NumPy operations on it take; these loops keep
 all of the rest at a quarter of that. They run on one thread each and without the interpreter's lock, so frames are
-computed side by side. Lights are rows [x, y, z] of positions, or, with `distant`, of unit directions towards them: then
-they have no distance, and light does not fall off. `least2` bounds squared distances to lights from below.
+computed side by side. Asserted widths of arrays spare a multiplication per index. Lights are rows [x, y, z] of
+positions, or, with `distant`, of unit directions towards them: then they have no distance, and light does not fall off.
+`least2` bounds squared distances to lights from below.
 """
 
 from __future__ import annotations
@@ -75,9 +76,11 @@ def write_rays(
     begin, end,
 ):  # fmt: skip
     """Rays `begin` to `end` of the pairs in `rows`; arguments as of `aim`."""
+    assert points.shape[1] == normals.shape[1] == lights.shape[1] == sources.shape[1] == ways.shape[1] == 3
+    assert rows.shape[1] == 2
     shrink, step = 1.0 / half_extent, offset * half_extent
     cx, cy, cz = center[0], center[1], center[2]
-    for r in range(begin, end):
+    for r in range(np.uint64(begin), np.uint64(end)):
         i, j = np.uint32(rows[r, 0]), np.uint32(rows[r, 1])
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
@@ -115,11 +118,12 @@ def aim(
         rows: point and light of each ray [., 2]; written, as are all that follow, the first n entries.
         sources, ways: origins and unit directions.
     """
+    assert points.shape[1] == normals.shape[1] == lights.shape[1] == 3 and rows.shape[1] == 2
     rays, several, count = 0, chosen.shape[0] > 0, points.shape[0]
     for block in range(1 if several else rows.shape[0] // max(count, 1)):
         for start in range(0, count, PAIRS_AT_ONCE):
             n = np.uint64(rays)
-            for i in range(start, min(start + PAIRS_AT_ONCE, count)):
+            for i in range(np.uint64(start), np.uint64(min(start + PAIRS_AT_ONCE, count))):
                 j = np.uint32(chosen[i] if several else first + block)
                 rows[n, 0], rows[n, 1] = i, j
                 above = height(
@@ -141,11 +145,12 @@ def add_clear_rays(
     points, normals, lights, luminances, distant, least2, probability, rows, hits, arrived, cosine_arrived
 ):
     """Add L_j of every ray that met nothing (-1), plain and cosine-weighted. Over the probability, if that is given."""
+    assert points.shape[1] == normals.shape[1] == lights.shape[1] == 3 and rows.shape[1] == 2
     drawn = probability.shape[0] > 0
     for r in range(hits.shape[0]):
         if hits[r] != -1:
             continue
-        i, j = rows[r, 0], rows[r, 1]
+        i, j = np.uint32(rows[r, 0]), np.uint32(rows[r, 1])
         dx, dy, dz = lights[j, 0], lights[j, 1], lights[j, 2]
         light, cosine = luminances[j], 0.0
         if distant:
@@ -168,7 +173,8 @@ def add_seen_bits(points, normals, light, luminance, distant, least2, bits, arri
 
     The most significant bit of a byte comes first, as np.packbits has it.
     """
-    for i in range(points.shape[0]):
+    assert points.shape[1] == normals.shape[1] == 3
+    for i in range(np.uint64(points.shape[0])):
         if not bits[i >> 3] & (128 >> (i & 7)):
             continue
         dx, dy, dz, strength = light[0], light[1], light[2], luminance

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, Float64, Int
 
-from pipeline.lighting.draw_kernels import add_block_variances, spread_over_blocks
+from pipeline.lighting.draw_kernels import add_block_variances, add_variances_of_sums, spread_over_blocks
 
 BLOCK_BITS = 2
 BLOCK = 1 << BLOCK_BITS
@@ -51,11 +51,10 @@ class BlockVariance:
 
         Rounding can leave a few 1e-8 of the largest draw where all are the same.
         """
-        count = self._blocks.count
-        self.total += np.maximum(squares - sums**2 / np.maximum(count, 1), 0) / np.maximum(count - 1, 1)
+        add_variances_of_sums(sums, squares, self._blocks.count, self.total)
 
     def error_of_mean(self, draws: int) -> Float32[np.ndarray, " t"]:
         """Standard error of the mean of that many draws, per texel."""
         error = np.empty(len(self._blocks.block), np.float32)
-        spread_over_blocks(np.sqrt(self.total) / draws, self._blocks.block, error)
+        spread_over_blocks((np.sqrt(self.total) / draws).astype(np.float32), self._blocks.block, error)
         return error

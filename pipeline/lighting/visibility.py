@@ -6,10 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 
 from pipeline.lighting.embree import EmbreeMesh
-from pipeline.lighting.light_sampling import Uniforms
 from pipeline.lighting.ray_kernels import aim
 from pipeline.lighting.shadow_rays import Rays, Receivers
-from pipeline.lighting.single_ray_kernels import aim_at_drawn
 
 ORIGIN_OFFSET = 64 * 2.0**-23
 """How far above its face a ray starts, relative to the scene's half extent: 7.6e-6, or 7 micrometres on a body.
@@ -38,6 +36,10 @@ class Occluders:
     """A triangle mesh to cast shadow rays against. Both sides of a face occlude; faces without area never do.
 
     Building costs milliseconds, so a tree is built per frame. Building and asking release the interpreter's lock.
+
+    Attributes:
+        center, half_extent: of the mesh; its scene in Embree is centred, the half extent 1.
+        mesh: that scene.
     """
 
     def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
@@ -54,7 +56,7 @@ class Occluders:
         low, high = rows.min(1), rows.max(1)
         self.center = (low + high) / 2
         self.half_extent = float((high - low).max() / 2) or 1.0
-        self._mesh = EmbreeMesh(self.scaled(vertices).astype(np.float32), faces)
+        self.mesh = EmbreeMesh(self.scaled(vertices).astype(np.float32), faces)
 
     def scaled(self, points: Float[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
         """Points in Embree's scene: centred, the half extent 1."""
@@ -82,42 +84,18 @@ class Occluders:
         chosen = np.empty(0, np.int32) if chosen is None else chosen
         return rays.first(
             aim(
-                receivers.points, receivers.normals, lights, distant, chosen, block.start, *self._frame, *rays.arrays()
-            )
-        )  # fmt: skip
-
-    def aim_at_drawn(
-        self,
-        receivers: Receivers,
-        lights: Float64[np.ndarray, "m 3"],
-        distant: bool,
-        chances: Float64[np.ndarray, " m"],
-        texel: Int[np.ndarray, "n 2"],
-        uniforms: Uniforms,
-    ) -> Rays:
-        """Rays from receivers to the light that each draws, if that is above its horizon.
-
-        Args:
-            lights, distant: as of `aim`.
-            chances: probability of each light.
-            texel: row and column of each receiver on its map.
-        """
-        rays = Rays.room_for(len(receivers))
-        return rays.first(
-            aim_at_drawn(
-                receivers.points, receivers.normals, lights, distant, chances, uniforms.numbers, texel, uniforms.shift,
-                *self._frame, *rays.arrays(),
+                receivers.points, receivers.normals, lights, distant, chosen, block.start, *self.frame, *rays.arrays()
             )
         )  # fmt: skip
 
     @property
-    def _frame(self) -> tuple[np.ndarray, float, float, float, float]:
-        """What the kernels need to write rays in Embree's scene."""
+    def frame(self) -> tuple[np.ndarray, float, float, float, float]:
+        """Arguments from `center` to `farthest` of the kernels that write rays in Embree's scene."""
         return self.center, self.half_extent, ORIGIN_OFFSET, LIGHT_CLEARANCE, FARTHEST
 
     def occluded(self, rays: Rays) -> Int[np.ndarray, " r"]:
         """Embree's answer per ray: -1 where it meets nothing."""
-        return self._mesh.occluded(rays.origins, rays.directions, rays.lengths)
+        return self.mesh.occluded(rays.origins, rays.directions, rays.lengths)
 
     def visible(
         self,
@@ -150,7 +128,7 @@ class Occluders:
         NaN where the light is below the horizon.
         """
         rays, found = self._rays(points, face_normals, lights), np.full(len(points), np.nan)
-        face, distance, _ = self._mesh.nearest(rays.origins, rays.directions, rays.lengths)
+        face, distance, _ = self.mesh.nearest(rays.origins, rays.directions, rays.lengths)
         found[rays.rows[:, 0]] = np.where(face >= 0, distance.astype(np.float64) * self.half_extent, np.inf)
         return found
 
@@ -170,7 +148,7 @@ class Occluders:
         rows = np.flatnonzero(np.einsum("nd,nd->n", directions, face_normals) > 0)
         origins = self.scaled(points[rows]) + ORIGIN_OFFSET * face_normals[rows]
         ways, lengths = directions[rows].astype(np.float32), np.full(len(rows), ENDLESS)
-        face[rows], _, hit = self._mesh.nearest(origins.astype(np.float32), ways, lengths)
+        face[rows], _, hit = self.mesh.nearest(origins.astype(np.float32), ways, lengths)
         u, v = hit.T
         at[rows] = np.stack([1 - u - v, u, v], 1)
         return face, at

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from pipeline.lighting.draw_kernels import cumulative_chances, draw_by_chance
+from pipeline.lighting.draw_kernels import STEPS, draw_by_chance, drawing_table
 from pipeline.lighting.light_sampling import BLOCK, pattern_numbers
 
 TEXEL = np.stack(np.divmod(np.arange(24 * 32), 32), 1)
@@ -52,15 +52,19 @@ def test_no_texel_at_all(spread: str) -> None:
     ],
 )  # fmt: skip
 def test_draws_on_the_bounds_between_lights(chances: np.ndarray) -> None:
-    """The drawn light is the first whose cumulative distribution is above the number, wherever its table starts.
+    """A light's numbers lie between the bounds of its own and of the one before, wherever its table starts.
 
-    Of 49 lights alike the distribution ends one rounding below 1: the last has the rest.
+    Numbers count in steps of 2^-32: those of texels are rounded down to them, bounds to the nearest. Of 49 lights alike
+    the sum of chances is a rounding off 1: the last has the rest.
     """
-    cumulative, _ = cumulative_chances(chances)
-    np.testing.assert_allclose(cumulative, np.cumsum(chances) / chances.sum(), rtol=1e-15)
-    bounds = np.concatenate([cumulative, np.arange(4 * len(chances)) / (4 * len(chances))])
-    uniform = np.concatenate([bounds, np.nextafter(bounds, 0), np.nextafter(bounds, 1), np.linspace(0, 1, 999)])
+    beyond, start = drawing_table(chances)
+    assert beyond[-1] == STEPS
+    np.testing.assert_allclose(beyond.astype(float), np.cumsum(chances) / chances.sum() * STEPS, rtol=1e-14, atol=0.5)
+    bounds = np.concatenate([beyond / STEPS, np.arange(len(start)) / len(start)])
+    near = [bounds + step / STEPS for step in (-1, -0.5, 0, 0.5, 1)]
+    uniform = np.concatenate([*near, np.nextafter(bounds, 0), np.nextafter(bounds, 1), np.linspace(0, 1, 999)])
     uniform = uniform[(uniform >= 0) & (uniform < 1)]
     chosen = np.empty(len(uniform), np.int32)
     draw_by_chance(chances, uniform, chosen)
-    np.testing.assert_array_equal(chosen, np.searchsorted(cumulative[:-1], uniform, side="right"))
+    number = np.floor(uniform * STEPS).astype(np.uint64)
+    np.testing.assert_array_equal(chosen, np.searchsorted(beyond, number, side="right"))
