@@ -15,6 +15,7 @@ import tyro
 
 from pipeline.base.address_space import require_address_space
 from pipeline.base.errors import InputError
+from pipeline.base.finished_jobs import USED, processor_seconds
 from pipeline.base.output_lock import output_locked
 from pipeline.base.start_up import resume_collection
 from pipeline.base.stopping import Stopped, interrupted_once
@@ -29,7 +30,8 @@ def run_as_command(
     Flags, help and defaults come from its signature and docstring. Prints an `InputError` as it stands and exits with
     1, likewise what the system refuses (`OSError`, `MemoryError`), and `Stopped` or Ctrl-C with 128 + the signal;
     anything else is a defect and keeps its traceback. A stage that stands still says where, after ten minutes
-    (`pipeline.base.watchdog`). Its output is locked against a second one (`pipeline.base.output_lock`).
+    (`pipeline.base.watchdog`). Its output is locked against a second one (`pipeline.base.output_lock`). When done, it
+    says how long it has used a processor.
 
     Args:
         run: the stage.
@@ -46,6 +48,7 @@ def run_as_command(
         require_address_space()
         with interrupted_once(), watched(sys.__stderr__):
             tyro.cli(_locked(run), prog=program, args=words, config=(tyro.conf.OmitArgPrefixes,))
+        logging.getLogger(Path(sys.argv[0]).stem).info(USED.format(processor_seconds()))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

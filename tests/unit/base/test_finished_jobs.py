@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from snakemake import benchmark
 
-from pipeline.base.finished_jobs import FinishedJob, finished_jobs, last_look
+from pipeline.base.finished_jobs import USED, FinishedJob, finished_jobs, last_look, processor_seconds
 
 HEAD = "s\th:m:s\tmax_rss\tcpu_time\n"
 
@@ -50,6 +52,24 @@ def test_what_follows_the_last_look_goes_on_as_before(tmp_path: Path) -> None:
         FinishedJob("track_mesh", ("0003",), 7.2, 7.2, 300.0),
         FinishedJob("train_avatar", ("full",), 40.0, 80.0, 900.5),
     ]
+
+
+def test_what_a_log_says_is_preferred(tmp_path: Path) -> None:
+    """Of 75.07 s, Snakemake may have seen the first 45 or all."""
+    benchmarks, logs = tmp_path / "benchmarks", tmp_path / "logs"
+    benchmarks.mkdir(), logs.mkdir()
+    for name in ("train_avatar.full", "track_mesh.0000"):
+        (benchmarks / f"{name}.tsv").write_text(HEAD + "75.07\t0:01:15\t900.5\t76.6\n")
+    said = f"12:00:00 train_avatar: {USED.format(60.5)}\n12:00:01 train_avatar: {USED.format(120.25)}\n"
+    (logs / "train_avatar.full.log").write_text("12:00:00 train_avatar: 400 steps in 68 s\n" + said)
+    (logs / "track_mesh.0000.log").write_text(f"12:00:00 track_mesh: {USED.format(1)} of others\n")
+    assert [job.cpu_s for job in finished_jobs(benchmarks)] == [pytest.approx(76.6 * 75.07 / 75), 120.25]
+
+
+def test_processor_seconds_count_children() -> None:
+    before, burn = processor_seconds(), "import time\nwhile time.process_time() < 0.3: pass"
+    subprocess.run([sys.executable, "-c", burn], check=True)
+    assert processor_seconds() - before > 0.3
 
 
 @pytest.mark.parametrize("missing", ["NA", "-", ""])
