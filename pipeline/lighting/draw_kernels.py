@@ -15,6 +15,8 @@ PLASTIC = 1.324717957244746
 STEPS = 2**32
 """Numbers that decide a draw are whole: k stands for k / STEPS. A light's chance is met to one in four billion."""
 
+LAST = np.uint64(STEPS - 1)
+
 DOWN, ACROSS = np.uint32(round(STEPS / PLASTIC)), np.uint32(round(STEPS / PLASTIC**2))
 """What a row and a column of the map add to a lattice number."""
 
@@ -29,8 +31,8 @@ def lattice_number(row, column, shift):
 @kernel_part(inline=True)
 @no_type_check
 def whole_number(uniform):
-    """A number in [0, 1), counted in steps."""
-    return np.uint32(uniform * STEPS)
+    """A number in [0, 1), counted in steps; one that rounding made 1 is the last."""
+    return np.uint32(min(np.uint64(uniform * STEPS), LAST))
 
 
 @ray_kernel
@@ -46,11 +48,13 @@ def lattice_numbers(texel, shift, uniform):
 def drawing_table(chances):
     """Least number that lies beyond each light, and a table of where to start looking.
 
-    The table has the light of the least number in each cell, an equal part of all (Chen and Asau 1974).
+    The table has the light of the least number in each cell, an equal part of all (Chen and Asau 1974). No number lies
+    beyond the last light, whatever the chances are: searches end there.
     """
     cumulative, beyond = np.cumsum(chances), np.empty(len(chances), np.uint64)
     for j in range(len(chances)):
         beyond[j] = np.uint64(np.rint(cumulative[j] / cumulative[-1] * STEPS))
+    beyond[-1] = STEPS
     cells = 4 * len(chances)
     start, light = np.empty(cells, np.uint32), 0
     for c in range(cells):

@@ -63,8 +63,15 @@ def test_draws_on_the_bounds_between_lights(chances: np.ndarray) -> None:
     bounds = np.concatenate([beyond / STEPS, np.arange(len(start)) / len(start)])
     near = [bounds + step / STEPS for step in (-1, -0.5, 0, 0.5, 1)]
     uniform = np.concatenate([*near, np.nextafter(bounds, 0), np.nextafter(bounds, 1), np.linspace(0, 1, 999)])
-    uniform = uniform[(uniform >= 0) & (uniform < 1)]
+    uniform = uniform[(uniform >= 0) & (uniform <= 1)]
     chosen = np.empty(len(uniform), np.int32)
     draw_by_chance(chances, uniform, chosen)
-    number = np.floor(uniform * STEPS).astype(np.uint64)
+    number = np.minimum(np.floor(uniform * STEPS), STEPS - 1).astype(np.uint64)
     np.testing.assert_array_equal(chosen, np.searchsorted(beyond, number, side="right"))
+
+
+@pytest.mark.parametrize("chances", [np.array([0.5, np.nan, 0.5]), np.zeros(3), np.array([np.inf, 1.0, np.inf])])
+def test_draws_end_at_the_last_light_whatever_the_chances_are(chances: np.ndarray) -> None:
+    chosen = np.full(999, -1, np.int32)
+    draw_by_chance(chances, np.linspace(0, 1, 999), chosen)
+    assert ((chosen >= 0) & (chosen < len(chances))).all()
