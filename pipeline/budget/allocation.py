@@ -3,9 +3,9 @@
 `pipeline.budget.knapsack` makes the choice.
 
 A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
-its time at the setting over that at the default, the mean over the curves' subjects (`pipeline.budget.dial_times`). How
-much the effects of a plan cost is left out. Errors are expected as on subjects of the same kind
-(`pipeline.budget.dial_errors`).
+its time at the setting over that at the default, the mean over the curves' subjects, and with what the size of texels
+costs other stages (`pipeline.budget.dial_times`). How much the effects of a plan cost is left out. Errors are expected
+as on subjects of the same kind (`pipeline.budget.dial_errors`).
 
 The budget only chooses what neither the subject's file nor the command line says.
 """
@@ -64,7 +64,7 @@ def within_budget(
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}
     for curve in turned:
-        dials.setdefault(spent_in(curve), {})[curve.dial] = _options(curve, errors, fixed, times)
+        dials.setdefault(spent_in(curve), {})[curve.dial] = _options(curve, errors, fixed, times, paces)
     overhead = sum(seconds.fixed for seconds in base.values())
     best, fastest = best_within(budget_s - overhead, {stage: each.work for stage, each in base.items()}, dials)
     if best is None:
@@ -75,10 +75,12 @@ def within_budget(
         if curve.dial not in fixed:
             changes.setdefault(curve.stage, {})[curve.option] = parse_setting(names[curve.dial])
     choices = [_choice(curve, errors, names[curve.dial], fixed, times) for curve in turned]
-    factors = dict.fromkeys(base, 1.0)
+    factors, more = dict.fromkeys(base, 1.0), dict.fromkeys(base, 0.0)
     for curve, choice in zip(turned, choices, strict=True):
         factors[spent_in(curve)] *= choice.factor
-    seconds = {stage: each.fixed + each.work * factors[stage] for stage, each in base.items()}
+        for stage, each in times.elsewhere(curve, parse_setting(choice.setting)).items():
+            more[stage] += paces[stage] * each
+    seconds = {stage: each.fixed + each.work * factors[stage] + more[stage] for stage, each in base.items()}
     psnr_db = next((_expected_psnr(turned, choices, one) for one in measured if one.subject == subject), math.nan)
     names_of = ", ".join(one.subject for one in measured)
     return with_options(settings, changes), Estimate(subject, names_of, budget_s, seconds, choices, psnr_db, paces)
@@ -105,13 +107,18 @@ def _setting(settings: SubjectSettings, curve: Curve) -> Any:
     return getattr(getattr(settings, curve.stage), curve.option)
 
 
-def _options(curve: Curve, errors: DialErrors, fixed: Mapping[str, Any], times: DialTimes) -> list[Option]:
+def _options(
+    curve: Curve, errors: DialErrors, fixed: Mapping[str, Any], times: DialTimes, paces: Mapping[str, float]
+) -> list[Option]:
     """The Pareto front of a curve; of a dial that the user has set, that setting alone.
 
     A default beyond the settings that were measured is one more, and best.
     """
     values = [fixed[curve.dial]] if curve.dial in fixed else [parse_setting(name) for name in curve.settings]
-    options = [Option(setting_name(value), times.factor(curve, value), errors.loss(curve, value)) for value in values]
+    options = []
+    for value in values:
+        elsewhere = math.fsum(paces[stage] * each for stage, each in times.elsewhere(curve, value).items())
+        options.append(Option(setting_name(value), times.factor(curve, value), errors.loss(curve, value), elsewhere))
     if curve.dial in fixed:
         return options
     front = pareto_front(np.array([each.factor for each in options]), np.array([each.loss for each in options]))

@@ -2,7 +2,8 @@
 
 The curves were measured on other subjects, with trainings of 200 steps, of which startup is a good part. So startup is
 told apart: it is as long however many steps there are, and whatever a step takes. And what the size of texels takes is
-told by how many this capture would have of them, as it has no more than `most`.
+told by how many this capture would have of them, as it has no more than `most`; so is what all other stages take, which
+have no curve for them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from pipeline.budget.capture_size import CaptureSize
 from pipeline.budget.curve import Curve
-from pipeline.budget.run_seconds import StageSeconds, expected_texels
+from pipeline.budget.run_seconds import StageSeconds, expected_texels, run_seconds
 from pipeline.config.project import SECTIONS, SubjectSettings
 from pipeline.config.sections import merge
 
@@ -91,6 +92,16 @@ class DialTimes:
             if np.isfinite(found):
                 return found
         return curve.factor(value, startup)
+
+    def elsewhere(self, curve: Curve, value: Any) -> dict[str, float]:
+        """Seconds over those at the default of stages other than that in which a dial's time is spent."""
+        if not told_by_texels(curve):
+            return {}
+        found, usual = (
+            run_seconds(with_options(self.settings, {curve.stage: {curve.option: each}}), self.size)
+            for each in (value, curve.default)
+        )
+        return {stage: found[stage].work - usual[stage].work for stage in usual if stage != spent_in(curve)}
 
 
 def with_options(settings: SubjectSettings, changes: Mapping[str, Mapping[str, Any]]) -> SubjectSettings:

@@ -2,9 +2,11 @@
 
 The solution is exact, over all combinations.
 
-The time of a stage is what it takes with its own settings times one factor per dial that it is turned by; the loss is
-the sum of the dials' losses. Both only grow with either, so of the combinations of some dials only the Pareto front
-can be part of the best one: dial by dial the front is extended and thinned again, and nothing better is passed over.
+The time of a stage is what it takes with its own settings times one factor per dial that it is turned by; a setting may
+cost further seconds in other stages; the loss is the sum of the dials' losses. Time and loss only grow with either
+factor or loss, so of the combinations of some dials only the Pareto front can be part of the best one: dial by dial the
+front is extended and thinned again, and nothing better is passed over. Dials that cost other stages time come last, as
+those seconds are not multiplied, and are not thinned among each other.
 Along the final front the next step is always the one that was best to take: the least loss for the seconds it costs.
 """
 
@@ -16,20 +18,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Option:
-    """One setting of a dial: its name, its factor on the time of the stage, and what it loses."""
+    """One setting of a dial: its name, its factor on the time of the stage, what it loses, and seconds elsewhere."""
 
     name: str
     factor: float
     loss: float
+    elsewhere: float = 0.0
 
 
 @dataclass(frozen=True)
 class Combination:
-    """Settings by dial, the seconds they take together, and what they lose together."""
+    """Settings by dial, the seconds they take together, what they lose together, and seconds in other stages."""
 
     seconds: float
     loss: float
     names: tuple[tuple[str, str], ...] = ()
+    elsewhere: float = 0.0
 
 
 def best_within(
@@ -46,17 +50,24 @@ def best_within(
     """
     front = [Combination(0.0, 0.0)]
     for stage, seconds in stages.items():
-        own = [Combination(seconds, 0.0)]
-        for dial, options in dials.get(stage, {}).items():
-            own = thinned(
-                Combination(c.seconds * o.factor, c.loss + o.loss, (*c.names, (dial, o.name)))
-                for c in own
-                for o in options
-            )
-        pairs = ((a, b) for a in front for b in own)
+        pairs = ((a, b) for a in front for b in of_stage(seconds, dials.get(stage, {})))
         front = thinned(Combination(a.seconds + b.seconds, a.loss + b.loss, a.names + b.names) for a, b in pairs)
     within = [combination for combination in front if combination.seconds <= limit]
     return (within[-1] if within else None), front[0]
+
+
+def of_stage(seconds: float, dials: Mapping[str, Sequence[Option]]) -> list[Combination]:
+    """Combinations of a stage's dials that may be part of the best one, with all their seconds."""
+    own = [Combination(seconds, 0.0)]
+    costs_others = {dial: any(option.elsewhere for option in options) for dial, options in dials.items()}
+    for dial in sorted(dials, key=costs_others.__getitem__):
+        extended = [
+            Combination(c.seconds * o.factor, c.loss + o.loss, (*c.names, (dial, o.name)), c.elsewhere + o.elsewhere)
+            for c in own
+            for o in dials[dial]
+        ]
+        own = extended if costs_others[dial] else thinned(extended)
+    return [Combination(each.seconds + each.elsewhere, each.loss, each.names) for each in own]
 
 
 def thinned(combinations: Iterable[Combination]) -> list[Combination]:

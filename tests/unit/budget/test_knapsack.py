@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -17,11 +18,13 @@ def random_problem(seed: int):
     dials = {}
     for number in range(rng.integers(0, 6)):
         stage = str(rng.choice(list(stages)))
-        # Losses and factors that are often equal, and not sorted.
+        # Losses and factors that are often equal, and not sorted. A third of the dials cost other stages time, or save.
         options = [
             Option(f"{k}", float(rng.integers(1, 8)) / 4, float(rng.integers(0, 6)) / 2)
             for k in range(rng.integers(1, 5))
         ]
+        if number % 3 == seed % 3:
+            options = [replace(option, elsewhere=float(rng.integers(-4, 9)) / 2) for option in options]
         dials.setdefault(stage, {})[f"dial{number}"] = options
     return stages, dials, float(rng.uniform(0, 60))
 
@@ -33,7 +36,7 @@ def tried_all(stages, dials):
         factor = dict.fromkeys(stages, 1.0)
         for (stage, _), option in zip(places, options, strict=True):
             factor[stage] *= option.factor
-        seconds = sum(stages[stage] * factor[stage] for stage in stages)
+        seconds = sum(stages[stage] * factor[stage] for stage in stages) + sum(each.elsewhere for each in options)
         yield (
             seconds,
             sum(option.loss for option in options),

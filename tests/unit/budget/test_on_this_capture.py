@@ -35,14 +35,18 @@ class TestTexelsAreCounted:
     """Of texels whose side is 2, 1 and a half of the usual one."""
 
     @pytest.fixture
-    def estimate(self, tmp_path):
-        """What to expect of an atlas that is asked for: a function of its settings, and of what the user has said."""
+    def read(self, tmp_path):
+        """Curves and subjects."""
         curves = {TEXELS: {"1.2": (1.0, 5.0), "0.6": (0.5, 8.0), "0.3": (0.0, 20.0)}}
         path = write_curves(tmp_path / "curves", curves)
         table = pd.read_csv(path)
         table["work"] = table.setting.map({"1.2": 400, "0.6": 1600, "0.3": 6400})
         table.to_csv(path, index=False)
-        read = read_curves(path), read_measured(path.parent / "subjects.yaml")
+        return read_curves(path), read_measured(path.parent / "subjects.yaml")
+
+    @pytest.fixture
+    def estimate(self, read):
+        """What to expect of an atlas that is asked for: a function of its settings, and of what the user has said."""
 
         def expected(atlas, said):
             settings = SubjectSettings(budget_minutes=1000, **SHADOWED, unwrap_atlas=atlas)
@@ -50,12 +54,41 @@ class TestTexelsAreCounted:
 
         return expected
 
+    @pytest.fixture
+    def choice(self, read):
+        """What minutes buy: a function of these, and of the machine's pace."""
+
+        def chosen(minutes, pace=1.0):
+            settings = SubjectSettings(budget_minutes=minutes, **SHADOWED)
+            return within_budget("someone", settings, {}, SAME_SIZE, *read, pace)[1]
+
+        return chosen
+
     @pytest.mark.parametrize(("atlas", "factor"), [({}, 3.0), ({"most": 100}, 1 + 2 * (4500 / 1600 - 1) / 3)])
     def test_time_is_of_those_that_this_capture_has(self, estimate, atlas, factor) -> None:
         """Half as large are four times as many, unless the atlas may not hold them: then 2.81 times."""
         found = estimate(atlas, {})
         assert found.choices[0].factor == pytest.approx(factor)
         assert found.seconds["train_avatar"] == pytest.approx(2 + 200 * factor)
+
+    @pytest.mark.parametrize(
+        ("pace", "seconds"), [(1.0, 8 + 0.01 * 6400), ({"evaluate_avatar": 2.0}, 16 + 0.02 * 6400)]
+    )
+    def test_stages_without_a_curve_take_what_jobs_with_so_many_take(self, choice, costs, pace, seconds) -> None:
+        costs(evaluate_avatar={"avatars frames cameras": 0.2, "avatars texels": 0.01})
+        found = choice(1000, pace)
+        assert found.choices[0].setting == "0.3"
+        assert found.seconds["evaluate_avatar"] == pytest.approx(seconds)
+
+    def test_what_they_take_counts_for_the_choice(self, choice, costs) -> None:
+        """The finest fit at 1,000 s if scoring takes 8 s, and at 0.1 s a texel, 640 s more, the second finest."""
+        # Tracking 30 s, irradiance 6, scoring 8, and 2 + 200 x 3 of training: 646 s, and 480 more than by default.
+        assert choice(1000 / 60).choices[0].setting == "0.3"
+        costs(evaluate_avatar={"avatars frames cameras": 0.2, "avatars texels": 0.1})
+        found = choice(1000 / 60)
+        assert found.choices[0].setting == "0.6"
+        assert found.total == pytest.approx(30 + 6 + 8 + 160 + 202)
+        assert choice(1290 / 60).choices[0].setting == "0.3"
 
     @pytest.mark.parametrize(
         ("atlas", "lost"),
