@@ -1,15 +1,17 @@
 """Fit what the jobs of each stage take, in seconds and megabytes, to finished runs of captures of several sizes.
 
-    python -m benchmarks.bench_job_costs --results results/subjectA results/walker results/WIDE results/LONG
-    python -m benchmarks.bench_job_costs --stages index_capture --measured results/scaling/shared_images.csv
+    python -m benchmarks.bench_job_costs --results results/{subjectA,subjectB,walker,WIDE,LONG,SHORT,HEAD,tiny} \
+        --measured results/scaling/shared_images.csv results/scaling/scored_images.csv
 
-Snakemake's benchmarks say what each job took: CPU seconds, and the largest resident set that was sampled. The terms are
-those that the predicted exponents of `benchmarks.scaling_cases` speak of; coefficients are not negative and have the
-least relative error (`benchmarks.scaling_projection.fit_terms`). Writes config/curves/job_costs.csv, from which
-`pipeline.workflow.job_requests` takes what jobs ask for, and budgets take how long a run will be. A term needs runs
-that differ in its sizes: subjectA, a head, a recorded body, subjectA with images of 480 x 640 pixels, and with 96
-frames were fitted. Other benchmarks measured some jobs at sizes that no run has, as far as the papers'; with `--stages`
-those are fitted, and all other rows stay.
+Logs say how long each job used a processor, and Snakemake's benchmarks the largest resident set that was sampled. The
+terms are those that the predicted exponents of `benchmarks.scaling_cases` speak of; coefficients are not negative and
+have the least relative error (`benchmarks.scaling_projection.fit_terms`). Writes config/curves/job_costs.csv, from
+which `pipeline.workflow.job_requests` takes what jobs ask for, and budgets take how long a run will be. A term needs
+runs that differ in its sizes, on one machine. Four were made for it: WIDE, LONG and SHORT are subjectA with images of
+480 x 640 pixels and 400 steps, with 96 frames and 400 steps, and with 100 steps on texels of twice the side
+(`unwrap_atlas.texel_pixels: 1.2`); HEAD is subjectB with 16 frames, 4 of them of segment b, of 96 x 114 pixels and 100
+steps. Irradiance of subjectA, WIDE and LONG was traced for `train_avatar.shading: transfer`. Other benchmarks measured
+some jobs at sizes that no run has, as far as the papers'. Rows of stages that none of all these ran stay as they are.
 """
 
 from __future__ import annotations
@@ -49,7 +51,7 @@ SECONDS = {
     "trace_irradiance": [ONCE, ("frames",), ("frames", "texels"), ("frames", "texels", "lights")],
     "bake_textures": [ONCE, IMAGES, ("frames", "cameras", "texels")],
     "pack_shards": [ONCE, IMAGES, ALL_PIXELS],
-    "train_avatar": [ONCE, ("steps", "texels"), ("steps", "step_pixels")],
+    "train_avatar": [ONCE, ("frames", "texels"), ("steps", "texels"), ("steps", "step_pixels")],
     "evaluate_avatar": [ONCE, ("avatars", *IMAGES), ("avatars", *ALL_PIXELS), ("avatars", "frames", "texels")],
     "relight_avatar": [ONCE, ("frames",), ("frames", "texels"), ("frames", "pixels")],
     "export_viewer": [ONCE, ("frames",), ("frames", "texels")],
@@ -109,7 +111,7 @@ def main() -> None:
     jobs = [row for results in options.results for row in jobs_of(results)]
     jobs += [row for path in options.measured for row in pd.read_csv(path).to_dict("records")]
     table = cost_table(pd.DataFrame([row for row in jobs if row["stage"] in options.stages]))
-    if set(options.stages) != set(SECONDS):
+    if options.out.exists():
         table = with_others(table, pd.read_csv(options.out, dtype=str, keep_default_na=False))
     write_table(options.out, table)
     print(table.to_string(index=False))

@@ -12,14 +12,16 @@ from pipeline.workflow.job_requests import THREAD_SHARE, memory_mb, useful_threa
 from pipeline.workflow.shared_images import SHARES
 
 FITTED = (
-    JobSize(8, 24, 24, 19_200, 30_626, 1500, 38_400, 1),
-    JobSize(12, 60, 48, 19_456, 46_492, 1500, 38_912, 1),
-    JobSize(12, 64, 48, 33_280, 51_206, 1200, 66_560, 1),
-    JobSize(3, 24, 24, 307_200, 30_626, 1500, 614_400, 1),
-    JobSize(8, 24, 96, 19_200, 30_626, 1500, 38_400, 1),
+    JobSize(8, 24, 24, 19_200, 30_626, 1000, 38_400, 1),
+    JobSize(12, 20, 42, 19_456, 46_492, 1000, 38_912, 1),
+    JobSize(12, 64, 48, 33_280, 51_206, 2000, 66_560, 1),
+    JobSize(8, 24, 24, 307_200, 42_359, 400, 614_400, 1),
+    JobSize(8, 24, 96, 19_200, 30_626, 400, 38_400, 1),
+    JobSize(8, 24, 24, 19_200, 7_646, 100, 38_400, 1),
+    JobSize(12, 20, 16, 10_944, 46_492, 100, 21_888, 1),
+    JobSize(5, 8, 6, 5_120, 591, 60, 10_240, 1),
 )
-"""Sizes of the runs that config/curves/job_costs.csv was fitted to: subjectA, a head, a recorded body, subjectA with
-images of 480 x 640 pixels, and with 96 frames."""
+"""Sizes of the runs that config/curves/job_costs.csv was fitted to, as `benchmarks.bench_job_costs` names them."""
 
 EXPONENT_ERROR = 0.1
 """Exponent by which a cost may grow otherwise than as its terms, beyond the largest size that was fitted. An

@@ -23,8 +23,8 @@ RFGCA was filmed by {cameras:,} cameras under {lights:,} lights, {frames:,} fram
 Costs are those of [the jobs that were measured](clusters.md#what-jobs-ask-for), at sizes up to thousands of times
 larger. So all numbers have an interval: the largest error of the runs that were fitted, times what an exponent that is
 off by {exponent} makes of the distance, given in the column `beyond`. Nobody has measured that far. What no fitted run
-tells apart is missing: `track_mesh` and `book_patterns` were fitted without pixels, which took little of their time
-there, and `evaluate_avatar` as if as large a share of images were scored.
+tells apart is missing: `track_mesh` was fitted without pixels, which took little of its time there, and
+`evaluate_avatar` as if as large a share of images were scored.
 """
 
 PLAN = """\
