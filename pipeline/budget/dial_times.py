@@ -94,7 +94,7 @@ class DialTimes:
         return curve.factor(value, startup)
 
     def elsewhere(self, curve: Curve, value: Any) -> dict[str, float]:
-        """Seconds over those at the default of stages other than that in which a dial's time is spent."""
+        """Seconds that stages other than the dial's own take more than at its default."""
         if not told_by_texels(curve):
             return {}
         found, usual = (

@@ -18,7 +18,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Option:
-    """One setting of a dial: its name, its factor on the time of the stage, what it loses, and seconds elsewhere."""
+    """One setting of a dial.
+
+    Attributes:
+        name: of the setting.
+        factor: on the time of the dial's stage.
+        loss: what it loses.
+        elsewhere: seconds more than usual in other stages.
+    """
 
     name: str
     factor: float
@@ -28,7 +35,13 @@ class Option:
 
 @dataclass(frozen=True)
 class Combination:
-    """Settings by dial, the seconds they take together, what they lose together, and seconds in other stages."""
+    """Settings by dial, and what they take and lose together.
+
+    Attributes:
+        seconds, loss: of all.
+        names: dials and the names of their settings.
+        elsewhere: seconds that are not among `seconds` yet, as further dials do not multiply them.
+    """
 
     seconds: float
     loss: float
