@@ -3,11 +3,12 @@
 The solution is exact, over all combinations.
 
 The time of a stage is what it takes with its own settings times one factor per dial that it is turned by; a setting may
-cost further seconds in other stages; the loss is the sum of the dials' losses. Time and loss only grow with either
-factor or loss, so of the combinations of some dials only the Pareto front can be part of the best one: dial by dial the
-front is extended and thinned again, and nothing better is passed over. Dials that cost other stages time come last, as
-those seconds are not multiplied, and are not thinned among each other.
-Along the final front the next step is always the one that was best to take: the least loss for the seconds it costs.
+cost further seconds in other stages, or save some; the loss is the sum of the dials' losses. Of combinations of some
+dials that cost no other stage time, what is slower and loses more stays so whatever the other dials say. So only the
+Pareto front can be part of the best one: dial by dial the front is extended and thinned again, and nothing better is
+passed over. Dials that cost other stages time come last, since no factor multiplies those seconds; their combinations
+are all kept. Along the final front the next step is always the one that was best to take: the least loss for the
+seconds it costs.
 """
 
 from __future__ import annotations
