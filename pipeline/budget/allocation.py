@@ -56,10 +56,11 @@ def within_budget(
         InputError: if no setting is fast enough, with what takes the time and what the user has set.
     """
     budget_s = 60.0 * settings.budget_minutes
-    expected = run_seconds(at_defaults(settings, curves), size)
+    usual = at_defaults(settings, curves)
+    expected = run_seconds(usual, size)
     paces = {stage: pace.get(stage, 1.0) if isinstance(pace, Mapping) else pace for stage in expected}
     turned = [curve for curve in curves if spent_in(curve) in expected]
-    times, errors = DialTimes.of(settings, size, turned), DialErrors.of(settings, size, measured)
+    times, errors = DialTimes.of(usual, size, turned), DialErrors.of(settings, size, measured)
     base = {stage: times.split(stage, each).times(paces[stage]) for stage, each in expected.items()}
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}

@@ -54,7 +54,7 @@ class DialTimes:
     """Times of settings on a capture.
 
     Attributes:
-        settings: of the capture's subject.
+        settings: of the capture's subject, with all dials at their defaults.
         share: of startup, in the time of training at the defaults.
         startup: of each subject of the curves, in seconds.
     """

@@ -81,8 +81,10 @@ class TestTexelsAreCounted:
         assert found.seconds["evaluate_avatar"] == pytest.approx(seconds)
 
     def test_what_they_take_counts_for_the_choice(self, choice, costs) -> None:
-        """The finest fit at 1,000 s if scoring takes 8 s, and at 0.1 s a texel, 640 s more, the second finest."""
-        # Tracking 30 s, irradiance 6, scoring 8, and 2 + 200 x 3 of training: 646 s, and 480 more than by default.
+        """The finest texels take 30 s of tracking, 6 of irradiance, 8 of scoring and 2 + 200 x 3 of training, 646 s.
+
+        At 0.1 s a texel scoring takes 640 s more, and with the second finest 160.
+        """
         assert choice(1000 / 60).choices[0].setting == "0.3"
         costs(evaluate_avatar={"avatars frames cameras": 0.2, "avatars texels": 0.1})
         found = choice(1000 / 60)
