@@ -3,7 +3,8 @@
     python -m pipeline.dials.curves --results results/subjectA
 
 Writes config/curves/accuracy_cost.csv, the rows of its table of that name for the dials that are to be chosen, and
-config/curves/subjects.yaml, what the subject is like. What other subjects have there stays. Seconds are a processor's.
+config/curves/subjects.yaml, what the subject is like. What other subjects have there stays; all are in order of their
+names. Seconds are a processor's.
 """
 
 from __future__ import annotations
@@ -60,10 +61,11 @@ def keep_curves(dials: Sequence[Dial], settings: SubjectSettings, results: Path,
     else:
         others = []
     order = {name: place for place, name in enumerate(names)}
-    kept = kept[kept.dial.isin(names)].sort_values("dial", key=lambda dials: dials.map(order), kind="stable")
+    kept = kept[kept.dial.isin(names)].sort_values("subject", kind="stable")
+    kept = kept.sort_values("dial", key=lambda dials: dials.map(order), kind="stable")
     write_table(out / "accuracy_cost.csv", kept)
     with written_whole(out / "subjects.yaml") as path:
-        content = [asdict(one) for one in [*others, facts]]
+        content = [asdict(one) for one in sorted([*others, facts], key=lambda one: one.subject)]
         path.write_text(HEADER + yaml.safe_dump(content, sort_keys=False))
 
 

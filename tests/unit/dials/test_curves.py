@@ -88,3 +88,12 @@ def test_curves_of_other_subjects_stay_and_its_own_are_written_anew(results, tmp
     assert parts["training_steps"] == ["measured", "someone"]
     assert parts["supersampling"] == ["measured"]
     assert list(parts) == ["irradiance_power", "supersampling", "training_steps", "environment_shadows"]
+
+
+def test_order_is_that_of_names_whoever_was_measured_last(results, tmp_path) -> None:
+    out = write_curves(tmp_path / "kept").parent
+    first = results.rename(results.parent / "another")
+    keep_curves(DIALS, SETTINGS, first, out)
+    assert [one.subject for one in read_measured(out / "subjects.yaml")] == ["another", "measured"]
+    parts = {curve.dial: [part.subject for part in curve.parts] for curve in read_curves(out / "accuracy_cost.csv")}
+    assert parts["training_steps"] == ["another", "measured"]
