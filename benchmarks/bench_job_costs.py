@@ -51,13 +51,18 @@ SECONDS = {
     "trace_irradiance": [ONCE, ("frames",), ("frames", "texels"), ("frames", "texels", "lights")],
     "bake_textures": [ONCE, IMAGES, ("frames", "cameras", "texels")],
     "pack_shards": [ONCE, IMAGES, ALL_PIXELS],
-    "train_avatar": [ONCE, ("frames", "texels"), ("steps", "texels"), ("steps", "step_pixels")],
-    "evaluate_avatar": [ONCE, ("avatars", *IMAGES), ("avatars", *ALL_PIXELS), ("avatars", "frames", "texels")],
+    "train_avatar": [
+        ONCE, ("frames", "texels"), ("steps", "texels"), ("steps", "step_pixels"), ("steps", "head_texels"),
+    ],
+    "evaluate_avatar": [
+        ONCE, ("avatars", *IMAGES), ("avatars", *ALL_PIXELS), ("avatars", "frames", "texels"),
+        ("avatars", "frames", "head_texels"),
+    ],
     "relight_avatar": [ONCE, ("frames",), ("frames", "texels"), ("frames", "pixels")],
     "export_viewer": [ONCE, ("frames",), ("frames", "texels")],
     "export_avatar": [ONCE, ("frames",), ("texels",)],
     "write_report": [ONCE, IMAGES],
-}
+}  # fmt: skip
 """Stage -> products of sizes that the CPU seconds of a job are a sum of."""
 
 MEGABYTES = {
@@ -109,7 +114,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=TABLE, help="table to write")
     options = parser.parse_args()
     jobs = [row for results in options.results for row in jobs_of(results)]
-    jobs += [row for path in options.measured for row in pd.read_csv(path).to_dict("records")]
+    jobs += [{"head_texels": 0} | row for path in options.measured for row in pd.read_csv(path).to_dict("records")]
     table = cost_table(pd.DataFrame([row for row in jobs if row["stage"] in options.stages]))
     if options.out.exists():
         table = with_others(table, pd.read_csv(options.out, dtype=str, keep_default_na=False))
@@ -145,9 +150,11 @@ def measured_size(results: Path, stage: str, chunk: str | None) -> JobSize:
     pixels = round(float((cameras.width * cameras.height).mean()))
     images = max(one["cameras_per_step"] * one["frames_per_step"] for one in trained)
     listed = len(cameras) * frames.frame.nunique() if chunk is None else 0
+    texels = read_atlas(results / "atlas.safetensors").texel_count
+    head = read_json(results / "index/capture.json")["kind"] == "head"
     return JobSize(
         cameras=len(cameras), lights=len(lights), frames=frames.frame.nunique(), pixels=pixels,
-        texels=read_atlas(results / "atlas.safetensors").texel_count, steps=max(one["steps"] for one in trained),
+        texels=texels, head_texels=texels if head else 0, steps=max(one["steps"] for one in trained),
         step_pixels=images * pixels, avatars=len(trained), processes=PROCESSES,
         threads=DECODE_THREADS if stage == "index_capture" else THREADS, listed=listed,
     )  # fmt: skip

@@ -13,12 +13,12 @@ from pipeline.workflow.shared_images import SHARES
 
 FITTED = (
     JobSize(8, 24, 24, 19_200, 30_626, 1000, 38_400, 1),
-    JobSize(12, 20, 42, 19_456, 46_492, 1000, 38_912, 1),
+    JobSize(12, 20, 42, 19_456, 46_492, 1000, 38_912, 1, head_texels=46_492),
     JobSize(12, 64, 48, 33_280, 51_206, 2000, 66_560, 1),
     JobSize(8, 24, 24, 307_200, 42_359, 400, 614_400, 1),
     JobSize(8, 24, 96, 19_200, 30_626, 400, 38_400, 1),
     JobSize(8, 24, 24, 19_200, 7_646, 100, 38_400, 1),
-    JobSize(12, 20, 16, 10_944, 46_492, 100, 21_888, 1),
+    JobSize(12, 20, 16, 10_944, 46_492, 100, 21_888, 1, head_texels=46_492),
     JobSize(5, 8, 6, 5_120, 591, 60, 10_240, 1),
 )
 """Sizes of the runs that config/curves/job_costs.csv was fitted to, as `benchmarks.bench_job_costs` names them."""

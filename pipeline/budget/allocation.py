@@ -2,10 +2,10 @@
 
 `pipeline.budget.knapsack` makes the choice.
 
-A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), times a factor for each dial:
-its time at the setting over that at the default, the mean over the curves' subjects, and with what the size of texels
-costs other stages (`pipeline.budget.dial_times`). How much the effects of a plan cost is left out. Errors are expected
-as on subjects of the same kind (`pipeline.budget.dial_errors`).
+A stage is expected to take what jobs of its size took (`pipeline.budget.run_seconds`), with as many steps and texels as
+asked for, times a factor for each other dial: its time at the setting over that at the default, the mean over the
+curves' subjects (`pipeline.budget.dial_times`). How much the effects of a plan cost is left out. Errors are expected as
+on subjects of the same kind (`pipeline.budget.dial_errors`).
 
 The budget only chooses what neither the subject's file nor the command line says.
 """
@@ -26,7 +26,7 @@ from pipeline.budget.dial_errors import DialErrors
 from pipeline.budget.dial_times import DialTimes, spent_in, with_options
 from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
-from pipeline.budget.run_seconds import StageSeconds, run_seconds
+from pipeline.budget.run_seconds import StageSeconds
 from pipeline.budget.subject_curve import SubjectCurve, parse_setting, setting_name
 from pipeline.config.project import SubjectSettings
 from pipeline.metrics.cost import pareto_front
@@ -57,11 +57,10 @@ def within_budget(
     """
     budget_s = 60.0 * settings.budget_minutes
     usual = at_defaults(settings, curves)
-    expected = run_seconds(usual, size)
-    paces = {stage: pace.get(stage, 1.0) if isinstance(pace, Mapping) else pace for stage in expected}
-    turned = [curve for curve in curves if spent_in(curve) in expected]
-    times, errors = DialTimes.of(usual, size, turned), DialErrors.of(settings, size, measured)
-    base = {stage: times.split(stage, each).times(paces[stage]) for stage, each in expected.items()}
+    times, errors = DialTimes.of(usual, size, curves), DialErrors.of(settings, size, measured)
+    paces = {stage: pace.get(stage, 1.0) if isinstance(pace, Mapping) else pace for stage in times.usual}
+    turned = [curve for curve in curves if spent_in(curve) in times.usual]
+    base = {stage: each.times(paces[stage]) for stage, each in times.usual.items()}
     fixed = {curve.dial: _setting(settings, curve) for curve in turned if _is_said(said, settings, curve)}
     dials: dict[str, dict[str, list[Option]]] = {}
     for curve in turned:
@@ -111,7 +110,7 @@ def _setting(settings: SubjectSettings, curve: Curve) -> Any:
 def _options(
     curve: Curve, errors: DialErrors, fixed: Mapping[str, Any], times: DialTimes, paces: Mapping[str, float]
 ) -> list[Option]:
-    """The Pareto front of a curve; of a dial that the user has set, that setting alone.
+    """The Pareto front of a curve, and all of one that costs other stages time; a setting of the user's alone.
 
     A default beyond the settings that were measured is one more, and best.
     """
@@ -122,8 +121,10 @@ def _options(
         options.append(Option(setting_name(value), times.factor(curve, value), errors.loss(curve, value), elsewhere))
     if curve.dial in fixed:
         return options
-    front = pareto_front(np.array([each.factor for each in options]), np.array([each.loss for each in options]))
-    kept = [option for option, good in zip(options, front, strict=True) if good]
+    kept = options
+    if not any(option.elsewhere for option in options):
+        front = pareto_front(np.array([each.factor for each in options]), np.array([each.loss for each in options]))
+        kept = [option for option, good in zip(options, front, strict=True) if good]
     if math.isnan(errors.error(curve, curve.default)):
         least = min(option.loss for option in options)
         kept.append(Option(setting_name(curve.default), 1.0, least - BEYOND_LOSS))

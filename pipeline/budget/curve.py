@@ -72,15 +72,6 @@ class Curve:
             [part.relative(value, self.default, startup.get(part.subject, 0.0)) for part in self.parts]
         )
 
-    def factor_of_count(self, ratio: float, startup: Mapping[str, float]) -> float:
-        """Time where the stage counts `ratio` times as much as at the default, over that.
-
-        NaN if nobody counted.
-        """
-        return _geometric_mean(
-            [part.relative_to_count(ratio, self.default, startup.get(part.subject, 0.0)) for part in self.parts]
-        )
-
     def duration(self, value: Any) -> float:
         """Time at a setting with the import of the stage, seconds: a geometric mean."""
         return _geometric_mean([part.imports + part.work(value) for part in self.parts])

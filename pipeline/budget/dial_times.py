@@ -1,9 +1,8 @@
 """Times of dials' settings on a capture, over those of their defaults.
 
-The curves were measured on other subjects, with trainings of 200 steps, of which startup is a good part. So startup is
-told apart: it is as long however many steps there are, and whatever a step takes. And what the size of texels takes is
-told by how many this capture would have of them, as it has no more than `most`; so is what all other stages take, which
-have no curve for them.
+What more steps and finer texels take is told by jobs of that size (`pipeline.budget.run_seconds`), in training and in
+all other stages: a capture has no more texels than `most`. What other dials take was measured on other subjects, with
+trainings of 200 steps, of which startup is a good part. So startup is told apart: it is as long whatever a step takes.
 """
 
 from __future__ import annotations
@@ -26,8 +25,13 @@ TRAINING = "train_avatar"
 SPENT_IN = {"unwrap_atlas": TRAINING}
 """Where a setting of a stage costs time, if not there: texels are laid out once and trained in every step."""
 
-TOLD_BY_TEXELS = ("unwrap_atlas", "texel_pixels")
-"""The setting whose time and error are told by how many texels there are."""
+TEXELS = ("unwrap_atlas", "texel_pixels")
+"""The setting whose error is told by how many texels there are."""
+
+STEPS = (TRAINING, "steps")
+
+TOLD_BY_SIZE = (TEXELS, STEPS)
+"""Settings whose time is told by the size of jobs."""
 
 
 def spent_in(curve: Curve) -> str:
@@ -36,8 +40,8 @@ def spent_in(curve: Curve) -> str:
 
 
 def told_by_texels(curve: Curve) -> bool:
-    """True for the dial that is told by how many texels there are."""
-    return (curve.stage, curve.option) == TOLD_BY_TEXELS
+    """True for the dial whose errors are told by how many texels there are."""
+    return (curve.stage, curve.option) == TEXELS
 
 
 def texel_ratio(settings: SubjectSettings, size: CaptureSize, curve: Curve, value: Any) -> float:
@@ -55,13 +59,13 @@ class DialTimes:
 
     Attributes:
         settings: of the capture's subject, with all dials at their defaults.
-        share: of startup, in the time of training at the defaults.
-        startup: of each subject of the curves, in seconds.
+        usual: seconds of each stage at the defaults.
+        startup: of the training of each subject of the curves, in seconds.
     """
 
     settings: SubjectSettings
     size: CaptureSize
-    share: float
+    usual: Mapping[str, StageSeconds]
     startup: Mapping[str, float]
 
     @classmethod
@@ -71,37 +75,36 @@ class DialTimes:
         It is the median over the subjects: a machine that was slow in a few short runs makes one far too large. Without
         such a curve there is no startup.
         """
-        steps = next((curve for curve in curves if (curve.stage, curve.option) == (TRAINING, "steps")), None)
+        usual = run_seconds(settings, size)
+        steps = next((curve for curve in curves if (curve.stage, curve.option) == STEPS), None)
         if steps is None:
-            return cls(settings, size, 0.0, {})
+            return cls(settings, size, usual, {})
         whole = {part.subject: part.work(steps.default) for part in steps.parts}
         share = float(np.median([part.startup() / whole[part.subject] for part in steps.parts]))
-        return cls(settings, size, share, {name: share * seconds for name, seconds in whole.items()})
-
-    def split(self, stage: str, seconds: StageSeconds) -> StageSeconds:
-        """Seconds of a stage at the defaults, with startup in the fixed part, which no dial changes."""
-        if stage != TRAINING:
-            return seconds
-        return StageSeconds(seconds.fixed + self.share * seconds.work, (1 - self.share) * seconds.work)
+        return cls(settings, size, usual, {name: share * seconds for name, seconds in whole.items()})
 
     def factor(self, curve: Curve, value: Any) -> float:
-        """Time of a setting over that of the default, without startup."""
-        startup = self.startup if spent_in(curve) == TRAINING else {}
-        if told_by_texels(curve):
-            found = curve.factor_of_count(texel_ratio(self.settings, self.size, curve, value), startup)
-            if np.isfinite(found):
-                return found
-        return curve.factor(value, startup)
+        """Time of a stage's work at a setting over that at the default, without startup."""
+        if (curve.stage, curve.option) in TOLD_BY_SIZE:
+            stage = spent_in(curve)
+            usual = self.usual[stage].work
+            return self._at(curve, value)[stage].work / usual if usual > 0 else 1.0
+        return curve.factor(value, self.startup if spent_in(curve) == TRAINING else {})
 
     def elsewhere(self, curve: Curve, value: Any) -> dict[str, float]:
-        """Seconds that stages other than the dial's own take more than at its default."""
-        if not told_by_texels(curve):
+        """Seconds that startup, and stages other than the dial's own, take more than at its default."""
+        if (curve.stage, curve.option) not in TOLD_BY_SIZE:
             return {}
-        found, usual = (
-            run_seconds(with_options(self.settings, {curve.stage: {curve.option: each}}), self.size)
-            for each in (value, curve.default)
-        )
-        return {stage: found[stage].work - usual[stage].work for stage in usual if stage != spent_in(curve)}
+        more = {}
+        for stage, found in self._at(curve, value).items():
+            own = stage == spent_in(curve)
+            more[stage] = found.fixed - self.usual[stage].fixed
+            more[stage] += 0.0 if own else found.work - self.usual[stage].work
+        return more
+
+    def _at(self, curve: Curve, value: Any) -> dict[str, StageSeconds]:
+        """Seconds of each stage at a setting."""
+        return run_seconds(with_options(self.settings, {curve.stage: {curve.option: value}}), self.size)
 
 
 def with_options(settings: SubjectSettings, changes: Mapping[str, Mapping[str, Any]]) -> SubjectSettings:

@@ -42,6 +42,12 @@ class CostTerms:
         """Cost of a job of no size: starting it, and importing its code."""
         return self.coefficients.get((), 0.0)
 
+    def before_steps(self, size: JobSize) -> float:
+        """Cost of a job before its first step; where nothing grows with steps, that of a job of no size."""
+        if any("steps" in names for names in self.coefficients):
+            return self.expected(replace(size, steps=0))
+        return self.fixed
+
     def expected(self, size: JobSize) -> float:
         """Cost of a job, in seconds or megabytes."""
         return sum(factor * size.product(names) for names, factor in self.coefficients.items())

@@ -23,6 +23,7 @@ class JobSize:
         frames: that the job handles, a chunk's or all.
         pixels: of an image, the mean over the cameras.
         texels: of the atlas.
+        head_texels: the same of a head, whose Gaussians take longer than a body's; 0 of a body.
         steps: of training the avatar that takes most.
         step_pixels: pixels of the images of one step.
         avatars: that the job trains or scores.
@@ -47,6 +48,7 @@ class JobSize:
     threads: int = 1
     cache_mb: int = 16_000
     listed: int = 0
+    head_texels: int = 0
     sync_cameras: int = 16
     tracking_cameras: int = 24
 
@@ -76,6 +78,7 @@ def size_of_whole(settings: SubjectSettings, capture: CaptureSize, texels: int, 
         processes=max(section.steps_together for section in trained),
         decode_threads=settings.index_capture.decode_threads,
         listed=capture.images,
+        head_texels=texels if capture.kind == "head" else 0,
         sync_cameras=settings.book_patterns.sync_cameras,
         tracking_cameras=max(settings.track_mesh.outline_cameras, settings.track_mesh.image_cameras),
     )

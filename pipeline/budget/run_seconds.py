@@ -33,7 +33,7 @@ COVERED = 0.45
 
 @dataclass(frozen=True)
 class StageSeconds:
-    """Seconds of a stage: those of its start and imports, and those of its work."""
+    """Seconds of a stage: those of its start, and of training before its first step, and those of its work."""
 
     fixed: float
     work: float
@@ -57,9 +57,10 @@ def run_seconds(settings: SubjectSettings, capture: CaptureSize) -> dict[str, St
     for stage in stages_on_the_way(settings, capture):
         terms = costs[stage, "seconds"]
         jobs = chunks if stage in CHUNKED else 1
-        own = avatars if stage == "train_avatar" else [whole]
-        work = sum(terms.expected(looked_at(stage, size)) - terms.fixed for size in own)
-        found[stage] = StageSeconds(terms.fixed * jobs * len(own), work)
+        own = [looked_at(stage, size) for size in (avatars if stage == "train_avatar" else [whole])]
+        start = [terms.before_steps(size) for size in own]
+        work = sum(terms.expected(size) for size in own) - sum(start)
+        found[stage] = StageSeconds(jobs * sum(start), work)
     return found
 
 

@@ -54,18 +54,6 @@ class SubjectCurve:
         """Time of work at a setting over that at another, without `startup` seconds of each."""
         return _without(self.work(value), startup) / _without(self.work(default), startup)
 
-    def relative_to_count(self, ratio: float, default: Any, startup: float = 0.0) -> float:
-        """Time of work where the stage counts so many times as much as at the default.
-
-        It is in proportion between what was measured, and on beyond the last. NaN if counts are not known.
-        """
-        ratios = self._count_ratios(default)
-        if ratios is None:
-            return math.nan
-        times = np.array([self.relative(parse_setting(each), default, startup) for each in self.settings])
-        ratios, places = np.unique(ratios, return_index=True)
-        return _on_line(ratio, ratios, times[places])
-
     def error_of_count(self, ratio: float, default: Any) -> float:
         """Error where the stage counts so many times as much as at the default: texels of a surface.
 

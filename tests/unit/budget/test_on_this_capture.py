@@ -20,6 +20,7 @@ from tests.support.results.curve_files import write_curves, write_subjects
 pytestmark = pytest.mark.usefixtures("costs")
 
 TEXELS = ("texel_size", "unwrap_atlas", "texel_pixels", "PSNR lost, dB", 0.1)
+SUPERSAMPLING = ("supersampling", "train_avatar", "supersample", "PSNR lost, dB", 0.1)
 STEPS = ("training_steps", "train_avatar", "steps", "PSNR lost, dB", 0.1)
 
 
@@ -64,12 +65,16 @@ class TestTexelsAreCounted:
 
         return chosen
 
-    @pytest.mark.parametrize(("atlas", "factor"), [({}, 3.0), ({"most": 100}, 1 + 2 * (4500 / 1600 - 1) / 3)])
-    def test_time_is_of_those_that_this_capture_has(self, estimate, atlas, factor) -> None:
-        """Half as large are four times as many, unless the atlas may not hold them: then 2.81 times."""
-        found = estimate(atlas, {})
-        assert found.choices[0].factor == pytest.approx(factor)
-        assert found.seconds["train_avatar"] == pytest.approx(2 + 200 * factor)
+    @pytest.mark.parametrize(("atlas", "texels"), [({}, 6400), ({"most": 100}, 4500)])
+    def test_time_is_of_those_that_this_capture_has(self, estimate, costs, atlas, texels) -> None:
+        """Half as large are four times as many, unless the atlas may not hold them.
+
+        Of 200 s of steps at 1,600 texels, half are of these; startup of 5 s is all of these.
+        """
+        costs(train_avatar={"": 2.0, "frames texels": 5 / 16_000, "steps": 0.05, "steps texels": 0.05 / 1600})
+        found, times = estimate(atlas, {}), texels / 1600
+        assert found.choices[0].factor == pytest.approx((1 + times) / 2)
+        assert found.seconds["train_avatar"] == pytest.approx(2 + 5 * times + 100 * (1 + times))
 
     @pytest.mark.parametrize(
         ("pace", "seconds"), [(1.0, 8 + 0.01 * 6400), ({"evaluate_avatar": 2.0}, 16 + 0.02 * 6400)]
@@ -81,16 +86,16 @@ class TestTexelsAreCounted:
         assert found.seconds["evaluate_avatar"] == pytest.approx(seconds)
 
     def test_what_they_take_counts_for_the_choice(self, choice, costs) -> None:
-        """The finest texels take 30 s of tracking, 6 of irradiance, 8 of scoring and 2 + 200 x 3 of training, 646 s.
+        """The finest texels take 30 s of tracking, 6 of irradiance, 8 of scoring and 202 of training, 246 s.
 
         At 0.1 s a texel scoring takes 640 s more, and with the second finest 160.
         """
-        assert choice(1000 / 60).choices[0].setting == "0.3"
+        assert choice(600 / 60).choices[0].setting == "0.3"
         costs(evaluate_avatar={"avatars frames cameras": 0.2, "avatars texels": 0.1})
-        found = choice(1000 / 60)
+        found = choice(600 / 60)
         assert found.choices[0].setting == "0.6"
         assert found.total == pytest.approx(30 + 6 + 8 + 160 + 202)
-        assert choice(1290 / 60).choices[0].setting == "0.3"
+        assert choice(890 / 60).choices[0].setting == "0.3"
 
     @pytest.mark.parametrize(
         ("atlas", "lost"),
@@ -108,27 +113,37 @@ class TestTexelsAreCounted:
         assert estimate(atlas, {"unwrap_atlas": atlas}).choices[0].error == pytest.approx(lost, rel=2e-3)
 
 
-def test_startup_is_neither_more_nor_less(tmp_path) -> None:
-    """Startup of 10 s, and 0.1 s a step: of 210 s at the default, 200 are steps'.
+def test_startup_is_as_long_whatever_a_step_takes(tmp_path, costs) -> None:
+    """Jobs take 2 s, 8 of frames, and 0.1 a step; where it was measured, startup took 10 s and a step 0.1.
 
-    Coarse texels take 20 s for 30, and with no startup in either 10 for 20: half of a step.
+    Without supersampling trainings of 200 steps took 20 s for 30: without startup half of a step.
     """
+    costs(train_avatar={"": 2.0, "frames": 0.8, "steps": 0.1})
     curves = {
         STEPS: {"100": (1.0, 22.0), "1000": (0.1, 112.0), "2000": (0.0, 212.0)},
-        TEXELS: {"1.2": (0.5, 22.0), "0.6": (0.0, 32.0)},
+        SUPERSAMPLING: {"1": (0.5, 22.0), "3": (0.0, 32.0)},
     }
-    base = 200.0  # of jobs at the defaults, without imports
     _, estimate = choose(tmp_path, 100, {"train_avatar": {"steps": 1000}}, curves=curves)
-    assert estimate.seconds["train_avatar"] == pytest.approx(2 + base * (10 + 100) / 210)
-    said = {"train_avatar": {"steps": 1000}, "unwrap_atlas": {"texel_pixels": 1.2}}
-    _, estimate = choose(tmp_path, 100, said, curves=curves)
-    assert estimate.seconds["train_avatar"] == pytest.approx(2 + base * (10 + 50) / 210)
+    assert estimate.seconds["train_avatar"] == pytest.approx(2 + 8 + 100)
+    _, estimate = choose(tmp_path, 100, {"train_avatar": {"steps": 1000, "supersample": 1}}, curves=curves)
+    assert estimate.seconds["train_avatar"] == pytest.approx(2 + 8 + 50)
+
+
+def test_heads_take_longer_with_as_many_texels(tmp_path, costs) -> None:
+    costs(train_avatar={"": 2.0, "steps texels": 1e-4, "steps head_texels": 1e-4})
+    said = {"train_avatar": {"steps": 100}, "unwrap_atlas": {"size": 100}}
+    taken = {}
+    for kind in ("body", "head"):
+        _, estimate = choose(tmp_path, 1000, said, CaptureSize(4, 10, 1000, 1, kind=kind))
+        taken[kind] = estimate.seconds["train_avatar"]
+    assert taken == pytest.approx({"body": 2 + 45, "head": 2 + 90})
 
 
 def test_errors_are_expected_as_on_subjects_of_its_kind(tmp_path) -> None:
-    key = ("supersampling", "train_avatar", "supersample", "PSNR lost, dB", 0.1)
     lost = {"someones_body": 1.0, "someones_head": 0.2}
-    path = write_subjects(tmp_path, {name: {key: {"1": (db, 3.0), "3": (0.0, 9.0)}} for name, db in lost.items()})
+    path = write_subjects(
+        tmp_path, {name: {SUPERSAMPLING: {"1": (db, 3.0), "3": (0.0, 9.0)}} for name, db in lost.items()}
+    )
     content = yaml.safe_load((tmp_path / "subjects.yaml").read_text())
     (tmp_path / "subjects.yaml").write_text(yaml.safe_dump([{**one, "kind": one["subject"][9:]} for one in content]))
     read = read_curves(path), read_measured(tmp_path / "subjects.yaml")
@@ -146,9 +161,10 @@ def test_errors_are_expected_as_on_subjects_of_its_kind(tmp_path) -> None:
 )
 def test_errors_are_expected_as_on_subjects_of_its_material(tmp_path, kind, material, db) -> None:
     """Of heads there is but one, and that will do for any."""
-    key = ("supersampling", "train_avatar", "supersample", "PSNR lost, dB", 0.1)
     lost = {"body opaque": 0.1, "body translucent": 0.9, "head opaque": 0.4}
-    path = write_subjects(tmp_path, {name: {key: {"1": (each, 3.0), "3": (0.0, 9.0)}} for name, each in lost.items()})
+    path = write_subjects(
+        tmp_path, {name: {SUPERSAMPLING: {"1": (each, 3.0), "3": (0.0, 9.0)}} for name, each in lost.items()}
+    )
     content = yaml.safe_load((tmp_path / "subjects.yaml").read_text())
     alike = [{**one, **dict(zip(("kind", "material"), one["subject"].split(), strict=True))} for one in content]
     (tmp_path / "subjects.yaml").write_text(yaml.safe_dump(alike))
@@ -161,8 +177,10 @@ def test_errors_are_expected_as_on_subjects_of_its_material(tmp_path, kind, mate
 
 def test_settings_are_chosen_by_all_materials_and_promised_by_its_own(tmp_path) -> None:
     """A body of wax loses 0.9 dB to fewer samples, an opaque one gains a little: more of them are bought."""
-    key = ("supersampling", "train_avatar", "supersample", "PSNR lost, dB", 0.1)
-    curves = {"opaque": {key: {"1": (-0.02, 3.0), "3": (0.0, 9.0)}}, "wax": {key: {"1": (0.9, 3.0), "3": (0.0, 9.0)}}}
+    curves = {
+        "opaque": {SUPERSAMPLING: {"1": (-0.02, 3.0), "3": (0.0, 9.0)}},
+        "wax": {SUPERSAMPLING: {"1": (0.9, 3.0), "3": (0.0, 9.0)}},
+    }
     path = write_subjects(tmp_path, curves)
     content = yaml.safe_load((tmp_path / "subjects.yaml").read_text())
     content[1]["material"] = "translucent"
