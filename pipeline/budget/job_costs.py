@@ -43,7 +43,10 @@ class CostTerms:
         return self.coefficients.get((), 0.0)
 
     def before_steps(self, size: JobSize) -> float:
-        """Cost of a job before its first step; where nothing grows with steps, that of a job of no size."""
+        """Cost of a job before its first step.
+
+        It is that of a job of no size, where nothing grows with steps.
+        """
         if any("steps" in names for names in self.coefficients):
             return self.expected(replace(size, steps=0))
         return self.fixed

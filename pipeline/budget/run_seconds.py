@@ -33,7 +33,10 @@ COVERED = 0.45
 
 @dataclass(frozen=True)
 class StageSeconds:
-    """Seconds of a stage: those of its start, and of training before its first step, and those of its work."""
+    """Seconds of a stage: those of its start, and those of its work.
+
+    Start is also what training takes before its first step.
+    """
 
     fixed: float
     work: float
