@@ -29,9 +29,7 @@ TEXELS = ("unwrap_atlas", "texel_pixels")
 """The setting whose error is told by how many texels there are."""
 
 STEPS = (TRAINING, "steps")
-
-TOLD_BY_SIZE = (TEXELS, STEPS)
-"""Settings whose time is told by the size of jobs."""
+"""The setting whose curve says what startup takes."""
 
 
 def spent_in(curve: Curve) -> str:
@@ -42,6 +40,11 @@ def spent_in(curve: Curve) -> str:
 def told_by_texels(curve: Curve) -> bool:
     """True for the dial whose errors are told by how many texels there are."""
     return (curve.stage, curve.option) == TEXELS
+
+
+def told_by_size(curve: Curve) -> bool:
+    """True for the dials whose times are told by the size of jobs."""
+    return (curve.stage, curve.option) in (TEXELS, STEPS)
 
 
 def texel_ratio(settings: SubjectSettings, size: CaptureSize, curve: Curve, value: Any) -> float:
@@ -85,7 +88,7 @@ class DialTimes:
 
     def factor(self, curve: Curve, value: Any) -> float:
         """Time of a stage's work at a setting over that at the default, without startup."""
-        if (curve.stage, curve.option) in TOLD_BY_SIZE:
+        if told_by_size(curve):
             stage = spent_in(curve)
             usual = self.usual[stage].work
             return self._at(curve, value)[stage].work / usual if usual > 0 else 1.0
@@ -93,13 +96,13 @@ class DialTimes:
 
     def elsewhere(self, curve: Curve, value: Any) -> dict[str, float]:
         """Seconds that startup, and stages other than the dial's own, take more than at its default."""
-        if (curve.stage, curve.option) not in TOLD_BY_SIZE:
+        if not told_by_size(curve):
             return {}
         more = {}
         for stage, found in self._at(curve, value).items():
-            own = stage == spent_in(curve)
             more[stage] = found.fixed - self.usual[stage].fixed
-            more[stage] += 0.0 if own else found.work - self.usual[stage].work
+            if stage != spent_in(curve):
+                more[stage] += found.work - self.usual[stage].work
         return more
 
     def _at(self, curve: Curve, value: Any) -> dict[str, StageSeconds]:

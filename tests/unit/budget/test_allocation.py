@@ -173,7 +173,7 @@ def test_what_the_user_says_stays_and_is_counted(tmp_path) -> None:
         "supersampling": ("user", "1"),
         "irradiance_power": ("budget", "full"),
     }
-    # 300 steps lie between 200 and 400, and supersampling of 1 takes half the work: 2 + 20 * 1.5 / 2.
+    # 300 steps take 30 s, and supersampling of 1 half of that.
     assert estimate.seconds["train_avatar"] == pytest.approx(17)
     error = {choice.dial: choice.error for choice in estimate.choices}
     assert error["training_steps"] == pytest.approx((0.3 + 0.01) / 2)
