@@ -4,11 +4,11 @@
     python -m benchmarks.bench_budgets --subjects unseen_body unseen_head --minutes 1 1.5 2.2 3
 
 For each subject the whole workflow runs once with time for everything, then once for each budget; stages that a
-budget does not turn are not run again. Seconds are a processor's. The first run says how much longer each stage takes
-here than the costs of jobs expect (`machine_pace`), which the others are promised with. A machine that others use is
-not as fast in every run: a fixed piece of work is timed all the while (`benchmarks.machine_speed`), and what a run
-achieved is also given at the speed of the first. Decibels are what the partially lit validation images lose against
-the first run. Prints a table, and adds it to --out.
+budget does not turn are not run again. Seconds are a processor's. Each run says how much longer stages took here than
+the costs of jobs expect (`machine_pace`), which the next is promised with. A machine that others use is not as fast in
+every run: a fixed piece of work is timed all the while (`benchmarks.machine_speed`), and what a run achieved is also
+given at the speed of the one before. Decibels are what the partially lit validation images lose against the first run.
+Prints a table, and adds it to --out.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import math
 import shlex
 import time
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,7 @@ def run_budget(subject: str, minutes: float, paces: dict[str, float], config: li
 
 
 def paces_of(folder: Path) -> dict[str, float]:
-    """Read the pace of each stage, as it was found in a run."""
+    """Read the pace of each stage, as it was found in the last run."""
     found = pd.read_csv(folder / "budget.csv").set_index("quantity").achieved
     own = {stage: found.get(f"machine_pace.{stage}", math.nan) for stage in ON_THE_WAY}
     return {stage: round(pace, 3) for stage, pace in own.items() if pace > 0}
@@ -102,6 +103,7 @@ def run_subject(subject: str, minutes: list[float], config: list[str], out: Path
     print(json.dumps(asdict(runs[0])), json.dumps(paces), flush=True)
     for each in minutes:
         runs.append(run_budget(subject, each * runs[0].pace, paces, config))
+        paces |= paces_of(Path("results", subject))
         print(json.dumps(asdict(runs[-1])), flush=True)
         keep(runs, out)
     return runs
@@ -117,13 +119,14 @@ def keep(runs: list[Run], out: Path) -> None:
 
 
 def as_markdown(runs: pd.DataFrame) -> list[str]:
-    """The table of a page: a line for each budget that did not buy the first run's settings, and how many hold."""
+    """The table of a page: a line for each budget that bought other settings than that before, and how many hold."""
     lines, ratios, decibels = [], [], []
     for subject, own in runs.groupby("subject", sort=False):
         best = own.iloc[0]
-        for row in own.iloc[1:][own.fresh_s.iloc[1:] > 0].itertuples():  # else its settings are those of the first
+        ran = own[own.fresh_s > 0]  # without fresh stages settings are those of the run before
+        for before, row in pairwise(ran.itertuples()):
             promised, achieved = row.promised_lost_db - best.promised_lost_db, best.validation_db - row.validation_db
-            ratio, slower = row.achieved_s / row.promised_s, row.meanwhile_s / best.meanwhile_s
+            ratio, slower = row.achieved_s / row.promised_s, row.meanwhile_s / before.meanwhile_s
             equal = (row.achieved_s - row.fresh_s + row.fresh_s / slower) / row.promised_s
             ratios.append((ratio, equal))
             decibels.append(abs(achieved - promised))
