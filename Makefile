@@ -109,8 +109,9 @@ effects: $(READY)
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_effects --draws report report_2 report_3 --turned \
 	    --jobs $(CORES) --out results/effects_comparison.csv
 
-# Subjects whose runs and training are looked at: finished ones.
-TIMED ?= results/subjectA
+# Subjects whose runs and training are looked at: finished ones of these.
+FINISHED = $(patsubst %/metrics.csv,%,$(wildcard $(patsubst %,results/%/metrics.csv,subjectA walker subjectB)))
+TIMED ?= $(or $(FINISHED),results/subjectA)
 time: $(READY)
 	$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_limits --out results/time/limits.json
 	$(foreach subject,$(TIMED),$(QUIET) $(ONE_THREAD) $(BIN)/python -m benchmarks.bench_training_parts \
