@@ -119,7 +119,7 @@ def keep(runs: list[Run], out: Path) -> None:
 
 
 def as_markdown(runs: pd.DataFrame) -> list[str]:
-    """The table of a page: a line for each budget that bought other settings than that before, and how many hold."""
+    """The table of a page: a line for each budget whose run had stages to run, and how many hold."""
     lines, ratios, decibels = [], [], []
     for subject, own in runs.groupby("subject", sort=False):
         best = own.iloc[0]
