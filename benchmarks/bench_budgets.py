@@ -30,7 +30,7 @@ from benchmarks.workflow_runs import run_workflow
 from docs.generate.markdown import table
 from pipeline.base.files import write_table
 from pipeline.budget.run_seconds import ON_THE_WAY
-from pipeline.stages.check_budget import stage_times
+from pipeline.stages.check_budget import LOST_BY_ALL, stage_times
 
 PLENTY_MINUTES = 10_000.0
 """Time for the most accurate settings of all."""
@@ -43,7 +43,7 @@ class Run:
     Attributes:
         minutes: of the budget.
         promised_s, achieved_s: of all stages on the way to metrics.csv.
-        promised_lost_db: PSNR against the most accurate settings, the sum over the dials.
+        promised_lost_db: PSNR against the most accurate settings.
         validation_db: PSNR of partially lit validation images.
         pace: seconds that jobs took over those that the costs expect.
         fresh_s: of `achieved_s`, those of stages that ran this time.
@@ -69,12 +69,11 @@ def run_budget(subject: str, minutes: float, paces: dict[str, float], config: li
     with SpeedMeter() as meter:
         run_workflow(folder / "budget.csv", words)
     found = pd.read_csv(folder / "budget.csv").set_index("quantity")
-    lost = found.estimated[found.unit.astype(str).str.startswith("PSNR lost")]
     scores = pd.read_csv(folder / "metrics.csv")
     known = scores[(scores.split == "validation") & (scores.lit == "partial")]
     return Run(
-        subject, minutes, float(found.estimated["total"]), float(found.achieved["total"]), float(lost.sum()),
-        float(known.psnr_db.iloc[0]), float(found.achieved["machine_pace"]),
+        subject, minutes, float(found.estimated["total"]), float(found.achieved["total"]),
+        float(found.estimated[LOST_BY_ALL]), float(known.psnr_db.iloc[0]), float(found.achieved["machine_pace"]),
         seconds_since(begun, folder / "benchmarks"), meter.seconds,
     )  # fmt: skip
 

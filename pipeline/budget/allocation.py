@@ -28,6 +28,7 @@ from pipeline.budget.estimate import Choice, Estimate
 from pipeline.budget.knapsack import Combination, Option, best_within
 from pipeline.budget.run_seconds import StageSeconds
 from pipeline.budget.subject_curve import SubjectCurve, parse_setting, setting_name
+from pipeline.budget.total_loss import is_psnr_loss, total_loss_db
 from pipeline.config.project import SubjectSettings
 from pipeline.metrics.cost import pareto_front
 
@@ -141,13 +142,14 @@ def _choice(curve: Curve, errors: DialErrors, name: str, fixed: Mapping[str, Any
 
 
 def _expected_psnr(turned: Sequence[Curve], choices: Sequence[Choice], measured: Measured) -> float:
-    """What a subject of the curves had, less what the settings lose against those that it had, dial by dial."""
-    lost = 0.0
+    """What a subject of the curves had, less what the settings lose against those that it had."""
+    now, then = [], []
     for curve, choice in zip(turned, choices, strict=True):
         own = curve.of(measured.subject)
-        if own is not None and curve.metric.startswith("PSNR") and curve.dial in measured.settings:
-            lost += _error(own, parse_setting(choice.setting)) - _error(own, measured.settings[curve.dial])
-    return measured.psnr_db - lost
+        if own is not None and is_psnr_loss(curve.metric) and curve.dial in measured.settings:
+            now.append(_error(own, parse_setting(choice.setting)))
+            then.append(_error(own, measured.settings[curve.dial]))
+    return measured.psnr_db + total_loss_db(then) - total_loss_db(now)
 
 
 def _error(curve: SubjectCurve, value: Any) -> float:

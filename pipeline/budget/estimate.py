@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from pipeline.budget.total_loss import is_psnr_loss, total_loss_db
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -52,9 +54,15 @@ class Estimate:
         """Seconds of all stages."""
         return sum(self.seconds.values())
 
+    @property
+    def lost_db(self) -> float:
+        """PSNR that all dials lose together against their best settings, dB."""
+        return total_loss_db(choice.error for choice in self.choices if is_psnr_loss(choice.metric))
+
     def as_json(self) -> dict[str, Any]:
         """All of it, as JSON has it: no number that is not one."""
         content = asdict(self) | {"seconds": dict(self.seconds), "paces": dict(self.paces)}
+        content["lost_db"] = self.lost_db
         content["psnr_db"] = None if math.isnan(self.psnr_db) else self.psnr_db
         content["choices"] = [
             asdict(choice) | {"error": None if math.isnan(choice.error) else choice.error} for choice in self.choices
@@ -69,4 +77,5 @@ class Estimate:
             error = "unknown" if math.isnan(choice.error) else f"{choice.error:.3g} (allowed {choice.allowed:.3g})"
             who = "" if choice.by == "budget" else ", set by you"
             said.append(f"  {choice.stage}.{choice.option} {choice.setting}{who}: {error}; {choice.metric}")
+        said.append(f"  together they lose {self.lost_db:.3g} dB of PSNR")
         return said

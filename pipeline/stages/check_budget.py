@@ -3,7 +3,8 @@
 Time is a processor's (`pipeline.base.finished_jobs`), as the budget counts it; wall time stands beside it.
 `machine_pace` is the setting with which the total would have been right, machine_pace.STAGE that of a stage. Errors are
 those that the run shows: the standard error of drawn irradiance, and the PSNR of partially lit test images, which is
-only estimated for the curves' own subjects. Writes a table, see `COLUMNS`.
+only estimated for the curves' own subjects. What dials lose, each and together, is not shown by one run. Writes a
+table, see `COLUMNS`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from pipeline.base.errors import InputError
 from pipeline.base.files import read_table, write_table
 from pipeline.base.finished_jobs import finished_jobs
 from pipeline.config.check_budget import CheckBudget
+
+LOST_BY_ALL = "PSNR lost by all dials"
+"""Row of what the dials' settings lose together, against the best of each."""
 
 log = logging.getLogger("check_budget")
 
@@ -55,6 +59,7 @@ def run(*, results: Path, estimate: str, out: Path, settings: CheckBudget = Chec
         estimated = math.nan if choice["error"] is None else choice["error"]
         achieved = achieved_error(choice, results)
         rows.append(row(choice["dial"], estimated, achieved, choice["metric"], choice["setting"], choice["by"]))
+    rows.append(row(LOST_BY_ALL, expected["lost_db"], math.nan, "dB"))
     psnr = math.nan if expected["psnr_db"] is None else expected["psnr_db"]
     rows.append(row("PSNR of partially lit test images", psnr, read_test_psnr(results / "metrics.csv"), "dB"))
     table = pd.DataFrame(rows, columns=COLUMNS)
@@ -74,7 +79,7 @@ def read_estimate(text: str) -> dict[str, Any]:
     """
     try:
         expected = json.loads(text)
-        lacking = sorted({"budget_s", "seconds", "choices", "psnr_db", "paces"} - expected.keys())
+        lacking = sorted({"budget_s", "seconds", "choices", "lost_db", "psnr_db", "paces"} - expected.keys())
     except (ValueError, AttributeError) as error:
         raise InputError(f"--estimate: expected JSON of the estimate of a budget, found {text!r}") from error
     if lacking:

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.base.errors import InputError
 from pipeline.budget.estimate import Choice, Estimate
-from pipeline.stages.check_budget import run
+from pipeline.stages.check_budget import LOST_BY_ALL, run
 
 METRIC = "irradiance, RMS (reference full)"
 
@@ -40,6 +40,8 @@ def results(tmp_path):
 def estimate(**changes) -> str:
     choices = [
         Choice("irradiance_power", "trace_irradiance", "samples", "4", "budget", METRIC, 0.2, 0.01, 0.5),
+        Choice("supersampling", "train_avatar", "supersample", "1", "budget", "PSNR lost", 10.0, 0.1, 1.0),
+        Choice("texel_size", "unwrap_atlas", "texel_pixels", "0.9", "budget", "PSNR lost", 10.0, 0.1, 1.0),
         Choice("training_steps", "train_avatar", "steps", "300", "user", "PSNR lost", math.nan, 0.1, 1.0),
     ]
     given = {"budget_s": 27.0, "seconds": {"trace_irradiance": 7.0, "train_avatar": 15.0}, "choices": choices}
@@ -80,6 +82,14 @@ def test_time_and_error_side_by_side(results) -> None:
 @pytest.mark.parametrize(("psnr_db", "verdict"), [(26.0, "kept"), (27.9, "kept"), (28.1, "missed")])
 def test_pictures_may_be_a_quarter_of_their_error_worse(results, psnr_db, verdict) -> None:
     assert table_of(results, estimate(psnr_db=psnr_db)).verdict["PSNR of partially lit test images"] == verdict
+
+
+def test_what_dials_lose_together_stands_beside_what_each_loses(results) -> None:
+    """Two that each make a squared error ten times as large make it 19 times; nothing is known of the third."""
+    table = table_of(results, estimate())
+    assert table.estimated[["supersampling", "texel_size"]].tolist() == [10, 10]
+    assert table.estimated[LOST_BY_ALL] == pytest.approx(10 * np.log10(19))
+    assert np.isnan(table.achieved[LOST_BY_ALL]) and pd.isna(table.verdict[LOST_BY_ALL])
 
 
 def test_stage_that_has_not_run_has_no_verdict(results) -> None:
