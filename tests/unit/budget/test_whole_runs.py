@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 import os
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
-from benchmarks import bench_budgets, bench_presets, machine_speed
+from benchmarks import bench_budgets, bench_dials_together, bench_presets, machine_speed
 from benchmarks.bench_presets import OWN
 from benchmarks.machine_speed import SpeedMeter
 from pipeline.base.files import write_table
@@ -61,6 +63,36 @@ def test_presets_are_held_against_the_same_images_of_a_subjects_own_settings(
 def test_gain_of_one_frame_has_no_error() -> None:
     """A number that is not known is left out."""
     assert bench_presets.signed(0.254, np.nan) == "+0.25"
+
+
+def test_dials_together_are_held_against_the_sums_of_each_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Texels and samples each double the squared error where they are turned, and steps change nothing.
+
+    Together they lose 3.01 dB each as decibels sum, and make the error three times as large as squares do; in these
+    runs, more.
+    """
+    asked: list[dict[str, dict[str, object]]] = []
+
+    def run(target: Path, config: list[str]) -> None:
+        settings = {words.partition("=")[0]: yaml.safe_load(words.partition("=")[2]) for words in config}
+        asked.append(settings)
+        coarse = settings["unwrap_atlas"]["texel_pixels"] == 0.9
+        few = settings["train_avatar"]["supersample"] == 2
+        scores = pd.Series(30.0 - 10 * np.log10(1.0 + coarse + few + 2 * (coarse and few)), index=["a", "b"])
+        monkeypatch.setattr(bench_dials_together, "validation_scores", lambda results: scores)
+
+    monkeypatch.setattr(bench_dials_together, "run_workflow", run)
+    runs = pd.DataFrame([asdict(each) for each in bench_dials_together.run_subject("a", ["captures=here"])])
+    assert len(asked) == 9 and all(each["captures"] == "here" for each in asked)
+    assert asked[0]["unwrap_atlas"] == asked[2]["unwrap_atlas"] != asked[1]["unwrap_atlas"], "turned for good"
+    assert asked[-1]["train_avatar"] == asked[0]["train_avatar"] | {"steps": 400, "supersample": 2}
+    write_table(tmp_path / "runs.csv", runs)
+    lines = bench_dials_together.as_markdown(pd.read_csv(tmp_path / "runs.csv")).splitlines()
+    assert "| `a` | texels | 3.01 |  |  |" in lines and "| `a` | steps | 0.00 |  |  |" in lines
+    assert "| `a` | texels, steps | 3.01 | 3.01 | 3.01 |" in lines
+    assert "| `a` | texels, supersampling | 6.99 | 6.02 | 4.77 |" in lines
 
 
 def test_budgets_are_held_against_the_run_with_plenty_of_time() -> None:
