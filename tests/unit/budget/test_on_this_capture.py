@@ -101,6 +101,7 @@ class TestTexelsAreCounted:
         ("atlas", "lost"),
         [
             ({"texel_pixels": 0.9}, 0.75),  # a side of 1.5 lies between 1 and 2
+            ({"texel_pixels": 1.23}, 1.0),  # as many as of 1.2, but for what laying them out makes of it
             ({"texel_pixels": 1.8}, 1.5),  # a side of 3, as it went last
             ({"texel_pixels": 0.2}, 0.0),  # finer than was measured
             ({"texel_pixels": 0.6, "most": 30}, 0.5),  # full at either size
