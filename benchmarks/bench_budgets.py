@@ -13,7 +13,6 @@ Prints a table, and adds it to --out.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import shlex
@@ -26,7 +25,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.machine_speed import SpeedMeter
-from benchmarks.workflow_runs import run_workflow
+from benchmarks.workflow_runs import run_options, run_workflow
 from docs.generate.markdown import table
 from pipeline.base.files import write_table
 from pipeline.budget.run_seconds import ON_THE_WAY
@@ -147,12 +146,8 @@ def as_markdown(runs: pd.DataFrame) -> list[str]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--subjects", nargs="+", required=True)
+    parser = run_options(__doc__ or "", Path("results/budgets.csv"))
     parser.add_argument("--minutes", type=float, nargs="+", required=True, help="of each, on the machine of the curves")
-    parser.add_argument("--captures", default="captures", help="folder of the captures")
-    parser.add_argument("--config", default="", help="further settings of the runs, key=value")
-    parser.add_argument("--out", type=Path, default=Path("results/budgets.csv"))
     options = parser.parse_args()
     for subject in options.subjects:
         config = [f"captures={options.captures}", *shlex.split(options.config)]

@@ -11,7 +11,6 @@ decibels, and of mean squared errors (`pipeline.budget.total_loss`). Prints a ta
 
 from __future__ import annotations
 
-import argparse
 import copy
 import json
 import shlex
@@ -24,7 +23,7 @@ import pandas as pd
 import yaml
 
 from benchmarks.bench_presets import validation_scores
-from benchmarks.workflow_runs import run_workflow
+from benchmarks.workflow_runs import run_options, run_workflow
 from docs.generate.markdown import table
 from pipeline.base.files import write_table
 from pipeline.budget.total_loss import total_loss_db
@@ -88,12 +87,7 @@ def as_markdown(runs: pd.DataFrame) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--subjects", nargs="+", required=True)
-    parser.add_argument("--captures", default="captures", help="folder of the captures")
-    parser.add_argument("--config", default="", help="further settings of the runs, key=value")
-    parser.add_argument("--out", type=Path, default=Path("results/dials_together.csv"))
-    options = parser.parse_args()
+    options = run_options(__doc__ or "", Path("results/dials_together.csv")).parse_args()
     for subject in options.subjects:
         for run in run_subject(subject, [f"captures={options.captures}", *shlex.split(options.config)]):
             print(json.dumps(asdict(run)), flush=True)

@@ -11,7 +11,6 @@ else meanwhile. Prints a table, and adds it to --out; the results are left as th
 
 from __future__ import annotations
 
-import argparse
 import json
 import shlex
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from benchmarks.workflow_runs import run_workflow
+from benchmarks.workflow_runs import run_options, run_workflow
 from docs.generate.markdown import table
 from pipeline.base.files import read_table, write_table
 from pipeline.budget.presets import RULES
@@ -93,11 +92,7 @@ def signed(mean: float, error: float) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--subjects", nargs="+", required=True)
-    parser.add_argument("--captures", default="captures", help="folder of the captures")
-    parser.add_argument("--config", default="", help="further settings of the runs, key=value")
-    parser.add_argument("--out", type=Path, default=Path("results/presets.csv"))
+    parser = run_options(__doc__ or "", Path("results/presets.csv"))
     parser.add_argument("--presets", nargs="+", choices=RULES, default=list(RULES))
     options = parser.parse_args()
     for subject in options.subjects:
