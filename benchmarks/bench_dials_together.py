@@ -1,7 +1,7 @@
 """Hold what settings lose together against what each loses alone, in whole runs.
 
     cp benchmarks/second_body.yaml config/subjects
-    python -m benchmarks.bench_dials_together --subjects subjectA second_body subjectC
+    python -m benchmarks.bench_dials_together --subjects subjectA second_body
 
 Curves turn one dial at a time, and a budget turns several. Here the whole workflow runs with the preset `reference`,
 then with settings as small budgets choose them, one by one and together. Decibels are of partially lit validation
@@ -23,12 +23,14 @@ import pandas as pd
 import yaml
 
 from benchmarks.bench_presets import validation_scores
-from benchmarks.workflow_runs import run_options, run_workflow
+from benchmarks.workflow_runs import keep_run, run_options, run_workflow
 from docs.generate.markdown import table
-from pipeline.base.files import write_table
 from pipeline.budget.total_loss import total_loss_db
 
 REFERENCE = Path("config/presets/reference.yaml")
+
+NONE = "none"
+"""Name of the run with no dial turned."""
 
 QUICK: dict[str, tuple[str, str, Any]] = {
     "texels": ("unwrap_atlas", "texel_pixels", 0.9),
@@ -47,7 +49,7 @@ class Run:
     """Run of a subject with some dials turned.
 
     Attributes:
-        dials: their names.
+        dials: their names, or `NONE`.
         validation_db: PSNR of partially lit validation images.
         lost_db: that of the reference less this, image by image.
     """
@@ -70,15 +72,15 @@ def run_subject(subject: str, config: list[str]) -> Iterator[Run]:
         run_workflow(results / "metrics.csv", [*words, *config])
         scores = validation_scores(results)
         best = scores if best is None else best
-        yield Run(subject, " ".join(dials), float(scores.mean()), float((best - scores).mean()))
+        yield Run(subject, " ".join(dials) or NONE, float(scores.mean()), float((best - scores).mean()))
 
 
 def as_markdown(runs: pd.DataFrame) -> str:
     """The table of a page: a line for each run."""
     lines = []
-    for subject, own in runs.fillna({"dials": ""}).groupby("subject", sort=False):
+    for subject, own in runs.groupby("subject", sort=False):
         lost = own.set_index("dials").lost_db
-        for dials in filter(None, lost.index):
+        for dials in lost.index.drop(NONE):
             alone = [float(lost[dial]) for dial in dials.split()]
             sums = ["", ""] if len(alone) == 1 else [f"{sum(alone):.2f}", f"{total_loss_db(alone):.2f}"]
             lines.append([f"`{subject}`", dials.replace(" ", ", "), f"{lost[dials]:.2f}", *sums])
@@ -91,9 +93,7 @@ def main() -> None:
     for subject in options.subjects:
         for run in run_subject(subject, [f"captures={options.captures}", *shlex.split(options.config)]):
             print(json.dumps(asdict(run)), flush=True)
-            before = [pd.read_csv(options.out)] if options.out.exists() else []
-            kept = [one[(one.subject != run.subject) | (one.dials.fillna("") != run.dials)] for one in before]
-            write_table(options.out, pd.concat([*kept, pd.DataFrame([asdict(run)])]))
+            keep_run(asdict(run), ["subject", "dials"], options.out)
     print(as_markdown(pd.read_csv(options.out)))
 
 

@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from benchmarks.workflow_runs import run_options, run_workflow
+from benchmarks.workflow_runs import keep_run, run_options, run_workflow
 from docs.generate.markdown import table
-from pipeline.base.files import read_table, write_table
+from pipeline.base.files import read_table
 from pipeline.budget.presets import RULES
 from pipeline.budget.run_seconds import ON_THE_WAY
 from pipeline.metrics.evaluation import LIT, capped
@@ -99,9 +99,7 @@ def main() -> None:
         config = [f"captures={options.captures}", *shlex.split(options.config)]
         for run in run_subject(subject, config, options.presets):
             print(json.dumps(asdict(run)), flush=True)
-            before = [pd.read_csv(options.out)] if options.out.exists() else []
-            kept = [one[(one.subject != run.subject) | (one.preset != run.preset)] for one in before]
-            write_table(options.out, pd.concat([*kept, pd.DataFrame([asdict(run)])]))
+            keep_run(asdict(run), ["subject", "preset"], options.out)
     print(as_markdown(pd.read_csv(options.out)))
 
 

@@ -6,8 +6,13 @@ import argparse
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pipeline.base.files import write_table
 
 
 def run_options(description: str, out: Path) -> argparse.ArgumentParser:
@@ -35,3 +40,10 @@ def run_workflow(target: Path, config: Sequence[str], presets: Sequence[str] = (
     command += ["--config", *config] if config else []
     command += ["--configfile", *presets] if presets else []
     subprocess.run([*command, "--", str(target)], check=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
+
+
+def keep_run(run: Mapping[str, Any], by: Sequence[str], out: Path) -> None:
+    """Write a run among the others of a table, in place of the one that is equal in the columns `by`."""
+    before = [pd.read_csv(out)] if out.exists() else []
+    others = [one[(one[list(by)] != [run[name] for name in by]).any(axis=1)] for one in before]
+    write_table(out, pd.concat([*others, pd.DataFrame([run])]))
