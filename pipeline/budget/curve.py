@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -63,14 +62,12 @@ class Curve:
         """Error at a setting over what is allowed, on each subject."""
         return [part.error(value) / max(part.allowed, LEAST_ALLOWED) for part in self.parts]
 
-    def factor(self, value: Any, startup: Mapping[str, float] = MappingProxyType({})) -> float:
+    def factor(self, value: Any, startup_steps: float = 0.0) -> float:
         """Time at a setting, without imports, over that at the default: a geometric mean.
 
-        `startup` are seconds of each subject's training that are left out of both.
+        A startup as long as `startup_steps` steps is left out of both.
         """
-        return _geometric_mean(
-            [part.relative(value, self.default, startup.get(part.subject, 0.0)) for part in self.parts]
-        )
+        return _geometric_mean([part.relative(value, self.default, startup_steps) for part in self.parts])
 
     def duration(self, value: Any) -> float:
         """Time at a setting with the import of the stage, seconds: a geometric mean."""

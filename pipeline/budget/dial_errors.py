@@ -20,6 +20,7 @@ from pipeline.budget.capture_size import CaptureSize
 from pipeline.budget.curve import LEAST_ALLOWED, Curve
 from pipeline.budget.curves import Measured
 from pipeline.budget.dial_times import texel_ratio, told_by_texels
+from pipeline.budget.total_loss import is_psnr_loss, squared_error_more
 from pipeline.config.project import SubjectSettings
 
 
@@ -63,7 +64,9 @@ class DialErrors:
     def loss(self, curve: Curve, value: Any) -> float:
         """Error over what is allowed, on subjects of its kind.
 
-        It is 0 if it is not known, as it cannot be chosen by.
+        Of PSNR, both are squared errors, as these add. It is 0 if it is not known, as it cannot be chosen by.
         """
-        loss = self._error_on(curve.among(self.of_kind), value) / max(self.allowed(curve), LEAST_ALLOWED)
-        return 0.0 if math.isnan(loss) else loss
+        error, allowed = self._error_on(curve.among(self.of_kind), value), max(self.allowed(curve), LEAST_ALLOWED)
+        if is_psnr_loss(curve.metric):
+            error, allowed = squared_error_more(error), squared_error_more(allowed)
+        return 0.0 if math.isnan(error) else error / allowed

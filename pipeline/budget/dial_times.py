@@ -2,7 +2,8 @@
 
 What more steps and finer texels take is told by jobs of that size (`pipeline.budget.run_seconds`), in training and in
 all other stages: a capture has no more texels than `most`. What other dials take was measured on other subjects, with
-trainings of 200 steps, of which startup is a good part. So startup is told apart: it is as long whatever a step takes.
+trainings of few steps, of which startup is a good part. So startup is told apart: it is as long whatever a step takes.
+It counts as steps, not seconds, as curves of one subject may come from several machines.
 """
 
 from __future__ import annotations
@@ -63,28 +64,24 @@ class DialTimes:
     Attributes:
         settings: of the capture's subject, with all dials at their defaults.
         usual: seconds of each stage at the defaults.
-        startup: of the training of each subject of the curves, in seconds.
+        startup_steps: steps that take as long as the startup of a training.
     """
 
     settings: SubjectSettings
     size: CaptureSize
     usual: Mapping[str, StageSeconds]
-    startup: Mapping[str, float]
+    startup_steps: float
 
     @classmethod
     def of(cls, settings: SubjectSettings, size: CaptureSize, curves: Sequence[Curve]) -> DialTimes:
-        """Times on a capture, with the share of startup that the curve of steps says.
+        """Times on a capture, with the startup that the curve of steps says.
 
         It is the median over the subjects: a machine that was slow in a few short runs makes one far too large. Without
         such a curve there is no startup.
         """
-        usual = run_seconds(settings, size)
-        steps = next((curve for curve in curves if (curve.stage, curve.option) == STEPS), None)
-        if steps is None:
-            return cls(settings, size, usual, {})
-        whole = {part.subject: part.work(steps.default) for part in steps.parts}
-        share = float(np.median([part.startup() / whole[part.subject] for part in steps.parts]))
-        return cls(settings, size, usual, {name: share * seconds for name, seconds in whole.items()})
+        parts = [part for curve in curves if (curve.stage, curve.option) == STEPS for part in curve.parts]
+        startup_steps = float(np.median([part.startup_steps() for part in parts])) if parts else 0.0
+        return cls(settings, size, run_seconds(settings, size), startup_steps)
 
     def factor(self, curve: Curve, value: Any) -> float:
         """Time of a stage's work at a setting over that at the default, without startup."""
@@ -92,7 +89,7 @@ class DialTimes:
             stage = spent_in(curve)
             usual = self.usual[stage].work
             return self._at(curve, value)[stage].work / usual if usual > 0 else 1.0
-        return curve.factor(value, self.startup if spent_in(curve) == TRAINING else {})
+        return curve.factor(value, self.startup_steps if spent_in(curve) == TRAINING else 0.0)
 
     def elsewhere(self, curve: Curve, value: Any) -> dict[str, float]:
         """Seconds that startup, and stages other than the dial's own, take more than at its default."""

@@ -43,20 +43,33 @@ class SubjectCurve:
     allowed: float
     counts: tuple[float, ...]
 
-    def startup(self) -> float:
-        """Seconds of work before the first step, of a curve of steps.
+    def startup_steps(self) -> float:
+        """Steps that take as long as the work before the first one, of a curve of steps.
 
-        Where the line of least relative error through the times meets 0 steps, and no less than nothing.
+        By the line of least relative error through the times: where it meets 0 steps, and no less than nothing, over
+        its slope.
         """
         known, seconds = self._numbers(), self._work_seconds()
         if len(known) < 2:
             return 0.0
         numbers, times = np.array(list(known)), seconds[list(known.values())]
-        return float(max(np.polyfit(numbers, times, 1, w=1 / times)[1], 0.0))
+        of_a_step, start = np.polyfit(numbers, times, 1, w=1 / times)
+        return float(max(start, 0.0) / max(of_a_step, LEAST_SECONDS / numbers.max()))
 
-    def relative(self, value: Any, default: Any, startup: float = 0.0) -> float:
-        """Time of work at a setting over that at another, without `startup` seconds of each."""
-        return _without(self.work(value), startup) / _without(self.work(default), startup)
+    def relative(self, value: Any, default: Any, startup_steps: float = 0.0) -> float:
+        """Time of work at a setting over that at another, without startup.
+
+        That takes as long as `startup_steps` steps at the other. Where the stage counts none, nothing is left out.
+        """
+        work, usual = self.work(value), self.work(default)
+        steps = self._count(default)
+        startup = 0.0 if math.isnan(steps) else usual * startup_steps / (startup_steps + steps)
+        return _without(work, startup) / _without(usual, startup)
+
+    def _count(self, value: Any) -> float:
+        """What the stage counts at a setting; NaN if it is not known."""
+        name = setting_name(value)
+        return self.counts[self.settings.index(name)] if name in self.settings else math.nan
 
     def error_of_count(self, ratio: float, default: Any) -> float:
         """Error where the stage counts so many times as much as at the default: texels of a surface.

@@ -3,8 +3,8 @@
     python -m pipeline.dials.curves --results results/subjectA
 
 Writes config/curves/accuracy_cost.csv, the rows of its table of that name for the dials that are to be chosen, and
-config/curves/subjects.yaml, what the subject is like. What other subjects have there stays; all are in order of their
-names. Seconds are a processor's.
+config/curves/subjects.yaml, what the subject is like. What other subjects have there stays, and what this one has of
+dials that were not measured now; all are in order of their names. Seconds are a processor's.
 """
 
 from __future__ import annotations
@@ -48,20 +48,18 @@ def keep_curves(dials: Sequence[Dial], settings: SubjectSettings, results: Path,
     if table.empty:
         raise InputError(f"{results}/accuracy_cost.csv: expected some of the dials {', '.join(names)}, found none")
     kept = table.assign(seconds=table.cpu_seconds, subject=subject)[KEPT].round({"seconds": 3, "peak_mb": 0})
-    used = {
-        dial.name: getattr(getattr(settings, dial.stage.name), dial.setting)
-        for dial in dials
-        if dial.name in set(kept.dial)
-    }
-    facts = subject_facts(results, used)
+    others: list[Measured] = []
     if (out / "subjects.yaml").exists():
         others = [one for one in read_measured(out / "subjects.yaml") if one.subject != subject]
         before = pd.read_csv(out / "accuracy_cost.csv", dtype={"setting": str})
-        kept = pd.concat([before[before.subject != subject], kept])
-    else:
-        others = []
-    order = {name: place for place, name in enumerate(names)}
+        kept = pd.concat([before[(before.subject != subject) | ~before.dial.isin(kept.dial)], kept])
     kept = kept[kept.dial.isin(names)].sort_values("subject", kind="stable")
+    own = set(kept.dial[kept.subject == subject])
+    used = {
+        dial.name: getattr(getattr(settings, dial.stage.name), dial.setting) for dial in dials if dial.name in own
+    }
+    facts = subject_facts(results, used)
+    order = {name: place for place, name in enumerate(names)}
     kept = kept.sort_values("dial", key=lambda dials: dials.map(order), kind="stable")
     write_table(out / "accuracy_cost.csv", kept)
     with written_whole(out / "subjects.yaml") as path:

@@ -22,7 +22,7 @@ CURVES = {
         "8": (0.02, 4.0), "16": (0.0, 5.0),
     },
 }  # fmt: skip
-"""(dial, stage, option, metric, allowed) -> setting -> (error, seconds)."""
+"""(dial, stage, option, metric, allowed) -> setting -> (error, seconds), and what the stage counts, if it is known."""
 
 SUBJECT = {
     "subject": "measured",
@@ -68,7 +68,10 @@ def write_subjects(folder: Path, curves: dict[str, dict], imports: float = 2.0) 
             shared = {"subject": subject, "dial": dial, "stage": stage, "option": option, "metric": metric}
             shared |= {"allowed": allowed, "standard_error": 0.02}
             rows.append({**shared, "setting": "imports only", "seconds": imports, "work": math.nan})
-            rows += [{**shared, "setting": name, "error": e, "seconds": s} for name, (e, s) in settings.items()]
+            names = ("error", "seconds", "work")
+            rows += [
+                {**shared, "setting": name, **dict(zip(names, found, strict=False))} for name, found in settings.items()
+            ]
     pd.DataFrame(rows).to_csv(folder / "accuracy_cost.csv", index=False)
     (folder / "subjects.yaml").write_text(yaml.safe_dump([{**SUBJECT, "subject": name} for name in curves]))
     return folder / "accuracy_cost.csv"

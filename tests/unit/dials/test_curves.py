@@ -12,7 +12,7 @@ from pipeline.dials.catalogue import DIALS
 from pipeline.dials.curves import keep_curves
 from pipeline.geometry.texels import write_atlas
 from tests.support.avatars.sheet import make_sheet
-from tests.support.results.curve_files import write_curves
+from tests.support.results.curve_files import CURVES, write_curves, write_subjects
 
 SETTINGS = SubjectSettings(train_avatar={"steps": 700})
 ATLAS = make_sheet(4)
@@ -88,6 +88,18 @@ def test_curves_of_other_subjects_stay_and_its_own_are_written_anew(results, tmp
     assert parts["training_steps"] == ["measured", "someone"]
     assert parts["supersampling"] == ["measured"]
     assert list(parts) == ["irradiance_power", "supersampling", "training_steps", "environment_shadows"]
+
+
+def test_its_own_dials_that_were_not_measured_now_stay(results, tmp_path) -> None:
+    out = write_subjects(tmp_path / "kept", {"someone": CURVES}).parent
+    keep_curves(DIALS, SETTINGS, results, out)
+    kept = {curve.dial: curve for curve in read_curves(out / "accuracy_cost.csv")}
+    assert list(kept) == ["irradiance_power", "supersampling", "training_steps", "environment_shadows"]
+    assert kept["training_steps"].parts[0].errors == (1.5, 0.0)
+    assert kept["supersampling"].parts[0].errors == (0.5, 0.01)
+    (measured,) = read_measured(out / "subjects.yaml")
+    assert measured.settings["training_steps"] == 700
+    assert measured.settings["supersampling"] == SETTINGS.train_avatar.supersample
 
 
 def test_order_is_that_of_names_whoever_was_measured_last(results, tmp_path) -> None:
