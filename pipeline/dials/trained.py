@@ -26,6 +26,9 @@ WITHIN_DB = 0.1
 STEPS = 200
 """Of trainings that compare settings: differences show by then; those of texels shrink in longer ones."""
 
+DRAFT_STEPS = 400
+"""Of those that compare sizes of texels and samples, which budgets turn together with steps: as many as a draft has."""
+
 MADE = {
     "irradiance": "{out}/0000", "baked": "{out}/textures/0000", "textures": "{out}/textures/0000.safetensors",
     "shards": "{out}/shards", "avatar": "{out}/avatars/full", "scores": "{out}",

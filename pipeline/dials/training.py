@@ -1,7 +1,7 @@
 """Dials of train_avatar and of the atlas, judged by the images of short trainings.
 
 Partially lit images decide: they tell models apart, fully lit ones hardly do. How long a training has to be is a dial
-of its own; the others are turned at `STEPS` steps, all alike.
+of its own; texels and samples are turned at `DRAFT_STEPS`, the others at `STEPS`, all alike.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pipeline.dials.dial import CostedStage, Dial
 from pipeline.dials.subject import Subject
 from pipeline.dials.trained import (
     AFTER_TRACING,
+    DRAFT_STEPS,
     MADE,
     ON_VALIDATION,
     PER_IMAGE,
@@ -59,7 +60,7 @@ ATLAS = CostedStage(
     runs_on=one_chunk,
     afterwards=("trace_irradiance", *AFTER_TRACING),
     timed=("trace_irradiance", "train_avatar"),
-    later_settings={"train_avatar": {"steps": STEPS}, "evaluate_avatar": ON_VALIDATION},
+    later_settings={"train_avatar": {"steps": DRAFT_STEPS}, "evaluate_avatar": ON_VALIDATION},
     seeded="train_avatar",
     warm_up={},
 )  # fmt: skip
@@ -76,11 +77,13 @@ CAMERA_COUNTS = (2, 4, 8, 16, 32, 64)
 
 AT_STEPS = {"steps": STEPS}
 
+AT_DRAFT_STEPS = {"steps": DRAFT_STEPS}
+
 TRAINING_DIALS = [
     Dial("texel_size", ATLAS, "texel_pixels", lambda subject: (1.2, 0.9, 0.6, 0.45), chosen=True),
     Dial("dilation", SHORT_TRAINING, "dilation_px2", lambda subject: (0.3, 0.1, 0.01, 0.03), AT_STEPS),
     Dial("compensation", SHORT_TRAINING, "compensate_opacity", lambda subject: (True, False), AT_STEPS),
-    Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_STEPS, chosen=True),
+    Dial("supersampling", SHORT_TRAINING, "supersample", lambda subject: (1, 2, 3), AT_DRAFT_STEPS, chosen=True),
     Dial("albedo_start", SHORT_TRAINING, "albedo_start", lambda subject: ("grey", "images"), AT_STEPS),
     Dial("highlight", SHORT_TRAINING, "highlight", lambda subject: ("cosine", "angular", "half"), AT_STEPS),
     # What a smaller stage, or a shorter session, would have cost (RGCA, figures S4 and S5).

@@ -306,7 +306,7 @@ def test_what_errors_are_relative_to_is_said(subject) -> None:
     images.to_parquet(subject.results / "index/images.parquet")
     named = {dial.name: dial.against(subject) for dial in DIALS if dial.stage.name in ("train_avatar", "unwrap_atlas")}
     assert named["transfer_degree"].startswith("reference 8, steps 200, shading transfer")
-    assert named["texel_size"] == "reference 0.45, steps 200"
+    assert named["texel_size"] == "reference 0.45, steps 400"
     assert named["training_steps"] == "reference 1600"
     (cameras,) = (dial for dial in DIALS if dial.name == "training_cameras")
     assert list(cameras.values(subject)) == [2, 4, 0]
