@@ -55,9 +55,7 @@ def keep_curves(dials: Sequence[Dial], settings: SubjectSettings, results: Path,
         kept = pd.concat([before[(before.subject != subject) | ~before.dial.isin(kept.dial)], kept])
     kept = kept[kept.dial.isin(names)].sort_values("subject", kind="stable")
     own = set(kept.dial[kept.subject == subject])
-    used = {
-        dial.name: getattr(getattr(settings, dial.stage.name), dial.setting) for dial in dials if dial.name in own
-    }
+    used = {dial.name: getattr(getattr(settings, dial.stage.name), dial.setting) for dial in dials if dial.name in own}
     facts = subject_facts(results, used)
     order = {name: place for place, name in enumerate(names)}
     kept = kept.sort_values("dial", key=lambda dials: dials.map(order), kind="stable")
