@@ -136,7 +136,7 @@ def _choice(curve: Curve, errors: DialErrors, name: str, fixed: Mapping[str, Any
     value = fixed[curve.dial] if curve.dial in fixed else parse_setting(name)
     by = "user" if curve.dial in fixed else "budget"
     return Choice(
-        curve.dial, curve.stage, curve.option, name, by, curve.metric, errors.error(curve, value),
+        curve.dial, curve.stage, curve.option, name, by, errors.metric(curve), errors.error(curve, value),
         errors.allowed(curve), times.factor(curve, value),
     )  # fmt: skip
 

@@ -25,7 +25,6 @@ class Curve:
     Attributes:
         dial: its name.
         stage, option: it is this option of this stage's settings.
-        metric: what the error is on the first subject, with its unit and what it is relative to.
         default: what the option is if nobody says anything.
         parts: the curves of the subjects, at least one.
     """
@@ -33,9 +32,21 @@ class Curve:
     dial: str
     stage: str
     option: str
-    metric: str
     default: Any
     parts: tuple[SubjectCurve, ...]
+
+    @property
+    def metric(self) -> str:
+        """Name of the error, with its unit and what it is relative to.
+
+        Where that differs, it says on which subjects.
+        """
+        subjects: dict[str, list[str]] = {}
+        for part in self.parts:
+            subjects.setdefault(part.metric, []).append(part.subject)
+        if len(subjects) == 1:
+            return self.parts[0].metric
+        return "; ".join(f"{metric} on {', '.join(names)}" for metric, names in subjects.items())
 
     @property
     def settings(self) -> tuple[str, ...]:

@@ -87,11 +87,12 @@ def _read_curve(path: Path, dial: str, rows: pd.DataFrame) -> Curve:
         raise InputError(f"{path}: {dial}: expected a setting of a stage, found {stage}.{option}; run `make curves`")
     parts = tuple(_read_part(path, dial, str(name), own) for name, own in rows.groupby("subject", sort=False))
     default = SECTIONS[stage]().model_dump(mode="json")[option]
-    return Curve(dial, stage, option, str(first.metric), default, parts)
+    return Curve(dial, stage, option, default, parts)
 
 
 def _read_part(path: Path, dial: str, subject: str, rows: pd.DataFrame) -> SubjectCurve:
-    rows = rows[rows.metric == rows.metric.iloc[0]]
+    metric = str(rows.metric.iloc[0])
+    rows = rows[rows.metric == metric]
     known, imports = rows[np.isfinite(rows.error) & (rows.setting != IMPORTS_ONLY)], rows[rows.setting == IMPORTS_ONLY]
     allowed = float(rows.allowed.iloc[0])
     if known.empty or imports.empty or not (known.seconds > 0).all() or not allowed >= 0:
@@ -99,7 +100,7 @@ def _read_part(path: Path, dial: str, subject: str, rows: pd.DataFrame) -> Subje
             f"{path}: {dial} of {subject}: expected settings with errors and seconds, and {IMPORTS_ONLY}; found none"
         )
     return SubjectCurve(
-        subject, tuple(known.setting), tuple(known.error), tuple(known.standard_error), tuple(known.seconds),
+        subject, metric, tuple(known.setting), tuple(known.error), tuple(known.standard_error), tuple(known.seconds),
         float(imports.seconds.iloc[0]), allowed, tuple(known.work.astype(float)),
     )  # fmt: skip
 

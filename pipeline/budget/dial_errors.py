@@ -50,6 +50,10 @@ class DialErrors:
         """Error to expect at a setting; NaN if nothing near was measured."""
         return self._error_on(curve.among(self.alike), value)
 
+    def metric(self, curve: Curve) -> str:
+        """Name of that error, with its unit and what it is relative to."""
+        return curve.among(self.alike).metric
+
     def _error_on(self, judged: Curve, value: Any) -> float:
         if told_by_texels(judged):
             found = judged.error_of_count(texel_ratio(self.settings, self.size, judged, value))

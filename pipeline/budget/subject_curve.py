@@ -26,6 +26,7 @@ class SubjectCurve:
 
     Attributes:
         subject: its name.
+        metric: what the error is, with its unit and what it is relative to.
         settings: as the table names them.
         errors, scatters, seconds: of each; scatters are standard errors, NaN where they are not known; seconds are with
             the import of the stage.
@@ -35,6 +36,7 @@ class SubjectCurve:
     """
 
     subject: str
+    metric: str
     settings: tuple[str, ...]
     errors: tuple[float, ...]
     scatters: tuple[float, ...]

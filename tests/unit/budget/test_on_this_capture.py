@@ -153,19 +153,27 @@ def test_heads_take_longer_with_as_many_texels(tmp_path, costs) -> None:
 
 
 def test_errors_are_expected_as_on_subjects_of_its_kind(tmp_path) -> None:
-    lost = {"someones_body": 1.0, "someones_head": 0.2}
+    """Their metrics differ by the length of the trainings."""
+    lost = {"someones_body": (1.0, "PSNR lost, steps 400"), "someones_head": (0.2, "PSNR lost, steps 200")}
     path = write_subjects(
-        tmp_path, {name: {SUPERSAMPLING: {"1": (db, 3.0), "3": (0.0, 9.0)}} for name, db in lost.items()}
+        tmp_path,
+        {
+            name: {(*SUPERSAMPLING[:3], metric, 0.1): {"1": (db, 3.0), "3": (0.0, 9.0)}}
+            for name, (db, metric) in lost.items()
+        },
     )
     content = yaml.safe_load((tmp_path / "subjects.yaml").read_text())
     (tmp_path / "subjects.yaml").write_text(yaml.safe_dump([{**one, "kind": one["subject"][9:]} for one in content]))
     read = read_curves(path), read_measured(tmp_path / "subjects.yaml")
-    for kind, db in (("body", 1.0), ("head", 0.2)):
+    both = "PSNR lost, steps 400 on someones_body; PSNR lost, steps 200 on someones_head"
+    assert read[0][0].metric == both
+    for kind in ("body", "head"):
         settings = SubjectSettings(budget_minutes=1000, **merge(SHADOWED, {"train_avatar": {"supersample": 1}}))
         _, estimate = within_budget(
             "other", settings, {"train_avatar": {"supersample": 1}}, CaptureSize(4, 10, 1000, 1, kind=kind), *read
         )
-        assert estimate.choices[0].error == pytest.approx(db)
+        choice = estimate.choices[0]
+        assert (choice.error, choice.metric) == lost[f"someones_{kind}"]
 
 
 @pytest.mark.parametrize(
