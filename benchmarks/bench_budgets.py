@@ -3,6 +3,7 @@
     cp benchmarks/unseen_*.yaml config/subjects
     python -m benchmarks.bench_budgets --subjects unseen_head --minutes 11 7.5 5
     python -m benchmarks.bench_budgets --subjects unseen_body unseen_far_body --minutes 6 4 2.67 2
+    python -m benchmarks.bench_budgets --subjects walker --captures /path/to/captures --minutes 12 7.5 5.6
 
 For each subject the whole workflow runs once with time for everything, then once for each budget; stages that a
 budget does not turn are not run again. Seconds are a processor's. Each run says how much longer stages took here than

@@ -91,10 +91,10 @@ class SubjectCurve:
 
     def _count_ratios(self, default: Any) -> np.ndarray | None:
         """What the stage counts at each setting, over that at the default; None if it is not known."""
-        name = setting_name(default)
-        if name not in self.settings or not np.isfinite(self.counts).all():
+        usual = self._count(default)
+        if math.isnan(usual) or not np.isfinite(self.counts).all():
             return None
-        return np.array(self.counts) / self.counts[self.settings.index(name)]
+        return np.array(self.counts) / usual
 
     def _work_seconds(self) -> np.ndarray:
         return np.maximum(np.array(self.seconds) - self.imports, LEAST_SECONDS)
